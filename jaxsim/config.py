@@ -1,0 +1,141 @@
+"""Every stage's settings, as frozen dataclasses. No behaviour lives here.
+
+An experiment (`configs/*.py`) is one `Experiment` value; every field below is a flag of `train.py`
+(`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Which frames to learn from."""
+
+    kind: Literal["synthetic", "kitti_raw", "kitti_object"] = "synthetic"
+    """`synthetic` is the embedded world and needs no files."""
+    root: Path | None = None
+    """Folder of the data set: the one that holds `2011_09_26/` (raw) or `training/` (object)."""
+    train: str = "0-159"
+    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`."""
+    validation: str = "160-199"
+    """Frame numbers that training never sees."""
+    seed: int = 0
+    """World seed of the embedded world: frame i depends on (seed, i) alone."""
+    cache: Path = Path(".cache/jaxsim")
+    """Prepared pairs are kept here, one file a frame, so that a second run starts at once."""
+
+
+@dataclass(frozen=True)
+class PrepareConfig:
+    """From camera and LiDAR to aligned pairs on the polar grid."""
+
+    inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
+    """Channels the network sees. `incidence`, `range` and `row` are not in the paper."""
+    image_crop: tuple[int, int] = (352, 1216)
+    """Rows and columns of the image that are used: bottom and middle, as depth completion crops it."""
+    columns: int = 372
+    """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
+    network_size: tuple[int, int] = (64, 512)
+    """Rows and columns the window is scaled to for the network."""
+    depth: Literal["given", "ip_basic"] = "given"
+    """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic."""
+    denoise: Literal["none", "non_local_means"] = "none"
+    """Denoiser of the target intensity."""
+    occlusion_m: float = 1.0
+    """Camera pixels of one cell that differ by more than this, and by a tenth of their range, mark it occluded."""
+    max_range_m: float = 120.0
+    """Depth and range channels are scaled by this."""
+
+
+@dataclass(frozen=True)
+class GeneratorConfig:
+    """pix2pixHD generator (Imaginaire's form): global generator and local enhancers."""
+
+    filters: int = 64
+    """Width of the global generator's first layer; the last enhancer has filters / 2**enhancers."""
+    max_filters: int = 1024
+    downsamples: int = 4
+    blocks: int = 9
+    """Residual blocks of the global generator."""
+    enhancers: int = 1
+    enhancer_blocks: int = 3
+    out_channels: int = 1
+
+
+@dataclass(frozen=True)
+class DiscriminatorConfig:
+    """Multi-scale patch discriminator."""
+
+    scales: int = 2
+    """Independent discriminators, each at half the size of the one before."""
+    filters: int = 64
+    max_filters: int = 512
+    layers: int = 3
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Weights of the loss terms; 0 leaves a term out."""
+
+    gan: float = 1.0
+    feature_matching: float = 10.0
+    perceptual: float = 0.0
+    """The paper's value is 10; it needs VGG-19 weights (`vgg_weights`)."""
+    vgg_weights: Path | None = None
+    reconstruction: float = 0.0
+    """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
+
+
+@dataclass(frozen=True)
+class OptimConfig:
+    """Adam for both networks, as published."""
+
+    lr: float = 2e-4
+    betas: tuple[float, float] = (0.5, 0.999)
+    eps: float = 1e-8
+    batch: int = 8
+    steps: int = 2000
+    """Updates of the generator (and of the discriminator)."""
+    decay_from: float = 1.0
+    """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
+    flip: bool = False
+    """Mirror frames left to right at random. Off in the paper."""
+    ema_decay: float = 0.999
+    ema_start: int = 500
+    """The averaged generator copies the trained one up to this step."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Where the run is kept and how often it reports."""
+
+    name: str = ""
+    """Folder under `out`; empty: the experiment's name."""
+    out: Path = Path("runs")
+    seed: int = 2
+    log_every: int = 10
+    save_every: int = 200
+    """Steps between checkpoints; a killed run resumes from the last."""
+    picture_every: int = 200
+    """Steps between validation scores and pictures (input | predicted | measured)."""
+    keep: int = 2
+    """Checkpoints kept."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment: data, preparation, networks, losses, optimiser, run."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    prepare: PrepareConfig = field(default_factory=PrepareConfig)
+    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+    discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    optim: OptimConfig = field(default_factory=OptimConfig)
+    run: RunConfig = field(default_factory=RunConfig)

@@ -1,0 +1,36 @@
+"""Shapes and types of every public signature are checked at run time, here and only here."""
+
+import os
+from pathlib import Path
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+
+from jaxtyping import install_import_hook
+
+# frame.py is left out: its structs are also built by tree operations, with leaves that are no arrays.
+install_import_hook(
+    [f"jaxsim.{stage}" for stage in ("geometry", "data", "prepare", "pix2pix", "cloud", "metrics", "simulate")],
+    "beartype.beartype",
+)
+
+import jax
+import pytest
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+SAMPLES = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def samples() -> Path:
+    """Real sensor frames and golden vectors; tests that need them are skipped where they are not."""
+    if not SAMPLES.is_dir():
+        pytest.skip(f"no sample data at {SAMPLES}; set JAXSIM_SAMPLE_DATA to the folder that holds kitti_raw/")
+    return SAMPLES
+
+
+@pytest.fixture(scope="session")
+def golden(samples: Path) -> Path:
+    return samples / "golden"
