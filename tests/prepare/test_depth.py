@@ -1,0 +1,73 @@
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.prepare.depth import METHODS, complete_depth, fill_in_fast, fill_in_multiscale
+
+VARIANTS = [
+    (name, extrapolate, blur)
+    for name in ("fast", "multiscale")
+    for extrapolate in (False, True)
+    for blur in ("bilateral", "gaussian")
+]
+
+
+@pytest.fixture(scope="module")
+def sparse(golden):
+    image = cv2.imread(str(golden / "ip_basic/sparse_000000_uint16x256.png"), cv2.IMREAD_UNCHANGED)
+    depth = image.astype(np.float32) / np.float32(256)
+    return depth, depth > 0
+
+
+@pytest.mark.parametrize(("name", "extrapolate", "blur"), VARIANTS)
+def test_equals_the_published_program(golden, sparse, name, extrapolate, blur):
+    fill = {"fast": fill_in_fast, "multiscale": fill_in_multiscale}[name]
+    depth, valid = fill(*sparse, extrapolate=extrapolate, blur=blur)
+    values = np.load(golden / "ip_basic/samples_000000.npz")
+    key = f"{name}_{'extrap' if extrapolate else 'noextrap'}_{blur}"
+    expected = values[key]
+    tolerance = 1e-4 if blur == "gaussian" else 2e-3
+    np.testing.assert_allclose(depth.ravel()[values["pixels_flat"]], expected, atol=tolerance, rtol=0)
+    count, total, largest, smallest = values[f"{key}_stats"]
+    assert valid.sum() == count
+    assert depth[valid].sum(dtype=np.float64) == pytest.approx(total, rel=1e-6)
+    assert (depth.max(), depth.min()) == pytest.approx((largest, smallest), abs=tolerance)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_leaves_its_input_alone(method):
+    depth = np.zeros((40, 60), np.float32)
+    depth[20:, ::5] = 12.5
+    valid = depth > 0
+    before = depth.copy(), valid.copy()
+    complete_depth(depth, valid, method)
+    np.testing.assert_array_equal(depth, before[0])
+    np.testing.assert_array_equal(valid, before[1])
+
+
+def test_values_outside_the_mask_are_never_read():
+    depth = np.full((40, 60), np.nan, np.float32)
+    valid = np.zeros((40, 60), bool)
+    depth[20:, ::5], valid[20:, ::5] = 12.5, True
+    dense, known = complete_depth(depth, valid)
+    assert known[25:35].all()
+    np.testing.assert_allclose(dense[known], 12.5, rtol=1e-5)
+
+
+def test_without_extrapolation_the_sky_stays_empty():
+    depth = np.zeros((60, 60), np.float32)
+    depth[40:, ::4] = 20.0
+    _, open_sky = complete_depth(depth, depth > 0)
+    _, extended = complete_depth(depth, depth > 0, extrapolate=True)
+    assert not open_sky[:20].any()
+    assert extended.all()
+
+
+def test_an_empty_scan_says_so():
+    with pytest.raises(ValueError, match="not one pixel has depth"):
+        complete_depth(np.zeros((8, 8), np.float32), np.zeros((8, 8), bool))
+
+
+def test_an_unknown_method_is_answered_with_the_known_ones():
+    with pytest.raises(ValueError, match="ip_basic, ip_basic_fast"):
+        complete_depth(np.ones((8, 8), np.float32), np.ones((8, 8), bool), "penet")
