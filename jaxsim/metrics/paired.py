@@ -1,0 +1,128 @@
+"""Scores of predicted intensity against the measurement, cell by cell.
+
+x predicted, y measured intensity (0..1), m the cells that count. A cell is a *drop* where nothing came back
+or where the reported intensity rounds to 0: the paper drops both alike.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from jaxsim.frame import Array
+
+DROP_BELOW = 0.005  # half of the 1/100 step in which KITTI stores intensity
+
+
+class Score(NamedTuple):
+    """One figure: its value, its unit and the number of cells behind it."""
+
+    value: float
+    unit: str
+    count: int
+
+
+def _blur(x: Array, window: Array) -> Array:
+    """Separable window over the last two axes, zero outside."""
+    half = window.shape[0] // 2
+    for axis in (-1, -2):
+        pad = [(0, 0)] * x.ndim
+        pad[axis] = (half, half)
+        padded = jnp.pad(x, pad)
+        x = sum(
+            w * jax.lax.slice_in_dim(padded, k, k + x.shape[axis], axis=axis % x.ndim)
+            for k, w in enumerate(window)
+        )
+    return x
+
+
+@partial(jax.jit, static_argnames=("width", "sigma"))
+def ssim_map(
+    x: Float[Array, "*b rows columns"],
+    y: Float[Array, "*b rows columns"],
+    m: Bool[Array, "*b rows columns"],
+    *,
+    width: int = 11,
+    sigma: float = 1.5,
+) -> Float[Array, "*b rows columns"]:
+    """Structural similarity in which cells outside `m` have no weight; 0 outside `m`.
+
+    Gaussian window of 11 cells, sigma 1.5, K = (0.01, 0.03), data range 1 (Wang et al. 2004, eq. 13); each
+    local moment is normalised by the window's weight on valid cells.
+    """
+    offsets = jnp.arange(width, dtype=jnp.float32) - (width // 2)
+    window = jnp.exp(-0.5 * (offsets / sigma) ** 2)
+    window = window / window.sum()
+    weight = m.astype(jnp.float32)
+    x, y = jnp.where(m, x, 0.0), jnp.where(m, y, 0.0)
+    total = jnp.maximum(_blur(weight, window), 1e-6)
+    mean_x, mean_y, xx, yy, xy = (_blur(part, window) / total for part in (x, y, x * x, y * y, x * y))
+    var_x, var_y, covariance = xx - mean_x**2, yy - mean_y**2, xy - mean_x * mean_y
+    c1, c2 = 0.01**2, 0.03**2
+    similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
+        (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
+    )
+    return jnp.where(m, similarity, 0.0)
+
+
+@jax.jit
+def paired_sums(
+    x: Float[Array, "*b rows columns"],
+    guess: Bool[Array, "*b rows columns"],
+    y: Float[Array, "*b rows columns"],
+    returned: Bool[Array, "*b rows columns"],
+    m: Bool[Array, "*b rows columns"],
+) -> dict[str, Array]:
+    """Sums that add up over frames, for `paired_scores`.
+
+    `guess` are the cells predicted to drop, `returned` those whose beam came back. The intensity error counts
+    every returned cell, also where the prediction drops it.
+    """
+    both = m & returned
+    error = jnp.where(both, x - y, 0.0)
+    dropped = ~returned | (y < DROP_BELOW)
+    return {
+        "cells": both.sum(),
+        "absolute": jnp.abs(error).sum(),
+        "squared": (error**2).sum(),
+        "similarity": ssim_map(x, y, both).sum(),
+        "drop_hits": (m & dropped & guess).sum(),
+        "drop_guesses": (m & guess).sum(),
+        "drop_truths": (m & dropped).sum(),
+        "seen": m.sum(),
+    }
+
+
+def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
+    """Scores from the sums of one or many frames.
+
+    mae, rmse (intensity 0..1), psnr (dB, peak 1) and ssim over cells that the camera saw and whose beam came
+    back; drop_iou and drop_f1 over all cells that the camera saw. Raises ValueError where no cell counts.
+    """
+    s = {key: float(value) for key, value in sums.items()}
+    n, seen = int(s["cells"]), int(s["seen"])
+    if n == 0:
+        raise ValueError(
+            "paired: no cell is both seen by the camera and returned; check calibration and range limits"
+        )
+    mse = s["squared"] / n
+    union = s["drop_guesses"] + s["drop_truths"] - s["drop_hits"]
+    nothing = float("nan")
+    return {
+        "mae": Score(s["absolute"] / n, "intensity", n),
+        "rmse": Score(mse**0.5, "intensity", n),
+        "psnr": Score(-10 * float(jnp.log10(mse)) if mse else float("inf"), "dB", n),
+        "ssim": Score(s["similarity"] / n, "1", n),
+        "drop_iou": Score(s["drop_hits"] / union if union else nothing, "1", seen),
+        "drop_f1": Score(
+            2 * s["drop_hits"] / (s["drop_guesses"] + s["drop_truths"])
+            if s["drop_guesses"] + s["drop_truths"]
+            else nothing,
+            "1",
+            seen,
+        ),
+    }

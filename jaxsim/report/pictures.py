@@ -1,0 +1,97 @@
+"""Pictures that people look at: strips of rasters on the polar grid, and clouds from above and from behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+
+from jaxsim.atomic import replacing
+
+Rgb = UInt8[np.ndarray, "h w 3"]
+NOTHING = (38, 38, 42)
+INK = (232, 232, 232)
+
+# Cityscapes colours by class id, for the classes that street data sets label.
+CLASS_COLOURS = np.full((256, 3), 60, np.uint8)
+for _id, _colour in {
+    6: (81, 0, 81), 7: (128, 64, 128), 8: (244, 35, 232), 11: (70, 70, 70), 12: (102, 102, 156),
+    13: (190, 153, 153), 17: (153, 153, 153), 19: (250, 170, 30), 20: (220, 220, 0), 21: (107, 142, 35),
+    22: (152, 251, 152), 23: (70, 130, 180), 24: (220, 20, 60), 25: (255, 0, 0), 26: (0, 0, 142),
+    27: (0, 0, 70), 28: (0, 60, 100), 31: (0, 80, 100), 32: (0, 0, 230), 33: (119, 11, 32),
+}.items():  # fmt: skip
+    CLASS_COLOURS[_id] = _colour
+
+
+def colour_scalar(
+    value: Float[np.ndarray, "h w"],
+    valid: Bool[np.ndarray, "h w"],
+    *,
+    low: float,
+    high: float,
+    gamma: float = 1.0,
+) -> Rgb:
+    """A scalar raster in the turbo colour map; cells without a value are dark grey."""
+    scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
+    colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
+    return np.where(valid[..., None], colours, np.uint8(NOTHING))
+
+
+def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> Rgb:
+    """Cityscapes' own colours."""
+    return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], np.uint8(NOTHING))
+
+
+def strip(panels: Sequence[tuple[str, Rgb]], *, width: int = 1488) -> Rgb:
+    """Panels one above the other, each under its title, all scaled to one width by whole cells."""
+    rows: list[np.ndarray] = []
+    for title, panel in panels:
+        scale = width / panel.shape[1]
+        # A laser line is drawn taller than it is wide: its angular step is twice the column's.
+        height = round(panel.shape[0] * scale * (1.4 if panel.shape[1] > 4 * panel.shape[0] else 1.0))
+        bar = np.full((26, width, 3), 18, np.uint8)
+        cv2.putText(bar, title, (8, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+        interpolation = cv2.INTER_NEAREST if scale >= 1 else cv2.INTER_AREA
+        rows += [bar, cv2.resize(np.ascontiguousarray(panel), (width, height), interpolation=interpolation)]
+    return np.concatenate(rows)
+
+
+def beside(pictures: Sequence[Rgb]) -> Rgb:
+    """Pictures side by side, filled up below to one height."""
+    height = max(len(picture) for picture in pictures)
+    return np.concatenate([np.pad(p, ((0, height - len(p)), (0, 4), (0, 0))) for p in pictures], axis=1)
+
+
+def draw_cloud(
+    points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (520, 740), title: str = ""
+) -> Rgb:
+    """A cloud seen from behind and above the sensor, coloured by intensity (x, y, z in metres, 0..1)."""
+    height, width = size
+    picture = np.full((height, width, 3), 12, np.uint8)
+    eye, pitch, focal = np.array([-14.0, 0.0, 9.0]), np.deg2rad(17), 0.8 * width
+    x, y, z = (points[:, :3] - eye).T
+    forward = np.cos(pitch) * x - np.sin(pitch) * z
+    up = np.sin(pitch) * x + np.cos(pitch) * z
+    seen = forward > 1.0
+    u = np.round(width / 2 - focal * y[seen] / forward[seen]).astype(int)
+    v = np.round(height * 0.46 - focal * up[seen] / forward[seen]).astype(int)
+    inside = (u >= 0) & (u < width - 1) & (v >= 0) & (v < height - 1)
+    order = np.argsort(-forward[seen][inside])
+    u, v = u[inside][order], v[inside][order]
+    shade = np.clip(points[seen][inside][order, 3] * 1.6, 0, 1) ** 0.7
+    colours = cv2.applyColorMap((shade * 255).astype(np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    for du, dv in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        picture[v + dv, u + du] = colours
+    cv2.putText(picture, title, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, INK, 1, cv2.LINE_AA)
+    return picture
+
+
+def save_picture(path: Path, picture: Rgb) -> Path:
+    """Writes an RGB picture as PNG (or by suffix), whole or not at all."""
+    with replacing(path) as temporary:
+        if not cv2.imwrite(str(temporary), np.ascontiguousarray(picture[..., ::-1])):
+            raise OSError(f"pictures: could not write {path}")
+    return Path(path)

@@ -1,0 +1,65 @@
+import os
+
+import numpy as np
+import pytest
+
+from jaxsim.cloud import FORMATS, save_cloud
+from jaxsim.frame import Cloud
+
+
+def cloud():
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(0, 10, (50, 3)).astype(np.float32)
+    return Cloud(xyz, rng.random(50, dtype=np.float32), rng.random(50) < 0.8)
+
+
+def want(c):
+    return np.column_stack([c.xyz_m, c.intensity])[c.valid]
+
+
+def test_bin_is_kittis_four_floats_a_point(tmp_path):
+    path = save_cloud(tmp_path / "a.bin", cloud())
+    np.testing.assert_array_equal(np.fromfile(path, "<f4").reshape(-1, 4), want(cloud()))
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply"])
+def test_headers_say_what_the_bytes_hold(tmp_path, suffix):
+    path = save_cloud(tmp_path / f"a{suffix}", cloud())
+    raw = path.read_bytes()
+    end = b"DATA binary\n" if suffix == ".pcd" else b"end_header\n"
+    header, body = raw.split(end, 1)
+    points = len(want(cloud()))
+    assert (f"POINTS {points}" if suffix == ".pcd" else f"element vertex {points}").encode() in header
+    np.testing.assert_array_equal(np.frombuffer(body, "<f4").reshape(-1, 4), want(cloud()))
+
+
+def test_npz_holds_named_arrays(tmp_path):
+    with np.load(save_cloud(tmp_path / "a.npz", cloud())) as archive:
+        np.testing.assert_array_equal(archive["xyz"], want(cloud())[:, :3])
+
+
+def test_unknown_suffix_names_the_known_ones(tmp_path):
+    with pytest.raises(ValueError, match=r"\.bin, \.pcd, \.ply, \.npz"):
+        save_cloud(tmp_path / "a.las", cloud())
+
+
+def test_a_batch_is_refused(tmp_path):
+    one = cloud()
+    batch = Cloud(one.xyz_m[None], one.intensity[None], one.valid[None])
+    with pytest.raises(ValueError, match="one cloud"):
+        save_cloud(tmp_path / "a.bin", batch)
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_rest(tmp_path, monkeypatch):
+    path = save_cloud(tmp_path / "a.ply", cloud())
+    before = path.read_bytes()
+
+    def fails(points, file):
+        file.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setitem(FORMATS, ".ply", fails)
+    with pytest.raises(OSError, match="disk full"):
+        save_cloud(path, cloud())
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == ["a.ply"]

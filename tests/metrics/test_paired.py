@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from jaxsim.metrics import group_means, paired_scores, paired_sums, ssim_map
+
+SHAPE = (24, 40)
+
+
+def frames(seed: int):
+    rng = np.random.default_rng(seed)
+    y = np.round(rng.beta(2, 5, SHAPE), 2).astype(np.float32)
+    x = np.clip(y + rng.normal(0, 0.1, SHAPE), 0, 0.99).astype(np.float32)
+    return x, y, rng
+
+
+def scores(x, y, returned, m):
+    return paired_scores(paired_sums(x, x < 0.005, y, returned, m))
+
+
+def test_scores_equal_scikit_image_where_every_cell_counts():
+    x, y, _ = frames(1)
+    everywhere = np.ones(SHAPE, bool)
+    got = scores(x, y, everywhere, everywhere)
+    assert got["mae"].value == pytest.approx(np.abs(x - y).mean(), rel=1e-5)
+    assert got["psnr"].value == pytest.approx(peak_signal_noise_ratio(y, x, data_range=1.0), rel=1e-5)
+    assert got["mae"].count == x.size
+    _, want = structural_similarity(
+        y, x, data_range=1.0, gaussian_weights=True, sigma=1.5, use_sample_covariance=False, full=True
+    )
+    inner = (
+        slice(5, -5),
+        slice(5, -5),
+    )  # at the border scikit-image reflects, we leave out what is not there
+    np.testing.assert_allclose(np.asarray(ssim_map(x, y, everywhere))[inner], want[inner], atol=2e-4)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31))
+def test_what_lies_in_masked_cells_changes_no_score(seed):
+    x, y, rng = frames(seed)
+    m = rng.random(SHAPE) < 0.7
+    returned = rng.random(SHAPE) < 0.8
+    m[0, 0] = returned[0, 0] = True
+    garbage = np.where(m & returned, y, rng.random(SHAPE)).astype(np.float32)
+    noise = np.where(m, x, rng.random(SHAPE)).astype(np.float32)
+    first, second = scores(x, y, returned, m), scores(noise, garbage, returned, m)
+    for name in first:
+        assert first[name].value == pytest.approx(second[name].value, rel=1e-4, nan_ok=True), name
+
+
+def test_sums_add_up_over_frames():
+    x, y, rng = frames(3)
+    m = rng.random(SHAPE) < 0.6
+    returned = rng.random(SHAPE) < 0.8
+    both = paired_sums(
+        *(np.stack([a, b]) for a, b in ((x, y), (x < 0.005, y < 0.005), (y, x), (returned, m), (m, returned)))
+    )
+    one = paired_sums(x, x < 0.005, y, returned, m)
+    two = paired_sums(y, y < 0.005, x, m, returned)
+    for name in both:
+        assert float(both[name]) == pytest.approx(float(one[name]) + float(two[name]), rel=1e-5)
+
+
+def test_drops_are_scored_by_hand_counted_cells():
+    y = np.array([[0.0, 0.3, 0.4, 0.0]], np.float32)
+    returned = np.array([[True, True, False, False]])
+    x = np.array([[0.0, 0.0, 0.2, 0.0]], np.float32)
+    got = scores(x, y, returned, np.ones((1, 4), bool))
+    # Dropped: 0 (reported 0), 2, 3. Guessed: 0, 1, 3. Hits: 0 and 3.
+    assert got["drop_iou"].value == pytest.approx(2 / 4)
+    assert got["drop_f1"].value == pytest.approx(2 * 2 / (3 + 3))
+    assert got["mae"].value == pytest.approx((0.0 + 0.3) / 2)
+
+
+def test_no_cell_to_score_is_an_error_and_not_a_number():
+    x, y, _ = frames(4)
+    nowhere = np.zeros(SHAPE, bool)
+    with pytest.raises(ValueError, match="no cell"):
+        scores(x, y, nowhere, nowhere)
+
+
+def test_group_means_are_those_of_returned_cells_and_the_majority_decides_the_drop():
+    intensity = np.array([[0.2, 0.4, 0.9, 0.5]], np.float32)
+    returned = np.array([[True, True, False, False]])
+    counts = np.array([[True, True, True, True]])
+    group = np.array([[0, 0, 1, 1]])
+    means = group_means([(intensity, returned, counts, group)], 3)
+    np.testing.assert_allclose(means.intensity, [0.3, 0.3, 0.3], rtol=1e-6)
+    assert means.drops.tolist() == [False, True, False]
