@@ -1,0 +1,18 @@
+"""Learned intensity: pix2pixHD on (b, h, w, c) arrays. This stage knows nothing of LiDAR."""
+
+from jaxsim.pix2pix.networks import Discriminator, Generator
+from jaxsim.pix2pix.state import Network, TrainState, create_state, ema_generator
+from jaxsim.pix2pix.steps import make_generate, make_train_step
+from jaxsim.pix2pix.vgg import load_vgg
+
+__all__ = [
+    "Discriminator",
+    "Generator",
+    "Network",
+    "TrainState",
+    "create_state",
+    "ema_generator",
+    "load_vgg",
+    "make_generate",
+    "make_train_step",
+]

@@ -1,0 +1,116 @@
+"""The block that both networks are made of: convolution, instance norm, activation, in this order.
+
+Layers follow Imaginaire's `layers/conv.py`, `layers/residual.py` and `layers/weight_norm.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Float
+
+from jaxsim.pix2pix.convolution import Padding, conv2d
+from jaxsim.pix2pix.normalisation import SpectralVector, instance_norm, spectral_norm, unit
+
+Array = Any
+Activation = Callable[[Array], Array]
+
+INIT_GAIN = 0.02
+
+
+class Conv(nnx.Module):
+    """Convolution with bias; its kernel divided by its largest singular value if `spectral`."""
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        *,
+        size: int,
+        stride: int,
+        padding: Padding,
+        spectral: bool,
+        rngs: nnx.Rngs,
+    ):
+        self.stride, self.padding, self.spectral = stride, padding, spectral
+        shape = (size, size, in_channels, out_channels)
+        # Xavier's normal form with gain 0.02, as published; spectral norm makes the scale immaterial.
+        deviation = INIT_GAIN * (2 / ((in_channels + out_channels) * size * size)) ** 0.5
+        self.kernel = nnx.Param(deviation * jax.random.normal(rngs.params(), shape))
+        self.bias = nnx.Param(jnp.zeros(out_channels))
+        if spectral:
+            self.left = SpectralVector(unit(jax.random.normal(rngs.params(), (out_channels,))))
+            self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
+
+    def __call__(self, x: Float[Array, "b h w c_in"], *, train: bool) -> Float[Array, "b h_out w_out c_out"]:
+        y = conv2d(x, self.kernel[...], stride=self.stride, padding=self.padding)
+        if self.spectral:
+            sigma, left, right = spectral_norm(
+                self.kernel[...], self.left[...], self.right[...], iterations=int(train)
+            )
+            if train:
+                self.left[...], self.right[...] = left, right
+            # Dividing the output spares a copy of the kernel, which is the larger of the two deep down.
+            y = y / sigma
+        return y + self.bias[...][None, None, None]
+
+
+class InstanceNorm(nnx.Module):
+    """Each channel of each item to mean 0 and variance 1, then a learned scale and shift."""
+
+    def __init__(self, channels: int):
+        self.scale = nnx.Param(jnp.ones(channels))
+        self.shift = nnx.Param(jnp.zeros(channels))
+
+    def __call__(self, x: Float[Array, "b h w c"]) -> Float[Array, "b h w c"]:
+        return instance_norm(x, self.scale[...], self.shift[...])
+
+
+class ConvBlock(nnx.Module):
+    """Convolution, instance norm (if `norm`), activation (None: none)."""
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        *,
+        size: int = 3,
+        stride: int = 1,
+        padding: Padding = "reflect",
+        spectral: bool = True,
+        norm: bool = True,
+        activation: Activation | None = jax.nn.relu,
+        rngs: nnx.Rngs,
+    ):
+        self.conv = Conv(
+            in_channels,
+            out_channels,
+            size=size,
+            stride=stride,
+            padding=padding,
+            spectral=spectral,
+            rngs=rngs,
+        )
+        self.norm = InstanceNorm(out_channels) if norm else None
+        self.activation = activation
+
+    def __call__(self, x: Float[Array, "b h w c_in"], *, train: bool) -> Float[Array, "b h_out w_out c_out"]:
+        x = self.conv(x, train=train)
+        if self.norm is not None:
+            x = self.norm(x)
+        return x if self.activation is None else self.activation(x)
+
+
+class ResidualBlock(nnx.Module):
+    """x + block(block(x)); no activation after the sum."""
+
+    def __init__(self, channels: int, *, spectral: bool, rngs: nnx.Rngs):
+        self.first = ConvBlock(channels, channels, spectral=spectral, rngs=rngs)
+        self.second = ConvBlock(channels, channels, spectral=spectral, activation=None, rngs=rngs)
+
+    def __call__(self, x: Float[Array, "b h w c"], *, train: bool) -> Float[Array, "b h w c"]:
+        return x + self.second(self.first(x, train=train), train=train)

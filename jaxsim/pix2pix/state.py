@@ -1,0 +1,115 @@
+"""Everything that training changes, as one pytree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import optax
+from flax import nnx, struct
+
+from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
+from jaxsim.pix2pix.networks import Discriminator, Generator
+from jaxsim.pix2pix.normalisation import SpectralVector, fold_spectral_norm
+
+Array = Any
+Tree = Any
+
+
+@struct.dataclass
+class Network:
+    """A network's values: nested dicts by attribute name, as the modules nest."""
+
+    parameters: Tree
+    vectors: Tree
+    """Spectral norm's singular vectors; every forward pass in training mode advances them."""
+
+
+@struct.dataclass
+class TrainState:
+    """State of a run between two steps."""
+
+    step: Array
+    """int32: updates done."""
+    generator: Network
+    generator_optim: Tree
+    discriminator: Network | None
+    """None where no loss term uses it."""
+    discriminator_optim: Tree
+    ema: Tree
+    """Averaged generator parameters with spectral norm folded in."""
+
+
+def uses_discriminator(experiment: Experiment) -> bool:
+    """Feature matching compares the discriminator's features: without the GAN term it is left out too."""
+    return experiment.loss.gan > 0
+
+
+def learning_rate(config: OptimConfig, step: Array) -> Array:
+    """Rate of update `step`: constant, then from `decay_from` of the steps on linearly to 0."""
+    start = config.decay_from * config.steps
+    left = (config.steps - jnp.asarray(step, jnp.float32)) / max(config.steps - start, 1.0)
+    return config.lr * jnp.clip(left, 0.0, 1.0) if start < config.steps else jnp.full((), config.lr)
+
+
+def optimiser(config: OptimConfig) -> optax.GradientTransformation:
+    """Adam with the rate above."""
+    schedule: Callable[[Array], Array] = lambda step: learning_rate(config, step)  # noqa: E731
+    return optax.adam(schedule, b1=config.betas[0], b2=config.betas[1], eps=config.eps)
+
+
+def split(module: nnx.Module) -> tuple[Any, Network]:
+    """Definition and values of a module."""
+    definition, parameters, vectors = nnx.split(module, nnx.Param, SpectralVector)
+    return definition, Network(nnx.to_pure_dict(parameters), nnx.to_pure_dict(vectors))
+
+
+def join(definition: Any, network: Network) -> Any:
+    """The module of a definition with these values."""
+    return nnx.merge(definition, network.parameters, network.vectors)
+
+
+def generator_definition(config: GeneratorConfig, in_channels: int, *, spectral: bool = True) -> Any:
+    """The generator without values; `spectral=False` for the averaged one."""
+    make = lambda: Generator(config, in_channels, nnx.Rngs(0), spectral=spectral)  # noqa: E731
+    return nnx.graphdef(nnx.eval_shape(make))
+
+
+def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
+    """The discriminator without values; it sees the inputs and the image."""
+    channels = in_channels + experiment.generator.out_channels
+    return nnx.graphdef(
+        nnx.eval_shape(lambda: Discriminator(experiment.discriminator, channels, nnx.Rngs(0)))
+    )
+
+
+def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:
+    """A fresh state; the same for the same seed."""
+
+    @jax.jit
+    def create(key: Array) -> TrainState:
+        key_g, key_d = jax.random.split(key)
+        _, generator = split(Generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
+        adam = optimiser(experiment.optim)
+        discriminator, discriminator_optim = None, None
+        if uses_discriminator(experiment):
+            channels = in_channels + experiment.generator.out_channels
+            _, discriminator = split(Discriminator(experiment.discriminator, channels, nnx.Rngs(key_d)))
+            discriminator_optim = adam.init(discriminator.parameters)
+        return TrainState(
+            step=jnp.zeros((), jnp.int32),
+            generator=generator,
+            generator_optim=adam.init(generator.parameters),
+            discriminator=discriminator,
+            discriminator_optim=discriminator_optim,
+            ema=fold_spectral_norm(generator.parameters, generator.vectors),
+        )
+
+    return create(jax.random.key(seed))
+
+
+def ema_generator(state: TrainState) -> Tree:
+    """The averaged generator's parameters, for `make_generate`."""
+    return state.ema

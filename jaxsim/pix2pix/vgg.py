@@ -1,0 +1,83 @@
+"""VGG-19's first thirteen convolutions, for the perceptual loss."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.pix2pix.convolution import conv2d
+
+Array = Any
+Weights = dict[str, Array]
+
+BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
+"""Places of the convolutions in torchvision's `features`; a 2 x 2 max-pool between the blocks. The ReLU after
+the first convolution of each block is a feature of the loss: relu_1_1 ... relu_5_1."""
+LAYER_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+HOW_TO_GET = (
+    "fetch torchvision's VGG-19 (https://download.pytorch.org/models/vgg19-dcbb9e9d.pth) on a machine with "
+    "PyTorch, convert it with `import torch, numpy; numpy.savez('vgg19.npz', **{k: v.numpy() for k, v in "
+    "torch.load('vgg19-dcbb9e9d.pth').items() if k.startswith('features')})`, "
+    "and pass --loss.vgg-weights vgg19.npz; or leave the term out with --loss.perceptual 0"
+)
+
+
+def load_vgg(path: Path | None) -> Weights:
+    """Weights from a .npz of torchvision's names (`features.0.weight`, out x in x 3 x 3), as kernels.
+
+    Raises FileNotFoundError where there is no file, ValueError where an array is missing or misshapen.
+    """
+    if path is None or not path.is_file():
+        raise FileNotFoundError(f"perceptual loss: no VGG-19 weights at {path}; {HOW_TO_GET}")
+    weights: Weights = {}
+    with np.load(path) as arrays:
+        channels = 3
+        for block, places in enumerate(BLOCKS):
+            width = min(64 * 2**block, 512)
+            for place in places:
+                for part, shape in (("weight", (width, channels, 3, 3)), ("bias", (width,))):
+                    name = f"features.{place}.{part}"
+                    found = arrays[name].shape if name in arrays else "missing"
+                    if found != shape:
+                        raise ValueError(
+                            f"perceptual loss: {path}: {name} is {found}, not {shape}; {HOW_TO_GET}"
+                        )
+                    array = arrays[name].astype(np.float32)
+                    weights[name] = array.transpose(2, 3, 1, 0) if part == "weight" else array
+                channels = width
+    return weights
+
+
+def vgg_features(weights: Weights, image: Float[Array, "b h w k"]) -> list[Float[Array, "b _h _w _c"]]:
+    """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated."""
+    if image.shape[-1] == 1:
+        image = jnp.repeat(image, 3, axis=-1)
+    mean, deviation = (jnp.asarray(v, image.dtype)[None, None, None] for v in (MEAN, DEVIATION))
+    x = ((image + 1) / 2 - mean) / deviation
+    features = []
+    for block, places in enumerate(BLOCKS):
+        if block:
+            x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
+        for i, place in enumerate(places):
+            bias = weights[f"features.{place}.bias"]
+            x = conv2d(x, weights[f"features.{place}.weight"], padding="zero") + bias[None, None, None]
+            x = jax.nn.relu(x)
+            if i == 0:
+                features.append(x)
+    return features
+
+
+def perceptual(
+    weights: Weights, image: Float[Array, "b h w k"], target: Float[Array, "b h w k"]
+) -> Float[Array, ""]:
+    """Mean absolute differences of VGG features, weighted 1/32, 1/16, 1/8, 1/4, 1; target held fixed."""
+    pairs = zip(vgg_features(weights, image), vgg_features(weights, target), strict=True)
+    terms = [jnp.abs(a - jax.lax.stop_gradient(b)).mean() for a, b in pairs]
+    return sum(w * term for w, term in zip(LAYER_WEIGHTS, terms, strict=True))
