@@ -1,0 +1,71 @@
+"""Surface normals and incidence angles from a range image.
+
+The tangent along a row (and along a column) is a mean of the steps to both neighbours, weighted to the side where the
+range changes less: on a plane any mix lies in the plane, at an edge the step across it counts for nothing.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float
+
+from jaxsim.frame import Array, PolarGrid
+from jaxsim.geometry.polar import directions
+
+_FLOOR_M = 1e-3
+"""Range steps below this are noise and count alike."""
+
+
+def _tangent(
+    points: Float[Array, "*b r c 3"],
+    range_m: Float[Array, "*b r c"],
+    valid: Bool[Array, "*b r c"],
+    axis: int,
+    wraps: Bool[Array, ""],
+) -> tuple[Float[Array, "*b r c 3"], Bool[Array, "*b r c"]]:
+    size = range_m.shape[axis]
+    place = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
+    total, known = jnp.zeros_like(points), jnp.zeros_like(valid)
+    for shift, border in ((1, 0), (-1, size - 1)):
+        near = jnp.roll(valid, shift, axis) & valid & ((place != border) | wraps)
+        step = (points - jnp.roll(points, shift, axis - 1)) * shift
+        jump = jnp.where(near, range_m - jnp.roll(range_m, shift, axis), jnp.zeros_like(range_m))
+        weight = jnp.where(near, 1 / (jump * jump + _FLOOR_M**2), jnp.zeros_like(range_m))
+        total = total + jnp.where(near[..., None], step, jnp.zeros_like(step)) * weight[..., None]
+        known = known | near
+    return total, known
+
+
+@jax.jit
+def normals(
+    range_m: Float[Array, "*b r c"], valid: Bool[Array, "*b r c"], grid: PolarGrid
+) -> tuple[Float[Array, "*b r c 3"], Bool[Array, "*b r c"]]:
+    """Unit normals, on the sensor's side of the surface, and where they are known: a neighbour in both directions."""
+    lead = (1,) * (range_m.ndim - 2)
+    ray = jnp.broadcast_to(directions(grid).reshape(*lead, *range_m.shape[-2:], 3), (*range_m.shape, 3))
+    rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1).reshape(*lead, -1, 1, 3)
+    points = ray * range_m[..., None] + rise
+    columns = range_m.shape[-1]
+    turn = jnp.abs(grid.azimuth_rad[0] - grid.azimuth_rad[-1]) * columns / (columns - 1)
+    along, along_known = _tangent(points, range_m, valid, -1, turn > 2 * jnp.pi - 1e-3)
+    down, down_known = _tangent(points, range_m, valid, -2, jnp.zeros((), bool))
+    normal = jnp.cross(along, down)
+    length = jnp.sqrt(jnp.sum(normal * normal, axis=-1))
+    known = along_known & down_known & (length > 0) & jnp.isfinite(length)
+    outward = jnp.where(jnp.sum(normal * ray, axis=-1) > 0, -1.0, 1.0).astype(normal.dtype)
+    scale = outward / jnp.where(known, length, jnp.ones_like(length))
+    return jnp.where(known[..., None], normal * scale[..., None], jnp.zeros_like(normal)), known
+
+
+@jax.jit
+def incidence(
+    range_m: Float[Array, "*b r c"], valid: Bool[Array, "*b r c"], grid: PolarGrid
+) -> tuple[Float[Array, "*b r c"], Bool[Array, "*b r c"]]:
+    """Angle in radians between ray and surface normal, 0 = head on, and where it is known."""
+    normal, known = normals(range_m, valid, grid)
+    ray = jnp.broadcast_to(
+        directions(grid).reshape((1,) * (range_m.ndim - 2) + (*range_m.shape[-2:], 3)), normal.shape
+    )
+    cosine = jnp.abs(jnp.sum(normal * ray, axis=-1))
+    return jnp.arccos(jnp.clip(cosine, 0.0, 1.0)), known

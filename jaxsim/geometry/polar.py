@@ -1,0 +1,198 @@
+"""Points to polar raster and back.
+
+Letters: a azimuth, falling from column to column; e elevation and h height of origin of the beam of a row; r range
+from that origin. A cell's point is (r cos e cos a, r cos e sin a, h + r sin e). Column i has its centre at the
+float column i, its edges at i - 1/2 and i + 1/2.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
+
+Tree = TypeVar("Tree")
+_NOTHING = 2**31 - 1
+
+
+def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
+    columns = grid.azimuth_rad.shape[0]
+    return (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
+
+
+def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
+    """Column of an azimuth, cell centres at whole numbers; outside the window it is below -1/2 or above columns - 1/2.
+
+    Azimuths are taken modulo a turn, to the side of the window that is nearer.
+    """
+    columns = grid.azimuth_rad.shape[0]
+    centre = (grid.azimuth_rad[0] + grid.azimuth_rad[-1]) / 2
+    right = centre - azimuth_rad
+    right = right - 2 * jnp.pi * jnp.round(right / (2 * jnp.pi))
+    return right / _step_rad(grid) + (columns - 1) / 2
+
+
+def _cell_column(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Int[Array, "*b"]:
+    """Whole column; outside the window it is negative or too large."""
+    column = jnp.floor(column_of(azimuth_rad, grid) + 0.5).astype(jnp.int32)
+    # Rounding must not push the last azimuth before the cut out of a grid that spans the turn.
+    turn = jnp.round(2 * jnp.pi / _step_rad(grid)).astype(jnp.int32)
+    return jnp.where(column == turn, 0, column)
+
+
+@partial(jax.jit, static_argnames="shape")
+def scatter_nearest(
+    range_m: Float[Array, "*b n"],
+    row: Int[Array, "*b n"],
+    column: Int[Array, "*b n"],
+    inside: Bool[Array, "*b n"],
+    shape: tuple[int, int],
+) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
+    """For each cell the index of its nearest point (the first of equals), and whether it has one.
+
+    Points that are not `inside`, or whose row or column is not, are left out. Ranges must be finite and not negative
+    where `inside`. Index 0 stands where the mask is False.
+    """
+    *batch, n = range_m.shape
+    rows, columns = shape
+    inside = inside & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    size = rows * columns
+    offset = jnp.arange(range_m.size // n, dtype=jnp.int32)[:, None] * size
+    cells = offset.shape[0] * size
+    cell = jnp.where(inside, row * columns + column, 0).reshape(-1, n).astype(jnp.int32) + offset
+    cell = jnp.where(inside.reshape(-1, n), cell, cells)
+    # Floats that are not negative order like their bits read as integers: exact, and no float scatter is needed.
+    bits = jax.lax.bitcast_convert_type(range_m.astype(jnp.float32), jnp.int32).reshape(-1, n)
+    nothing = jnp.full(cells, _NOTHING, jnp.int32)
+    nearest = nothing.at[cell].min(bits, mode="drop")
+    wins = bits == nearest.at[cell].get(mode="fill", fill_value=-1)
+    index = jnp.broadcast_to(jnp.arange(n, dtype=jnp.int32), cell.shape)
+    winner = nothing.at[jnp.where(wins, cell, cells)].min(index, mode="drop")
+    valid = winner != _NOTHING
+    out = (*batch, rows, columns)
+    return jnp.where(valid, winner, 0).reshape(out), valid.reshape(out)
+
+
+@jax.jit
+def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Array, "*b rows columns"]]:
+    """Puts each point into its cell, the nearest wins; also the winner's index in the cloud (0 where not valid).
+
+    `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth, the
+    range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid, are left out.
+    """
+    if cloud.row is None:
+        raise ValueError(
+            "points_to_polar: the cloud has no rows; give it cloud.row (recover_rows, rows_by_elevation)"
+        )
+    rows, columns = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
+    x, y, z = (cloud.xyz_m[..., i] for i in range(3))
+    row = cloud.row.astype(jnp.int32)
+    z = z - grid.origin_m[jnp.clip(row, 0, rows - 1)]
+    range_m = jnp.sqrt(x * x + y * y + z * z)
+    inside = cloud.valid & jnp.isfinite(range_m)
+    column = _cell_column(jnp.arctan2(y, x), grid)
+    winner, valid = scatter_nearest(range_m, row, column, inside, (rows, columns))
+
+    def pick(values: Float[Array, "*b n"]) -> Float[Array, "*b rows columns"]:
+        flat = jnp.take_along_axis(values, winner.reshape(*values.shape[:-1], rows * columns), axis=-1)
+        return jnp.where(valid, flat.reshape(winner.shape), jnp.zeros((), values.dtype))
+
+    return PolarImage(pick(range_m), pick(cloud.intensity), valid), winner
+
+
+@jax.jit
+def directions(grid: PolarGrid) -> Float[Array, "rows columns 3"]:
+    """Unit ray of every cell's centre."""
+    ce, se = jnp.cos(grid.elevation_rad)[:, None], jnp.sin(grid.elevation_rad)[:, None]
+    ca, sa = jnp.cos(grid.azimuth_rad)[None, :], jnp.sin(grid.azimuth_rad)[None, :]
+    return jnp.stack([ce * ca, ce * sa, jnp.broadcast_to(se, ce.shape[:1] + ca.shape[1:])], axis=-1)
+
+
+@jax.jit
+def polar_to_points(image: PolarImage, grid: PolarGrid) -> Cloud:
+    """The cloud of a raster, one point a cell, at the cells' centres; row counts from the grid's first row."""
+    *batch, rows, columns = image.range_m.shape
+    flat = (*batch, rows * columns)
+    xyz = image.range_m[..., None] * directions(grid).reshape((1,) * len(batch) + (rows, columns, 3))
+    rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1)
+    xyz = xyz + rise.reshape((1,) * len(batch) + (rows, 1, 3))
+    row = jnp.broadcast_to(jnp.arange(rows, dtype=jnp.int32)[:, None], image.range_m.shape)
+    return Cloud(
+        xyz.reshape(*flat, 3), image.intensity.reshape(flat), image.valid.reshape(flat), row.reshape(flat)
+    )
+
+
+def _raster_axis(tree: Tree, batch_dims: int | None) -> int:
+    """Axis of the rows in every leaf; raises ValueError where the leaves are not rasters of one size."""
+    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)]
+    axis = min(map(len, shapes)) - 2 if batch_dims is None else batch_dims
+    if axis < 0 or any(shape[: axis + 2] != shapes[0][: axis + 2] for shape in shapes):
+        raise ValueError(
+            f"rasters of one tree must share their shape up to rows and columns, got {sorted(set(shapes))}; "
+            "leaves are (*b, rows, columns) or (*b, rows, columns, c), pass batch_dims where all have channels"
+        )
+    return axis
+
+
+def crop(image: Tree, rows: slice, columns: slice, *, batch_dims: int | None = None) -> Tree:
+    """Cuts every raster of a tree, with leaves (*b, rows, columns) or (*b, rows, columns, c).
+
+    `batch_dims`: how many dims lead; told from the leaves if one of them has no channels.
+    """
+    lead = (slice(None),) * _raster_axis(image, batch_dims)
+    return jax.tree.map(lambda leaf: leaf[(*lead, rows, columns)], image)
+
+
+def _sources(old: int, new: int) -> Int[np.ndarray, " new"]:
+    # The centre of new cell i lies (i + 1/2) old / new old cells from the edge.
+    return (2 * np.arange(new) + 1) * old // (2 * new)
+
+
+def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = None) -> Tree:
+    """Each new cell takes the value of the old cell that its centre falls into; leaves as in `crop`.
+
+    Enlarging and going back gives the original.
+    """
+    axis = _raster_axis(image, batch_dims)
+
+    def take(leaf: Array) -> Array:
+        rows, columns = (_sources(leaf.shape[axis + i], size[i]) for i in range(2))
+        return leaf[(slice(None),) * axis + (rows[:, None], columns[None, :])]
+
+    return jax.tree.map(take, image)
+
+
+def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
+    """Cell centres after `resample`: the same window, beams in between interpolated."""
+    azimuth, elevation, origin = (
+        np.asarray(a, np.float64) for a in (grid.azimuth_rad, grid.elevation_rad, grid.origin_m)
+    )
+    rows, columns = size
+    step = (azimuth[0] - azimuth[-1]) / (len(azimuth) - 1) * len(azimuth) / columns
+    centred = (columns - 1) / 2 - np.arange(columns)
+    beam = (np.arange(rows) + 0.5) * len(elevation) / rows - 0.5
+
+    def between(table: Float[np.ndarray, " old"]) -> Float[np.ndarray, " new"]:
+        return np.interp(beam, np.arange(len(table)), table).astype(np.float32)
+
+    middle = (azimuth[0] + azimuth[-1]) / 2
+    return PolarGrid((middle + centred * step).astype(np.float32), between(elevation), between(origin))
+
+
+@jax.jit
+def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"]:
+    """The beam that passes nearest in angle, each seen from its own origin."""
+    rho = jnp.hypot(xyz_m[..., 0], xyz_m[..., 1])[..., None]
+    ones = (1,) * (xyz_m.ndim - 1)
+    h, e = (a.reshape(*ones, -1) for a in (grid.origin_m, grid.elevation_rad))
+    z = xyz_m[..., 2:] - h
+    # |tan of half the angle between point and beam|: grows with the angle all the way, and needs no atan.
+    sine = jnp.abs(z * jnp.cos(e) - rho * jnp.sin(e))
+    cosine = rho * jnp.cos(e) + z * jnp.sin(e)
+    return jnp.argmin(sine / (jnp.sqrt(rho * rho + z * z) + cosine), axis=-1).astype(jnp.int32)
