@@ -1,0 +1,73 @@
+"""Where frames come from: KITTI drives and the embedded world; LiDAR-only recordings as polar frames.
+
+A data set is anything with a name, a sensor and a frame for every number:
+
+    dataset = open_dataset(DataConfig(kind="kitti_raw", root=Path("kitti_raw")))
+    frame = dataset[0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from jaxsim.config import DataConfig
+from jaxsim.data.kitti import KittiObject, KittiRaw
+from jaxsim.data.nuscenes import read_lidar_top
+from jaxsim.data.ouster import read_pcap
+from jaxsim.data.select import select
+from jaxsim.data.sweep import Sweep
+from jaxsim.frame import Frame
+from jaxsim.geometry import LidarSpec
+
+__all__ = [
+    "DATASETS",
+    "Dataset",
+    "KittiObject",
+    "KittiRaw",
+    "Sweep",
+    "open_dataset",
+    "read_lidar_top",
+    "read_pcap",
+    "select",
+]
+
+
+class Dataset(Protocol):
+    """Frames by number, and the sensor that measured them."""
+
+    name: str
+
+    @property
+    def spec(self) -> LidarSpec: ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> Frame: ...
+
+
+def _synthetic(config: DataConfig) -> Dataset:
+    from jaxsim.data.synthetic import SyntheticWorld
+
+    return SyntheticWorld(seed=config.seed)
+
+
+DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
+    "synthetic": _synthetic,
+    "kitti_raw": lambda config: KittiRaw(_root(config)),
+    "kitti_object": lambda config: KittiObject(_root(config)),
+}
+
+
+def open_dataset(config: DataConfig) -> Dataset:
+    """The data set that `config` names. Raises ValueError for an unknown kind or a missing root."""
+    if config.kind not in DATASETS:
+        raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
+    return DATASETS[config.kind](config)
+
+
+def _root(config: DataConfig) -> Path:
+    if config.root is None:
+        raise ValueError(f"data: kind {config.kind} reads files; name their folder with --data.root")
+    return config.root

@@ -69,7 +69,7 @@ def fill_in_multiscale(
     extrapolate: bool = False,
     blur: Blur = "bilateral",
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
-    """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, about three times its time."""
+    """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, slower."""
     sparse = _inverted(depth_m, valid)
     near = valid & (depth_m <= _NEAR_M)
     medium = valid & (depth_m > _NEAR_M) & (depth_m <= _MEDIUM_M)

@@ -1,0 +1,249 @@
+"""KITTI drives as frames: the raw recordings and the object-detection benchmark.
+
+    raw      ROOT/2011_09_26/calib_cam_to_cam.txt, calib_velo_to_cam.txt
+             ROOT/2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin
+             ROOT/2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png
+    object   ROOT/training/{velodyne, image_2, calib, label_2}/000000.{bin, png, txt, txt}
+
+A `.bin` does not name the laser of a point. It follows from the order of the file; a cloud that was shuffled
+has lost it, and then `rows="elevation"` takes the nearest beam of the nominal table instead, which puts
+part of the points one line off.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from jaxsim.data.kitti_files import object_camera, raw_camera, read_image, read_labels, read_velodyne
+from jaxsim.frame import CameraFrame, Cloud, Frame
+from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
+
+RowsFrom = Literal["file_order", "elevation"]
+
+_SENSOR = "hdl64e"
+_DATE = re.compile(r"\d{4}_\d\d_\d\d")
+_FRAME = re.compile(r"\d+")
+
+
+class KittiRaw:
+    """Synced and rectified raw drives: every drive of every date under `root`, in order of name.
+
+    A frame needs both its scan and its image: numbers that lack one are left out (drive 2011_09_26_drive_0009
+    lacks four scans). A drive is a scene.
+    """
+
+    name = "kitti_raw"
+
+    def __init__(self, root: Path, *, rows: RowsFrom = "file_order", camera: int = 2):
+        self.root, self.camera = Path(root), camera
+        self._rows: RowsFrom = _checked(rows)
+        self._frames = [
+            (drive, number)
+            for drive in _drives(self.root)
+            for number in _numbers(drive / "velodyne_points" / "data", drive / f"image_{camera:02d}" / "data")
+        ]
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def spec(self) -> LidarSpec:
+        """This unit's own beam table, fitted to the first scan."""
+        return _fitted(self._scan(0), self._rows)
+
+    def __getitem__(self, index: int) -> Frame:
+        drive, number = self._frames[index]
+        rgb = read_image(drive / f"image_{self.camera:02d}" / "data" / f"{number}.png")
+        return Frame(
+            name=f"{drive.name}-{number}",
+            scene=drive.name,
+            camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
+            cloud=_cloud(self._scan(index), self._rows),
+            time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
+        )
+
+    def _scan(self, index: int) -> Path:
+        drive, number = self._frames[index]
+        return drive / "velodyne_points" / "data" / f"{number}.bin"
+
+
+class KittiObject:
+    """The object benchmark: single frames from many drives, with labels in `training`.
+
+    The files do not say which frames belong to one drive, so each frame is its own scene: to split by drive,
+    use the published lists. `velodyne` names the folder of the scans; by default `velodyne`, else
+    `velodyne_reduced` (clouds cropped to the image).
+    """
+
+    name = "kitti_object"
+
+    def __init__(
+        self,
+        root: Path,
+        *,
+        split: Literal["training", "testing"] = "training",
+        velodyne: str | None = None,
+        rows: RowsFrom = "file_order",
+        camera: int = 2,
+    ):
+        self.root, self.camera = Path(root), camera
+        self._rows: RowsFrom = _checked(rows)
+        self._folder = _object_folder(self.root, split)
+        choices = ("velodyne", "velodyne_reduced") if velodyne is None else (velodyne,)
+        self._scans = _first_folder(self._folder, choices)
+        self._frames = _numbers(self._scans, self._folder / f"image_{camera}")
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    @property
+    def spec(self) -> LidarSpec:
+        """The beam table, fitted to the first scan."""
+        return _fitted(self._scan(0), self._rows)
+
+    def __getitem__(self, index: int) -> Frame:
+        number = self._frames[index]
+        rgb = read_image(self._folder / f"image_{self.camera}" / f"{number}.png")
+        calibration = self._folder / "calib" / f"{number}.txt"
+        labels = self._folder / "label_2"
+        return Frame(
+            name=number,
+            scene=number,
+            camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2], camera=self.camera)),
+            cloud=_cloud(self._scan(index), self._rows),
+            boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
+        )
+
+    def _scan(self, index: int) -> Path:
+        return self._scans / f"{self._frames[index]}.bin"
+
+
+def _checked(rows: RowsFrom) -> RowsFrom:
+    if rows not in ("file_order", "elevation"):
+        raise ValueError(f"kitti: rows is {rows!r}; it is 'file_order' or 'elevation'")
+    return rows
+
+
+def _rows(path: Path, xyz_m: np.ndarray, rows: RowsFrom) -> np.ndarray:
+    spec = preset(_SENSOR)
+    if rows == "elevation":
+        return rows_by_elevation(xyz_m, spec)
+    try:
+        return recover_rows(xyz_m, lines=spec.rows)
+    except UnorderedCloud as error:
+        raise UnorderedCloud(
+            f'{path}: {error}. Use the file as recorded, or take the nearest beam with rows="elevation"'
+        ) from error
+
+
+def _cloud(path: Path, rows: RowsFrom) -> Cloud:
+    xyz_m, intensity = read_velodyne(path)
+    return Cloud(
+        xyz_m=xyz_m,
+        intensity=intensity,
+        valid=np.ones(len(xyz_m), bool),
+        row=_rows(path, xyz_m, rows),
+    )
+
+
+@cache
+def _fitted(path: Path, rows: RowsFrom) -> LidarSpec:
+    spec = preset(_SENSOR)
+    if rows == "elevation":  # rows that were told by the nominal table cannot correct it
+        return spec
+    xyz_m, _ = read_velodyne(path)
+    return fit_beams(
+        xyz_m, _rows(path, xyz_m, rows), lines=spec.rows, name=f"{_SENSOR}, fitted to {path.stem}"
+    )
+
+
+def _numbers(scans: Path, images: Path) -> list[str]:
+    """Frame numbers that have a scan and an image."""
+    found = []
+    for folder, suffix in ((scans, ".bin"), (images, ".png")):
+        names = [p.stem for p in folder.glob(f"*{suffix}") if _FRAME.fullmatch(p.stem)]
+        if not names:
+            raise ValueError(f"kitti: {_listing(folder)}; expected NUMBER{suffix} files in it")
+        found.append(set(names))
+    both = sorted(found[0] & found[1])
+    if not both:
+        raise ValueError(
+            f"kitti: no scan of {scans} ({min(found[0])}.bin, ...) has an image of the same number in "
+            f"{images} ({min(found[1])}.png, ...); a frame needs both"
+        )
+    return both
+
+
+def _drives(root: Path) -> list[Path]:
+    """Folders of drives under the date folders of `root`."""
+    if not root.is_dir():
+        raise ValueError(f"kitti: there is no folder {root}; pass the one that holds 2011_09_26/")
+    if _DATE.fullmatch(root.resolve().name) and (root / "calib_velo_to_cam.txt").is_file():
+        raise ValueError(f"kitti: {root} is the folder of one date; pass the folder above it")
+    if (root / "velodyne_points").is_dir():
+        raise ValueError(
+            f"kitti: {root} is the folder of one drive; pass the folder two levels up, that holds 2011_09_26/"
+        )
+    if (root / "training").is_dir() or (root / "testing").is_dir():
+        raise ValueError(
+            f"kitti: {_listing(root)}: this is the object benchmark; use --data.kind kitti_object"
+        )
+    dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
+    if not dates:
+        raise ValueError(f"kitti: no date folder: {_listing(root)}; pass the folder that holds 2011_09_26/")
+    drives = sorted(p for date in dates for p in date.iterdir() if (p / "velodyne_points").is_dir())
+    if not drives:
+        raise ValueError(
+            f"kitti: no drive with velodyne_points/: {_listing(dates[0])}; expected e.g. "
+            f"{dates[0].name}_drive_0001_sync/velodyne_points/data in it"
+        )
+    return drives
+
+
+def _object_folder(root: Path, split: str) -> Path:
+    folder = root / split
+    if folder.is_dir():
+        return folder
+    if (root / "image_2").is_dir():
+        raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
+    if root.is_dir() and any(_DATE.fullmatch(p.name) for p in root.iterdir()):
+        raise ValueError(f"kitti: {_listing(root)}: these are raw drives; use --data.kind kitti_raw")
+    raise ValueError(f"kitti: no {split}/: {_listing(root)}; pass the folder that holds {split}/velodyne")
+
+
+def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:
+    for name in names:
+        if (parent / name).is_dir():
+            return parent / name
+    raise ValueError(f"kitti: no {' or '.join(f'{name}/' for name in names)}: {_listing(parent)}")
+
+
+def _listing(folder: Path, most: int = 6) -> str:
+    """What stands in a folder, for an error."""
+    if not folder.is_dir():
+        return f"there is no folder {folder}"
+    names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
+    more = ", ..." if len(names) > most else ""
+    return f"{folder} holds {', '.join(names[:most]) or 'nothing'}{more}"
+
+
+def _timestamp(path: Path, number: int) -> float | None:
+    """Seconds since 1970 of one frame; None where the drive came without its time stamps."""
+    if not path.is_file():
+        return None
+    lines = path.read_text().splitlines()
+    if number >= len(lines):
+        raise ValueError(f"kitti: {path} has {len(lines)} lines, none for frame {number}; copy it again")
+    try:  # nine decimals in the file, six are what a datetime holds
+        return datetime.fromisoformat(lines[number].strip()[:26]).replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        raise ValueError(
+            f"kitti: {path}, line {number + 1}: {lines[number]!r} is no time such as "
+            "2011-09-26 13:02:25.594360375"
+        ) from None

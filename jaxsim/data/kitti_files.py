@@ -1,0 +1,179 @@
+"""KITTI's file formats: scans, images, calibration, labels (Geiger et al., IJRR 2013; the devkit's readmes).
+
+Every reader stops with a ValueError that names the file, what is wrong with it and what it should be.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from jaxsim.frame import Boxes, Camera
+from jaxsim.geometry import camera_from_projection
+
+Array = np.ndarray
+
+KINDS = (
+    "Car",
+    "Van",
+    "Truck",
+    "Pedestrian",
+    "Person_sitting",
+    "Cyclist",
+    "Tram",
+    "Misc",
+    "DontCare",
+)
+
+
+def read_velodyne(path: Path) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+    """Points (x forward, y left, z up; metres) and intensity 0..1 of a `.bin`, in file order."""
+    size = _existing(path).stat().st_size
+    if size % 16:
+        raise ValueError(
+            f"kitti: {path} is truncated: {size} bytes are no whole number of points (x y z intensity, "
+            "float32, 16 bytes each); copy it again"
+        )
+    if size == 0:
+        raise ValueError(f"kitti: {path} is empty; a scan has about 120000 points; copy it again")
+    points = np.fromfile(path, "<f4").reshape(-1, 4)
+    broken = int((~np.isfinite(points).all(axis=1)).sum())
+    if broken:
+        raise ValueError(
+            f"kitti: {path}: {broken} of {len(points)} points are NaN or infinite; a ray without return is "
+            "left out of a .bin, so remove these rows"
+        )
+    intensity = points[:, 3]
+    low, high = intensity.min(), intensity.max()
+    if low < 0 or high > 1:
+        raise ValueError(
+            f"kitti: {path}: intensity spans {low:g}..{high:g}; KITTI's scale is 0..1, so this is another "
+            "sensor's file or one that was rescaled (divide 0..255 by 255)"
+        )
+    return np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(intensity)
+
+
+def read_image(path: Path) -> UInt8[Array, "h w 3"]:
+    """An image file as RGB."""
+    image = cv2.imread(str(_existing(path)), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"kitti: {path} is not an image that can be read; copy it again")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def object_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
+    """The camera of an object-benchmark frame from `calib/NNNNNN.txt`, for an image of `size` (h, w).
+
+    The file does not say the image's size, so the principal point must lie near the image's middle.
+    """
+    values = _read_calibration(path, {f"P{camera}": 12, "R0_rect": 9, "Tr_velo_to_cam": 12})
+    projection = values[f"P{camera}"].reshape(3, 4)
+    (cx, cy), (h, w) = projection[:2, 2], size
+    if abs(cx - w / 2) > 0.1 * w or abs(cy - h / 2) > 0.1 * h:
+        raise ValueError(
+            f"kitti: {path} puts the optical axis at ({cx:.0f}, {cy:.0f}), far from the middle of its "
+            f"image of {w} x {h}: calibration and image do not belong together, or the image was resized"
+        )
+    return camera_from_projection(
+        projection, _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
+    )
+
+
+def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
+    """The camera of a raw drive from the two calibration files of its date, for an image of `size` (h, w)."""
+    tag = f"{camera:02d}"
+    path = folder / "calib_cam_to_cam.txt"
+    values = _read_calibration(path, {f"P_rect_{tag}": 12, "R_rect_00": 9, f"S_rect_{tag}": 2})
+    velo = _read_calibration(folder / "calib_velo_to_cam.txt", {"R": 9, "T": 3})
+    width, height = values[f"S_rect_{tag}"].astype(int)
+    if size != (height, width):
+        raise ValueError(
+            f"kitti: images of image_{tag} are {size[1]} x {size[0]}, but {path} says {width} x {height}: "
+            "use the synced and rectified drive (..._sync), with the calibration of the same date"
+        )
+    return camera_from_projection(
+        values[f"P_rect_{tag}"].reshape(3, 4),
+        _homogeneous(values["R_rect_00"], np.zeros(3)) @ _homogeneous(velo["R"], velo["T"]),
+    )
+
+
+def read_labels(path: Path) -> Boxes:
+    """Labelled objects of `label_2/NNNNNN.txt`.
+
+    A `DontCare` region is a rectangle in the image alone: its 3-D fields are 0 and mean nothing.
+    """
+    rows = [line.split() for line in _existing(path).read_text().splitlines() if line.strip()]
+    numbers = np.zeros((len(rows), 14))
+    for k, row in enumerate(rows):
+        if len(row) != 15:
+            raise ValueError(
+                f"kitti: {path}, line {k + 1} has {len(row)} columns; a label has 15 "
+                "(16 is a detector's result)"
+            )
+        if row[0] not in KINDS:
+            raise ValueError(
+                f"kitti: {path}, line {k + 1}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}"
+            )
+        try:
+            numbers[k] = [float(value) for value in row[1:]]
+        except ValueError as error:
+            raise ValueError(f"kitti: {path}, line {k + 1}: {error}") from None
+        if numbers[k, 1] != round(numbers[k, 1]):
+            raise ValueError(f"kitti: {path}, line {k + 1}: occluded is {row[2]}; it is a whole number 0..3")
+    kinds = tuple(row[0] for row in rows)
+    numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
+    n = numbers.astype(np.float32)
+    return Boxes(
+        centre_m=n[:, 10:13],
+        size_m=n[:, [9, 8, 7]],
+        yaw_rad=n[:, 13],
+        bbox_px=n[:, 3:7],
+        truncated=n[:, 0],
+        occluded=n[:, 1].astype(np.int32),
+        kind=kinds,
+    )
+
+
+_DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise ValueError(f"kitti: there is no {path}; the frame needs it, copy it from the data set")
+    return path
+
+
+def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, Array]:
+    """Lines of `name: numbers`; the colon is left out in the tracking set."""
+    found: dict[str, list[str]] = {}
+    for line in _existing(path).read_text().splitlines():
+        name, *numbers = line.replace(":", " ", 1).split() or [""]
+        found[name] = numbers
+    for name, count in needed.items():
+        if name not in found:
+            raise ValueError(
+                f"kitti: {path} has no {name} (it has {', '.join(filter(None, found)) or 'nothing'}); copy "
+                "the calibration file that belongs to the drive"
+            )
+        if len(found[name]) != count:
+            raise ValueError(f"kitti: {path}: {name} has {len(found[name])} numbers; it must have {count}")
+    try:
+        values = {name: np.array(found[name], float) for name in needed}
+    except ValueError as error:
+        raise ValueError(f"kitti: {path}: {error}") from None
+    if not all(np.isfinite(value).all() for value in values.values()):
+        raise ValueError(f"kitti: {path} holds NaN or infinite numbers; copy it again")
+    return values
+
+
+def _homogeneous(rotation: Array, translation: Array | None = None) -> Array:
+    """4 x 4 from a rotation of 9 numbers and a translation, or from the 12 numbers of a 3 x 4 matrix."""
+    matrix = np.eye(4)
+    if translation is None:
+        matrix[:3] = rotation.reshape(3, 4)
+    else:
+        matrix[:3, :3], matrix[:3, 3] = rotation.reshape(3, 3), translation
+    return matrix

@@ -1,0 +1,76 @@
+"""What the network sees of a painted frame: channels in the order that the config lists them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.config import InputName, PrepareConfig
+from jaxsim.frame import Array, Painted
+from jaxsim.geometry import resample
+from jaxsim.prepare.edges import edge_map
+
+CLASSES = 34
+"""Cityscapes ids 0..33."""
+
+CHANNELS: dict[str, int] = {
+    "rgb": 3,
+    "depth": 1,
+    "semantic": CLASSES,
+    "edges": 1,
+    "incidence": 1,
+    "range": 1,
+    "row": 1,
+}
+
+
+def input_channels(inputs: tuple[InputName, ...]) -> int:
+    """Number of channels of these inputs. Raises ValueError for an unknown or repeated one, or for none."""
+    unknown = [name for name in inputs if name not in CHANNELS]
+    if unknown:
+        raise ValueError(f"inputs: no channel {unknown[0]!r}; known: {', '.join(CHANNELS)}")
+    if not inputs or len(set(inputs)) < len(inputs):
+        raise ValueError(f"inputs: {' '.join(inputs) or 'none'}; name at least one, each once")
+    return sum(CHANNELS[name] for name in inputs)
+
+
+@partial(jax.jit, static_argnames="prepare")
+def network_inputs(
+    painted: Painted,
+    incidence_rad: Float[Array, "*b rows columns"],
+    row: Float[Array, "*b rows columns"],
+    *,
+    prepare: PrepareConfig,
+) -> Float[Array, "*b r c channels"]:
+    """Scales a window to the network's size and stacks the channels that `prepare.inputs` names.
+
+    Colours, lengths, angle and line are scaled to -1..1. Classes are one-hot over the 34 Cityscapes ids, all
+    0 for *don't care*: where the cell is occluded, and where nothing was painted. Edges are 0 or 1, found
+    after the scaling as pix2pixHD does. A cell that nothing was painted on is -1 in colour and lengths.
+    """
+    input_channels(prepare.inputs)
+    size, lead = prepare.network_size, row.ndim - 2
+    painted, incidence_rad, row = resample((painted, incidence_rad, row), size, batch_dims=lead)
+    seen = painted.valid
+
+    def scaled(value: Array, largest: float) -> Array:
+        return jnp.where(seen, 2 * jnp.clip(value / largest, 0, 1) - 1, -1)[..., None]
+
+    def semantic() -> Array:
+        labelled = jnp.where(seen & ~painted.occluded, painted.semantic, -1)
+        return jax.nn.one_hot(labelled, CLASSES, dtype=jnp.float32)
+
+    make = {
+        "rgb": lambda: jnp.where(seen[..., None], 2 * painted.rgb - 1, -1),
+        "depth": lambda: scaled(painted.depth_m, prepare.max_range_m),
+        "range": lambda: scaled(painted.range_m, prepare.max_range_m),
+        "semantic": semantic,
+        "edges": lambda: edge_map(painted.semantic, painted.instance)[..., None].astype(jnp.float32),
+        "incidence": lambda: (2 * incidence_rad / (np.pi / 2) - 1)[..., None],
+        "row": lambda: (2 * row - 1)[..., None],
+    }
+    return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)
