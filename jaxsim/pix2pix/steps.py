@@ -104,7 +104,7 @@ def make_train_step(
             )
             updates, judges_optim = adam.update(gradient, judges_optim)
             judges = Network(optax.apply_updates(judges.parameters, updates), judge_vectors)
-            metrics |= {"loss/discriminator": loss, "grad_norm/discriminator": optax.global_norm(gradient)}
+            metrics |= {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
         (loss, (terms, vectors, judge_vectors)), gradient = jax.value_and_grad(generator_loss, has_aux=True)(
             state.generator.parameters, vectors, judges, batch, vgg
@@ -112,7 +112,7 @@ def make_train_step(
         updates, optim = adam.update(gradient, state.generator_optim)
         trained = Network(optax.apply_updates(state.generator.parameters, updates), vectors)
         metrics |= {f"loss/{name}": term for name, term in terms.items()}
-        metrics |= {"loss/generator": loss, "grad_norm/generator": optax.global_norm(gradient)}
+        metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
         metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
         step = state.step + 1
         state = TrainState(
