@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxsim.config import DataConfig
 from jaxsim.data.kitti import KittiObject, KittiRaw
@@ -34,6 +34,7 @@ __all__ = [
 ]
 
 
+@runtime_checkable
 class Dataset(Protocol):
     """Frames by number, and the sensor that measured them."""
 

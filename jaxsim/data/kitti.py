@@ -24,8 +24,6 @@ from jaxsim.data.kitti_files import object_camera, raw_camera, read_image, read_
 from jaxsim.frame import CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
 
-RowsFrom = Literal["file_order", "elevation"]
-
 _SENSOR = "hdl64e"
 _DATE = re.compile(r"\d{4}_\d\d_\d\d")
 _FRAME = re.compile(r"\d+")
@@ -40,9 +38,9 @@ class KittiRaw:
 
     name = "kitti_raw"
 
-    def __init__(self, root: Path, *, rows: RowsFrom = "file_order", camera: int = 2):
+    def __init__(self, root: Path, *, rows: str = "file_order", camera: int = 2):
         self.root, self.camera = Path(root), camera
-        self._rows: RowsFrom = _checked(rows)
+        self._rows = _checked(rows)
         self._frames = [
             (drive, number)
             for drive in _drives(self.root)
@@ -89,11 +87,11 @@ class KittiObject:
         *,
         split: Literal["training", "testing"] = "training",
         velodyne: str | None = None,
-        rows: RowsFrom = "file_order",
+        rows: str = "file_order",
         camera: int = 2,
     ):
         self.root, self.camera = Path(root), camera
-        self._rows: RowsFrom = _checked(rows)
+        self._rows = _checked(rows)
         self._folder = _object_folder(self.root, split)
         choices = ("velodyne", "velodyne_reduced") if velodyne is None else (velodyne,)
         self._scans = _first_folder(self._folder, choices)
@@ -124,13 +122,13 @@ class KittiObject:
         return self._scans / f"{self._frames[index]}.bin"
 
 
-def _checked(rows: RowsFrom) -> RowsFrom:
+def _checked(rows: str) -> str:
     if rows not in ("file_order", "elevation"):
         raise ValueError(f"kitti: rows is {rows!r}; it is 'file_order' or 'elevation'")
     return rows
 
 
-def _rows(path: Path, xyz_m: np.ndarray, rows: RowsFrom) -> np.ndarray:
+def _rows(path: Path, xyz_m: np.ndarray, rows: str) -> np.ndarray:
     spec = preset(_SENSOR)
     if rows == "elevation":
         return rows_by_elevation(xyz_m, spec)
@@ -142,7 +140,7 @@ def _rows(path: Path, xyz_m: np.ndarray, rows: RowsFrom) -> np.ndarray:
         ) from error
 
 
-def _cloud(path: Path, rows: RowsFrom) -> Cloud:
+def _cloud(path: Path, rows: str) -> Cloud:
     xyz_m, intensity = read_velodyne(path)
     return Cloud(
         xyz_m=xyz_m,
@@ -153,7 +151,7 @@ def _cloud(path: Path, rows: RowsFrom) -> Cloud:
 
 
 @cache
-def _fitted(path: Path, rows: RowsFrom) -> LidarSpec:
+def _fitted(path: Path, rows: str) -> LidarSpec:
     spec = preset(_SENSOR)
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
         return spec
@@ -190,11 +188,11 @@ def _drives(root: Path) -> list[Path]:
         raise ValueError(
             f"kitti: {root} is the folder of one drive; pass the folder two levels up, that holds 2011_09_26/"
         )
-    if (root / "training").is_dir() or (root / "testing").is_dir():
+    dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
+    if not dates and ((root / "training").is_dir() or (root / "testing").is_dir()):
         raise ValueError(
             f"kitti: {_listing(root)}: this is the object benchmark; use --data.kind kitti_object"
         )
-    dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
     if not dates:
         raise ValueError(f"kitti: no date folder: {_listing(root)}; pass the folder that holds 2011_09_26/")
     drives = sorted(p for date in dates for p in date.iterdir() if (p / "velodyne_points").is_dir())

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from jaxsim.data.sweep import Sweep
 from jaxsim.frame import PolarGrid, PolarImage
-
-Intensity = Literal["reflectivity", "signal"]
 
 _FULL_SCALE: dict[str, float] = {"reflectivity": 255.0, "signal": 65535.0}
 
@@ -25,7 +23,7 @@ def read_pcap(
     path: Path,
     *,
     meta: Path | None = None,
-    intensity: Intensity = "reflectivity",
+    intensity: str = "reflectivity",
     full_scale: float | None = None,
 ) -> Iterator[Sweep]:
     """The whole turns of a recording, one after the other; turns with lost packets are passed over.
@@ -80,9 +78,7 @@ def _open(path: Path, meta: Path) -> tuple[Any, Any]:
         ) from error
 
 
-def _sweep(
-    path: Path, frame: Any, core: Any, *, intensity: Intensity, full_scale: float, number: int
-) -> Sweep:
+def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: float, number: int) -> Sweep:
     info = frame.sensor_info
     value = core.destagger(info, frame.field(intensity.upper())).astype(np.float32)
     range_m = core.destagger(info, frame.field("RANGE")).astype(np.float32) / np.float32(1000)

@@ -1,0 +1,78 @@
+"""A small KITTI tree that is made on the spot, so that the readers' tests need no sample data."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.geometry import preset
+
+P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"
+R0 = "0.9999239 0.00983776 -0.007445048 -0.009869795 0.9999421 -0.004278459 0.007402527 0.004351614 0.9999631"
+VELO_R = (
+    "0.007533745 -0.9999714 -0.000616602 0.01480249 0.0007280733 -0.9998902 0.9998621 0.00752379 0.01480755"
+)
+VELO_T = "-0.004069766 -0.07631618 -0.2717806"
+CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
+DONT_CARE = "DontCare -1 -1 -10 503.89 169.71 590.61 190.13 -1 -1 -1 -1000 -1000 -1000 -10"
+
+
+def scan(columns: int = 360) -> np.ndarray:
+    """A whole turn inside a round room, line by line from straight ahead to the left, as KITTI stores it."""
+    spec = preset("hdl64e")
+    azimuth = np.deg2rad((np.arange(columns) + 0.5) * 360 / columns)
+    elevation = spec.elevation_rad[:, None]
+    height = np.asarray(spec.origin_m)[:, None]
+    rho = np.minimum(
+        20.0, np.where(elevation < 0, (1.73 + height) / np.tan(-np.minimum(elevation, -1e-3)), 20.0)
+    )
+    z = height + rho * np.tan(elevation)
+    points = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z + 0 * azimuth], axis=-1)
+    line = np.arange(spec.rows)[:, None] / 100 + 0 * azimuth
+    return np.concatenate([points, line[..., None]], axis=-1).reshape(-1, 4).astype("<f4")
+
+
+def write_image(path: Path, size: tuple[int, int] = (375, 1242)) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = np.zeros((*size, 3), np.uint8)
+    image[:, : size[1] // 2] = (10, 20, 30)  # blue, green, red
+    assert cv2.imwrite(str(path), image)
+
+
+def write_scan(path: Path, points: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    points.astype("<f4").tofile(path)
+
+
+@pytest.fixture
+def raw_root(tmp_path: Path) -> Path:
+    """Two drives of one date, with two frames and one."""
+    root = tmp_path / "raw"
+    date = root / "2011_09_26"
+    for drive, count in (("0002", 1), ("0001", 2)):
+        folder = date / f"2011_09_26_drive_{drive}_sync"
+        for k in range(count):
+            write_scan(folder / f"velodyne_points/data/{k:010d}.bin", scan())
+            write_image(folder / f"image_02/data/{k:010d}.png")
+    (date / "calib_cam_to_cam.txt").write_text(
+        f"calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 1242 375\nR_rect_00: {R0}\nP_rect_02: {P2}\n"
+    )
+    (date / "calib_velo_to_cam.txt").write_text(f"calib_time: 15-Mar-2012\nR: {VELO_R}\nT: {VELO_T}\n")
+    return root
+
+
+@pytest.fixture
+def object_root(tmp_path: Path) -> Path:
+    """One frame of the object benchmark."""
+    root = tmp_path / "object"
+    folder = root / "training"
+    write_scan(folder / "velodyne/000007.bin", scan())
+    write_image(folder / "image_2/000007.png")
+    r, t = np.array(VELO_R.split()).reshape(3, 3), np.array(VELO_T.split()).reshape(3, 1)
+    velo = " ".join(np.concatenate([r, t], axis=1).ravel())
+    (folder / "calib").mkdir()
+    (folder / "calib/000007.txt").write_text(f"P2: {P2}\nR0_rect: {R0}\nTr_velo_to_cam: {velo}\n\n")
+    (folder / "label_2").mkdir()
+    (folder / "label_2/000007.txt").write_text(f"{CAR}\n{DONT_CARE}\n")
+    return root

@@ -1,0 +1,136 @@
+import numpy as np
+import pytest
+
+from jaxsim.config import DataConfig
+from jaxsim.data import KittiObject, KittiRaw, open_dataset
+from jaxsim.geometry import UnorderedCloud, project
+
+
+def test_drives_come_in_order_and_each_is_a_scene(raw_root):
+    dataset = open_dataset(DataConfig(kind="kitti_raw", root=raw_root))
+    assert len(dataset) == 3
+    frames = [dataset[i] for i in range(3)]
+    assert [f.scene for f in frames] == [f"2011_09_26_drive_{d}_sync" for d in ("0001", "0001", "0002")]
+    assert frames[1].name == "2011_09_26_drive_0001_sync-0000000001"
+    assert [f.time_s for f in frames] == [None] * 3
+
+
+def test_a_frame_has_rgb_in_order_and_a_laser_line_for_every_point(raw_root):
+    frame = KittiRaw(raw_root)[0]
+    assert frame.camera.rgb.shape == (375, 1242, 3)
+    np.testing.assert_array_equal(frame.camera.rgb[0, 0], [30, 20, 10])
+    np.testing.assert_array_equal(frame.cloud.row, np.round(frame.cloud.intensity * 100))
+    assert frame.cloud.valid.all()
+
+
+def test_iterating_ends_after_the_last_frame(raw_root):
+    assert len(list(KittiRaw(raw_root))) == 3
+
+
+def test_numbers_that_lack_scan_or_image_are_left_out(raw_root):
+    (raw_root / "2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin").unlink()
+    assert [frame.name[-10:] for frame in KittiRaw(raw_root)] == ["0000000001", "0000000000"]
+
+
+def test_time_stamps_are_seconds_since_1970(raw_root):
+    path = raw_root / "2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/timestamps.txt"
+    path.write_text("1970-01-01 00:00:02.250000001\n1970-01-02 00:00:00.000000000\n")
+    frames = KittiRaw(raw_root)
+    assert [frames[i].time_s for i in range(3)] == [2.25, 86400.0, None]
+    path.write_text("1970-01-01 00:00:02.250000001\n")
+    with pytest.raises(ValueError, match="has 1 lines, none for frame 1"):
+        frames[1]
+    path.write_text("noon\n")
+    with pytest.raises(ValueError, match="'noon' is no time"):
+        frames[0]
+
+
+def test_the_projection_matrix_keeps_its_fourth_column(object_root):
+    frame = KittiObject(object_root)[0]
+    lines = (object_root / "training/calib/000007.txt").read_text().splitlines()
+    p2, r0, velo = (np.array(line.split()[1:], float) for line in lines[:3])
+    to_rectified = np.eye(4)
+    to_rectified[:3] = r0.reshape(3, 3) @ velo.reshape(3, 4)
+    xyz = np.array([[10.0, 2, -1], [40, -9, 0.5], [5, 0, 1]], np.float32)
+    u, v, depth = p2.reshape(3, 4) @ to_rectified @ np.concatenate([xyz, np.ones((3, 1))], axis=1).T
+    uv, z = project(frame.camera.camera, xyz)
+    np.testing.assert_allclose(z, depth, atol=1e-4)
+    np.testing.assert_allclose(uv, np.stack([u / depth, v / depth], axis=1), atol=2e-3)
+
+
+def test_raw_and_object_calibration_of_one_drive_agree(raw_root, object_root):
+    raw, single = KittiRaw(raw_root)[0], KittiObject(object_root)[0]
+    np.testing.assert_allclose(raw.camera.camera.cam_from_velo, single.camera.camera.cam_from_velo, atol=1e-6)
+    np.testing.assert_array_equal(raw.camera.camera.intrinsics, single.camera.camera.intrinsics)
+
+
+def test_labels_are_boxes_and_dont_care_is_a_rectangle_alone(object_root):
+    boxes = KittiObject(object_root)[0].boxes
+    assert boxes.kind == ("Car", "DontCare")
+    np.testing.assert_allclose(boxes.size_m[0], [3.69, 1.87, 1.67])
+    np.testing.assert_allclose(boxes.centre_m[0], [-16.53, 2.39, 58.49])
+    np.testing.assert_allclose(boxes.yaw_rad, [1.57, 0])
+    np.testing.assert_allclose(boxes.bbox_px[1], [503.89, 169.71, 590.61, 190.13])
+    assert not boxes.centre_m[1].any()
+    assert boxes.occluded.tolist() == [0, 0]
+
+
+def test_a_frame_without_objects_has_no_boxes_and_an_unlabelled_split_has_none(object_root):
+    (object_root / "training/label_2/000007.txt").write_text("")
+    assert len(KittiObject(object_root)[0].boxes.kind) == 0
+    (object_root / "training/label_2/000007.txt").unlink()
+    (object_root / "training/label_2").rmdir()
+    assert KittiObject(object_root)[0].boxes is None
+
+
+def test_reduced_clouds_are_found_and_can_be_named(object_root):
+    training = object_root / "training"
+    (training / "velodyne").rename(training / "velodyne_reduced")
+    assert len(KittiObject(object_root)) == 1
+    assert len(KittiObject(object_root, velodyne="velodyne_reduced")) == 1
+    with pytest.raises(ValueError, match=r"no velodyne/: .*velodyne_reduced/"):
+        KittiObject(object_root, velodyne="velodyne")
+
+
+def test_a_shuffled_cloud_needs_elevations_on_request(object_root):
+    path = object_root / "training/velodyne/000007.bin"
+    points = np.fromfile(path, "<f4").reshape(-1, 4)
+    np.random.default_rng(0).permutation(points).tofile(path)
+    with pytest.raises(UnorderedCloud, match=r'000007\.bin: .*rows="elevation"'):
+        KittiObject(object_root)[0]
+    cloud = KittiObject(object_root, rows="elevation")[0].cloud
+    np.testing.assert_array_equal(cloud.row, np.round(cloud.intensity * 100))
+    with pytest.raises(ValueError, match="it is 'file_order' or 'elevation'"):
+        KittiObject(object_root, rows="azimuth")
+
+
+def test_the_sensor_is_fitted_to_the_first_scan(raw_root):
+    spec = KittiRaw(raw_root).spec
+    assert spec.rows == 64
+    assert "0000000000" in spec.name
+    hash(spec)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [("kitti_raw", 6), ("kitti_object", 3), ("kitti_object_fovcrop", 1)]
+)
+def test_real_frames_are_read(samples, kind, count):
+    config = DataConfig(kind="kitti_raw" if kind == "kitti_raw" else "kitti_object", root=samples / kind)
+    dataset = open_dataset(config)
+    assert len(dataset) == count
+    frame = dataset[count - 1]
+    row = frame.cloud.row
+    assert (np.diff(row) >= 0).all()
+    assert row.min() == 0
+    assert row.max() == (63 if kind != "kitti_object_fovcrop" else 45)
+    elevation = np.rad2deg(np.arctan2(frame.cloud.xyz_m[:, 2], np.hypot(*frame.cloud.xyz_m[:, :2].T)))
+    assert 1.5 < np.median(elevation[row == 0]) < 5.0
+    assert len(dataset.spec.elevation_deg) == 64
+
+
+def test_rows_of_real_scans_equal_the_published_ones(samples, golden):
+    dataset = KittiObject(samples / "kitti_object")
+    published = np.load(golden / "rows/rows.npz")
+    for i in range(3):
+        frame = dataset[i]
+        np.testing.assert_array_equal(frame.cloud.row, published[f"row_{frame.name}"])
