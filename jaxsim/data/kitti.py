@@ -133,7 +133,7 @@ def _rows(path: Path, xyz_m: np.ndarray, rows: str) -> np.ndarray:
     if rows == "elevation":
         return rows_by_elevation(xyz_m, spec)
     try:
-        return recover_rows(xyz_m, lines=spec.rows)
+        return recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
             f'{path}: {error}. Use the file as recorded, or take the nearest beam with rows="elevation"'
