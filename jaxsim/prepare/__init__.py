@@ -9,14 +9,16 @@ from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.occlusion import occluded
 from jaxsim.prepare.paint import paint
-from jaxsim.prepare.pairs import crop_image, prepare_frame, view_on_window
+from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, window_of
 
 __all__ = [
     "CHANNELS",
     "CLASSES",
+    "check_view",
     "complete_depth",
     "crop_image",
     "denoise",
+    "dense_view",
     "edge_map",
     "input_channels",
     "network_inputs",
@@ -24,5 +26,5 @@ __all__ = [
     "paint",
     "prepare_frame",
     "sparse_depth",
-    "view_on_window",
+    "window_of",
 ]

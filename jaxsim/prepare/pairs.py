@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.config import PrepareConfig
-from jaxsim.frame import Array, CameraFrame, Cloud, Frame, Pair, PolarGrid
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, points_to_polar
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth import complete_depth
@@ -35,15 +35,10 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, "
             "rows_by_elevation)"
         )
-    try:
-        view = frame.camera
-        if config.depth == "ip_basic":
-            view = _completed(crop_image(view, config.image_crop), _padded(frame.cloud))
-        view, grid, place = view_on_window(view, spec, config)
-    except ValueError as error:
-        raise ValueError(f"{frame.name}: {error}") from error
-
-    first, _ = camera_rows(view.camera, config.image_crop, spec)
+    size = frame.camera.rgb.shape[-3:-1]
+    view = dense_view(frame, config)
+    grid, place = window_of(frame.camera.camera, size, spec, config)
+    first = round(float(place[0]) * (spec.rows - 1))
     cloud = _padded(replace(frame.cloud, row=(line - first).astype(np.int32)))
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
@@ -60,15 +55,23 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     return pair, grid
 
 
-def view_on_window(
-    view: CameraFrame, spec: LidarSpec, config: PrepareConfig
-) -> tuple[CameraFrame, PolarGrid, Float[Array, " rows"]]:
-    """A camera's view cropped as the config says, the polar window it covers, and each beam's place in the
-    sensor (0 top line, 1 bottom line).
+def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
+    """What the network is given of a frame: the cropped view with dense depth.
 
-    A batch of views shares one camera. Raises ValueError where the view lacks depth, labels that the config's
-    inputs need, or is smaller than the crop.
+    Raises ValueError where the frame lacks what the config asks for: depth, labels, image size.
     """
+    try:
+        view = crop_image(frame.camera, config.image_crop)
+        if config.depth == "ip_basic":
+            view = _completed(view, _padded(frame.cloud))
+        check_view(view, config)
+    except ValueError as error:
+        raise ValueError(f"{frame.name}: {error}") from error
+    return view
+
+
+def check_view(view: CameraFrame, config: PrepareConfig) -> None:
+    """Raises ValueError where a view lacks depth, or labels that the config's inputs need."""
     if view.depth_m is None or view.depth_valid is None:
         raise ValueError(
             "prepare: the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's "
@@ -81,14 +84,28 @@ def view_on_window(
             f"prepare: the inputs {' and '.join(needed)} need class labels, which this view does not have; "
             f"leave them out with --prepare.inputs {rest or 'rgb depth row'}"
         )
-    view = crop_image(view, config.image_crop)
-    *batch, _, _, _ = view.rgb.shape
-    one = jax.tree.map(lambda leaf: np.asarray(leaf).reshape(-1, *leaf.shape[-2:])[0], view.camera)
-    grid = camera_window(one, config.image_crop, spec, config.columns)
-    first, stop = camera_rows(one, config.image_crop, spec)
-    place = (np.arange(first, stop) / (spec.rows - 1)).astype(np.float32)
-    camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
-    return replace(view, camera=camera), grid, place
+
+
+def window_of(
+    camera: Camera, size: tuple[int, int], spec: LidarSpec, config: PrepareConfig
+) -> tuple[PolarGrid, Float[np.ndarray, " rows"]]:
+    """The polar window that the crop of a camera's image (`size`: rows, columns) covers, and each beam's place
+    in the sensor (0 top line, 1 bottom line)."""
+    cropped = crop_camera(camera, *_offsets(size, config.image_crop))
+    grid = camera_window(cropped, config.image_crop, spec, config.columns)
+    first, stop = camera_rows(cropped, config.image_crop, spec)
+    return grid, (np.arange(first, stop) / (spec.rows - 1)).astype(np.float32)
+
+
+def _offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
+    """Rows cut off the top and columns off the left."""
+    (h, w), (rows, columns) = size, crop
+    if h < rows or w < columns:
+        raise ValueError(
+            f"prepare: the image is {w} x {h}, smaller than the crop of {columns} x {rows}; lower "
+            f"--prepare.image-crop to at most {h} {w}"
+        )
+    return h - rows, round((w - columns) / 2)
 
 
 def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
@@ -96,14 +113,8 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
 
     Depth completion networks crop KITTI's images so (PENet: 352 x 1216).
     """
-    *_, h, w, _ = view.rgb.shape
+    top, left = _offsets(view.rgb.shape[-3:-1], size)
     rows, columns = size
-    if h < rows or w < columns:
-        raise ValueError(
-            f"prepare: the image is {w} x {h}, smaller than the crop of {columns} x {rows}; lower "
-            f"--prepare.image-crop to at most {h} {w}"
-        )
-    top, left = h - rows, round((w - columns) / 2)
 
     def cut(raster: Array | None) -> Array | None:
         return None if raster is None else raster[..., top:, left : left + columns]

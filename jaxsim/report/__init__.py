@@ -1,0 +1,17 @@
+"""Pictures and tables, from plain results."""
+
+from jaxsim.report.frames import pair_picture, simulated_picture
+from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
+from jaxsim.report.scores import score_table, write_card, write_scores
+
+__all__ = [
+    "beside",
+    "draw_cloud",
+    "pair_picture",
+    "save_picture",
+    "score_table",
+    "simulated_picture",
+    "strip",
+    "write_card",
+    "write_scores",
+]

@@ -1,0 +1,28 @@
+"""A run and its use: prepared pairs, the run's folder, the learned sensor, its scores."""
+
+from jaxsim.simulate.predict import make_batch, make_predict, predict_intensity
+from jaxsim.simulate.prepared import PreparedPairs, prepared
+from jaxsim.simulate.run import Checkpoints, Run, describe, load_run, start_run
+from jaxsim.simulate.scores import baseline_scores, score_pairs
+from jaxsim.simulate.scribe import Scribe, TrainingDiverged
+from jaxsim.simulate.sensor import LearnedSensor, load, simulate_frame
+
+__all__ = [
+    "Checkpoints",
+    "LearnedSensor",
+    "PreparedPairs",
+    "Run",
+    "Scribe",
+    "TrainingDiverged",
+    "baseline_scores",
+    "describe",
+    "load",
+    "load_run",
+    "make_batch",
+    "make_predict",
+    "predict_intensity",
+    "prepared",
+    "score_pairs",
+    "simulate_frame",
+    "start_run",
+]

@@ -1,0 +1,20 @@
+"""`jaxsim COMMAND`: the commands of the console script."""
+
+from __future__ import annotations
+
+import tyro
+
+from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_on_error
+from jaxsim.cli.simulate import Simulate
+
+__all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
+
+COMMANDS = {"simulate": Simulate}
+"""Every command: its name and what it takes."""
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Entry point of the console script."""
+    enable_compilation_cache()
+    with stop_on_error():
+        tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="jaxsim", description=__doc__)()

@@ -1,0 +1,5 @@
+"""`python -m jaxsim.cli COMMAND`."""
+
+from jaxsim.cli import main
+
+main()

@@ -1,0 +1,53 @@
+"""What all command lines share."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+
+def enable_compilation_cache() -> None:
+    """Keeps compiled programs on disk, so that the second run starts at once.
+
+    JAX_COMPILATION_CACHE_DIR chooses the folder; an empty one turns it off.
+    """
+    import jax
+
+    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxsim" / "xla"
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(default))
+    if folder:
+        jax.config.update("jax_compilation_cache_dir", folder)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@contextmanager
+def stop_on_error() -> Iterator[None]:
+    """Ends the program with the message alone where the user can mend the cause; JAXSIM_TRACEBACK=1 shows all."""
+    try:
+        yield
+    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
+        if os.environ.get("JAXSIM_TRACEBACK"):
+            raise
+        sys.exit(f"error: {error}")
+
+
+def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
+    """The experiment that a command line asks for, and its docstring.
+
+    `argv` is an optional name of `configs`, then flags over its fields.
+    """
+    name, flags = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("synthetic", argv)
+    experiment, docstring = configs.load(name)
+    intro = f"Experiment {name}. {docstring}\n\nOthers: {', '.join(n for n in configs.NAMES if n != name)}."
+    default = replace(experiment, run=replace(experiment.run, name=experiment.run.name or name))
+    parsed = tyro.cli(
+        type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}"
+    )
+    return parsed, docstring

@@ -1,0 +1,136 @@
+"""`jaxsim simulate`: a data set's camera frames to polar frames, clouds and pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import jax
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from jaxsim.cloud import points_of, save_cloud
+from jaxsim.data import open_dataset, select
+from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
+from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
+from jaxsim.geometry import polar_to_points
+from jaxsim.prepare import dense_view
+from jaxsim.report import draw_cloud, save_picture, simulated_picture
+from jaxsim.simulate import LearnedSensor, load
+
+
+@dataclass(frozen=True)
+class Simulate:
+    """Simulates the LiDAR of a trained run over a data set's camera frames.
+
+    Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...) and pictures to OUT. What
+    is already there is not made again, so that a killed command resumes.
+    """
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """Folder of the run."""
+    out: Path
+    """Folder to write to."""
+    data: Literal["same", "synthetic", "kitti_raw", "kitti_object"] = "same"
+    """Data set whose images, depth and labels to use; `same`: the run's own."""
+    root: Path | None = None
+    """Folder of the data set, where it is not the run's."""
+    frames: str = ""
+    """Frames to simulate: `0-99`. Empty: the run's validation frames, or all of another data set."""
+    formats: tuple[Literal["bin", "pcd", "ply", "npz"], ...] = ("bin", "pcd", "ply")
+    """Formats of the clouds."""
+    batch: int = 8
+    """Frames simulated at once."""
+    previews: int = 4
+    """Frames to draw."""
+
+    def __call__(self) -> None:
+        # Sensor and frames.
+        sensor = load(self.run)
+        own = sensor.run.experiment.data
+        foreign = self.data != "same"
+        root = self.root or (None if foreign else own.root)
+        dataset = open_dataset(dataclasses.replace(own, kind=self.data if foreign else own.kind, root=root))
+        wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
+        positions = select(wanted, len(dataset))
+        todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
+
+        # Batches: the last is filled up, so that one compiled program serves all.
+        grid, _ = sensor.window
+        start = time.monotonic()
+        drawn = len(positions) - len(todo)
+        bar = tqdm(total=len(positions), initial=drawn, unit="frame", desc="simulating")
+        for first in range(0, len(todo), self.batch):
+            frames = [dataset[p] for p in todo[first : first + self.batch]]
+            image, painted = simulate_batch(sensor, frames, self.batch)
+            self.announce(grid, frames)
+            for k, frame in enumerate(frames):
+                self.write(frame.name, *take((image, painted), k), grid=grid, draw=drawn < self.previews)
+                drawn += 1
+            bar.update(len(frames))
+        bar.close()
+        rate = f"{len(todo) / (time.monotonic() - start):.2f} frames/s" if todo else "nothing to do"
+        print(f"{len(todo)} frames simulated ({rate}), {len(positions) - len(todo)} were there: {self.out}")
+
+    def files(self, name: str) -> list[Path]:
+        """All files of a frame that must be there; the polar frame is written last."""
+        return [
+            *(self.out / "clouds" / f"{name}.{f}" for f in self.formats),
+            self.out / "polar" / f"{name}.npz",
+        ]
+
+    def announce(self, grid: PolarGrid, frames: Sequence[Frame]) -> None:
+        """Adds frames to grid.json. Raises ValueError where the folder is of another grid."""
+        folder, known = self.out / "polar", {}
+        if (folder / "grid.json").is_file():
+            old, known = read_grid(folder)
+            if (
+                old.azimuth_rad.shape != grid.azimuth_rad.shape
+                or old.elevation_rad.shape != grid.elevation_rad.shape
+            ):
+                raise ValueError(
+                    f"simulate: {folder} holds frames of {len(old.elevation_rad)} x {len(old.azimuth_rad)} cells, these "
+                    f"have {len(grid.elevation_rad)} x {len(grid.azimuth_rad)}; give another --out"
+                )
+        about = {
+            f.name: {"scene": f.scene} | ({} if f.time_s is None else {"time": f.time_s}) for f in frames
+        }
+        write_grid(folder, grid, frames=known | about)
+
+    def write(self, name: str, image: PolarImage, painted: Painted, *, grid: PolarGrid, draw: bool) -> None:
+        """Writes one frame's files."""
+        cloud = polar_to_points(image, grid)
+        *clouds, _ = self.files(name)
+        for path in clouds:
+            save_cloud(path, cloud)
+        if draw:
+            points = points_of(cloud)
+            view = draw_cloud(points, title=f"{name}: {len(points)} points")
+            save_picture(self.out / "previews" / f"{name}_cloud.png", view)
+            save_picture(self.out / "previews" / f"{name}.png", simulated_picture(image, painted, title=name))
+        write_frame(
+            self.out / "polar",
+            name,
+            image,
+            semantic=np.asarray(painted.semantic).astype(np.uint8),
+            instance=painted.instance,
+            rgb=np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
+        )
+
+
+def take(tree: Any, k: int) -> Any:
+    """Item k of a batch, on the host."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf[k]), tree)
+
+
+def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted]:
+    """Simulates frames together on the run's window, filled up to `size`."""
+    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
+    views += [views[-1]] * (size - len(views))
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
+    return sensor.simulate_view(batch)

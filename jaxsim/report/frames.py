@@ -1,0 +1,61 @@
+"""One frame as a picture: what went in, what was predicted, what was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from jaxsim.frame import Painted, Pair, PolarImage
+from jaxsim.report.pictures import colour_classes, colour_scalar, strip
+
+Rgb = UInt8[np.ndarray, "h w 3"]
+Raster = Float[np.ndarray, "rows columns"]
+
+
+def intensity_panel(intensity: Raster, valid: np.ndarray) -> Rgb:
+    """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
+    return colour_scalar(intensity, valid & (intensity > 0), low=0, high=0.6, gamma=0.7)
+
+
+def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
+    """What the camera knows, on the polar window."""
+    valid = np.asarray(painted.valid)
+    rgb = np.where(valid[..., None], np.asarray(painted.rgb) * 255, 40).astype(np.uint8)
+    panels = [
+        ("camera, carried to the LiDAR's grid", rgb),
+        ("range (0-60 m)", colour_scalar(np.asarray(painted.range_m), valid, low=0, high=60, gamma=0.6)),
+    ]
+    semantic = np.asarray(painted.semantic)
+    if (semantic > 0).any():
+        panels.append(
+            (
+                "classes; grey: not seen, or occluded",
+                colour_classes(semantic, valid & ~np.asarray(painted.occluded)),
+            )
+        )
+    return panels
+
+
+def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
+    """Input, prediction, measurement and their difference, one above the other."""
+    painted, measured = pair.painted, pair.measured
+    seen, returned = np.asarray(painted.valid), np.asarray(measured.valid)
+    both = seen & returned
+    intensity = np.asarray(measured.intensity)
+    error = np.abs(predicted - intensity)
+    mean = f"mean {error[both].mean():.3f}" if both.any() else "no cell"
+    panels = [
+        *input_panels(painted),
+        (f"predicted intensity (0-0.6), {title}", intensity_panel(predicted, seen)),
+        ("measured intensity", intensity_panel(intensity, returned)),
+        (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0, high=0.3)),
+    ]
+    return strip(panels)
+
+
+def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb:
+    """Input and prediction of a simulated frame."""
+    intensity, valid = np.asarray(image.intensity), np.asarray(image.valid)
+    return strip(
+        [*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))]
+    )

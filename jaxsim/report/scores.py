@@ -1,0 +1,62 @@
+"""Scores for people and for programs: Markdown tables, scores.json, a run's card."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from jaxsim.atomic import replacing
+from jaxsim.metrics import Score
+from jaxsim.simulate import Run
+
+Scores = dict[str, dict[str, Score]]
+"""Predictor -> score's name -> score."""
+
+
+def score_table(scores: Scores) -> str:
+    """A Markdown table: one row a predictor, one column a score."""
+    first = next(iter(scores.values()))
+    head = [name if score.unit == "1" else f"{name} ({score.unit})" for name, score in first.items()]
+    lines = [f"| predictor | {' | '.join(head)} | cells |", f"|{'---|' * (len(head) + 2)}"]
+    for predictor, row in scores.items():
+        values = " | ".join(f"{s.value:.2f}" if s.unit == "dB" else f"{s.value:.4f}" for s in row.values())
+        lines.append(f"| {predictor} | {values} | {row['mae'].count} |")
+    return "\n".join(lines)
+
+
+def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
+    """Writes scores.json and scores.md."""
+    content = {
+        "frames": frames,
+        "scores": {
+            who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()
+        },
+    }
+    with replacing(folder / "scores.json") as path:
+        path.write_text(json.dumps(content, indent=2))
+    with replacing(folder / "scores.md") as path:
+        path.write_text(f"{len(frames)} frames\n\n{score_table(scores)}\n")
+
+
+def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score], *, seconds: float) -> None:
+    """Writes card.md: what the run is, how to use it, what it scored."""
+    experiment = run.experiment
+    text = f"""# {folder.name}
+
+{description.splitlines()[0] if description else "An intensity network."}
+
+- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
+- inputs: {", ".join(experiment.prepare.inputs)}
+- steps: {experiment.optim.steps}, batch {experiment.optim.batch}; last stretch took {seconds / 60:.1f} minutes
+- sensor: {run.spec.name}, {run.spec.rows} lines
+- jaxsim {run.version}; all settings are in config.json
+
+{score_table({"validation": scores})}
+
+```python
+import jaxsim
+sensor = jaxsim.load("{folder}")
+```
+"""
+    with replacing(folder / "card.md") as path:
+        path.write_text(text)

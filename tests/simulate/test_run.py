@@ -1,0 +1,45 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from jaxsim.config import Experiment
+from jaxsim.frame import Camera, CameraFrame
+from jaxsim.geometry import preset
+from jaxsim.simulate import describe, load_run, start_run
+
+CAMERA = Camera(np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32))
+VIEW = CameraFrame(np.zeros((375, 1242, 3), np.uint8), CAMERA)
+
+
+def run(**changes):
+    experiment = Experiment()
+    optim = dataclasses.replace(experiment.optim, **changes)
+    return describe(dataclasses.replace(experiment, optim=optim), preset("hdl64e"), VIEW)
+
+
+def test_what_is_saved_is_loaded(tmp_path):
+    start_run(tmp_path, run(lr=3e-4))
+    assert load_run(tmp_path) == run(lr=3e-4)
+
+
+def test_more_steps_resume_a_run_but_another_rate_does_not(tmp_path):
+    start_run(tmp_path, run())
+    start_run(tmp_path, run(steps=99999))
+    assert load_run(tmp_path).experiment.optim.steps == 99999
+    with pytest.raises(ValueError, match="--optim.lr was 0.0002, now 0.1"):
+        start_run(tmp_path, run(steps=99999, lr=0.1))
+
+
+def test_a_folder_that_is_no_run_names_the_runs_in_it(tmp_path):
+    start_run(tmp_path / "one", run())
+    with pytest.raises(ValueError, match=r"there are runs at .*one"):
+        load_run(tmp_path)
+
+
+def test_settings_of_another_version_are_refused_with_the_field(tmp_path):
+    start_run(tmp_path, run())
+    path = tmp_path / "config.json"
+    path.write_text(path.read_text().replace('"batch": 8', '"batch": "many"'))
+    with pytest.raises(ValueError, match=r"experiment\.optim\.batch"):
+        load_run(tmp_path)

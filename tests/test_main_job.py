@@ -1,0 +1,175 @@
+"""The main job as a user runs it: train, kill, resume, score, simulate; and the README's own lines."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import read_frame, read_grid
+
+ROOT = Path(__file__).parents[1]
+TINY = [
+    "--data.train=0-3", "--data.validation=4-5", "--prepare.columns=64", "--prepare.network-size", "64", "128",
+    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
+    "--discriminator.filters=4", "--discriminator.max-filters=8", "--optim.batch=2", "--optim.steps=6",
+    "--optim.ema-start=2", "--run.log-every=1", "--run.save-every=2", "--run.picture-every=3",
+]  # fmt: skip
+
+
+def environment(work: Path) -> dict[str, str]:
+    return {**os.environ, "XDG_CACHE_HOME": str(work / "xdg"), "JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""}
+
+
+def start(work: Path, script: str, *args: str) -> subprocess.Popen[str]:
+    command = [sys.executable, str(ROOT / script), *args]
+    return subprocess.Popen(
+        command, cwd=work, env=environment(work), text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> str:
+    output = process.communicate(timeout=600)[0]
+    assert process.returncode == 0, output
+    return output
+
+
+def metrics(run: Path) -> dict[tuple[int, str], float]:
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    return {(line["step"], name): value for line in lines for name, value in line.items() if name != "step"}
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    """A folder with runs/demo: a tiny network trained for six steps on the embedded world."""
+    work = tmp_path_factory.mktemp("work")
+    finish(start(work, "train.py", "synthetic", *TINY, "--run.name=demo"))
+    return work
+
+
+def test_a_run_holds_what_is_needed_to_use_and_to_judge_it(work):
+    run = work / "runs" / "demo"
+    assert {"config.json", "checkpoints", "metrics.jsonl", "figures", "card.md"} <= {
+        p.name for p in run.iterdir()
+    }
+    assert cv2.imread(str(run / "figures" / "step_000006.png")) is not None
+    assert (6, "validation/mae") in metrics(run)
+
+
+def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
+    run = work / "runs" / "killed"
+    process = start(work, "train.py", "synthetic", *TINY, "--run.name=killed")
+    deadline = time.monotonic() + 300
+    while not any((run / "checkpoints").glob("[0-9]*/generator/_METADATA")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    output = finish(start(work, "train.py", "synthetic", *TINY, "--run.name=killed"))
+    assert "resuming" in output or "steps done" in output
+    assert metrics(run) == metrics(work / "runs" / "demo")
+
+
+def test_another_command_does_not_overwrite_a_run(work):
+    process = start(work, "train.py", "synthetic", *TINY, "--run.name=demo", "--optim.lr=0.5")
+    output = process.communicate(timeout=300)[0]
+    assert process.returncode != 0
+    assert "--optim.lr was" in output
+    assert "--run.name" in output
+
+
+def test_a_loss_that_is_not_finite_stops_the_run_and_saves_the_batch(work):
+    process = start(work, "train.py", "synthetic", *TINY, "--run.name=diverged", "--optim.lr=1e30")
+    output = process.communicate(timeout=300)[0]
+    assert process.returncode != 0
+    assert "not finite at step" in output
+    assert "lower --optim.lr" in output
+    assert "Traceback" not in output
+    assert list((work / "runs" / "diverged").glob("diverged_*.npz"))
+
+
+def test_scores_come_with_every_baseline_beside_them(work):
+    output = finish(start(work, "eval.py", "runs/demo"))
+    written = json.loads((work / "runs" / "demo" / "evaluation" / "scores.json").read_text())
+    assert list(written["scores"]) == [
+        "network",
+        "global mean",
+        "per-class mean",
+        "per-row mean",
+        "previous frame",
+    ]
+    assert set(written["scores"]["network"]) == {"mae", "rmse", "psnr", "ssim", "drop_iou", "drop_f1"}
+    assert all(name in output for name in written["scores"])
+
+
+def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work):
+    command = ["-m", "jaxsim.cli", "simulate", "runs/demo", "--frames", "4-6", "--batch", "2", "--out", "sim"]
+    run = lambda: subprocess.run(  # noqa: E731
+        [sys.executable, *command],
+        cwd=work,
+        env=environment(work),
+        text=True,
+        capture_output=True,
+        timeout=300,
+    )
+    first = run()
+    assert first.returncode == 0, first.stderr
+    grid, frames = read_grid(work / "sim" / "polar")
+    assert len(frames) == 3
+    name = next(iter(frames))
+    image, more = read_frame(work / "sim" / "polar", name)
+    assert image.range_m.shape == (len(grid.elevation_rad), 64)
+    assert set(more) == {"semantic", "instance", "rgb"}
+    points = np.fromfile(work / "sim" / "clouds" / f"{name}.bin", "<f4").reshape(-1, 4)
+    assert len(points) == image.valid.sum()
+    np.testing.assert_allclose(
+        np.sort(np.linalg.norm(points[:, :3] - [0, 0, 0], axis=1)),
+        np.sort(image.range_m[image.valid]),
+        atol=0.25,
+    )
+    assert len(list((work / "sim" / "previews").glob("*.png"))) == 6
+    (work / "sim" / "clouds" / f"{name}.ply").unlink()
+    before = {p: p.stat().st_mtime_ns for p in (work / "sim" / "clouds").glob("*") if name not in p.name}
+    second = run()
+    assert "1 frames simulated" in second.stdout
+    assert "2 were there" in second.stdout
+    assert before == {p: p.stat().st_mtime_ns for p in before}
+
+
+def test_the_readmes_first_lines_make_a_point_cloud(work, monkeypatch):
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block
+    code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=work,
+        env=environment(work),
+        text=True,
+        capture_output=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stderr
+    assert int(result.stdout.split()[-1]) >= 0
+
+
+def test_help_teaches(work):
+    text = finish(start(work, "train.py", "--help"))
+    assert "Others:" in text
+    assert "--optim.lr" in text
+    assert "kitti_raw" in text
+
+
+def test_an_unknown_experiment_names_the_known_ones(work):
+    process = start(work, "train.py", "kitty")
+    output = process.communicate(timeout=120)[0]
+    assert process.returncode != 0
+    assert "kitti_raw" in output
+    assert "Traceback" not in output
