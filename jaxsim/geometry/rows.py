@@ -31,7 +31,9 @@ _ROUNDS = 12
 _ORIGIN_WEIGHT = 1e-3  # one observation at 1 cm beside those at the file's 0.3 mm
 _LEAST_MISS_M = 1e-4
 _FITS_DEG = 0.05
-_WIDE_MISS = 4  # beams: a point further off counts as that far, so that strays do not decide where a line belongs
+_WIDE_MISS = (
+    4  # beams: a point further off counts as that far, so that strays do not decide where a line belongs
+)
 _NEW_LINE_COST = 10  # points x beams that must speak for a new line where the azimuth runs on
 
 
@@ -56,7 +58,9 @@ def recover_rows(
     elevations spread, or do not fall. Raises ValueError for points that are not finite.
     """
     if spec is not None and spec.rows != lines:
-        raise ValueError(f"recover_rows: lines is {lines}, but {spec.name} has {spec.rows}; they must be equal")
+        raise ValueError(
+            f"recover_rows: lines is {lines}, but {spec.name} has {spec.rows}; they must be equal"
+        )
     if len(xyz) == 0:
         return np.zeros(0, np.int32)
     if not np.isfinite(xyz).all():
@@ -199,7 +203,9 @@ def fit_beams(
             f"(presets: {', '.join(f'{spec.name} {spec.rows}' for spec in PRESETS.values())})"
         )
     if row.min(initial=0) < 0 or row.max(initial=0) >= lines:
-        raise ValueError(f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}")
+        raise ValueError(
+            f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}"
+        )
     rho, z = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64), xyz[:, 2].astype(np.float64)
     origin, slope = np.asarray(prior.origin_m, np.float64), np.tan(prior.elevation_rad)
     enough = np.bincount(row, minlength=lines) >= _ENOUGH_POINTS
@@ -213,7 +219,7 @@ def fit_beams(
         # Normal equations of (h, tan e), with the prior's origin as one weak observation of h.
         hh, ht, tt = per_row(np.ones_like(z)) + _ORIGIN_WEIGHT, per_row(rho), per_row(rho * rho)
         hz, tz = per_row(z) + _ORIGIN_WEIGHT * np.asarray(prior.origin_m), per_row(rho * z)
-        determinant = np.where(enough, hh * tt - ht * ht, 1.0)
+        determinant = np.where(enough, np.maximum(hh * tt - ht * ht, 1e-9), 1.0)
         origin = np.where(enough, (hz * tt - tz * ht) / determinant, origin)
         slope = np.where(enough, (tz * hh - hz * ht) / determinant, slope)
         miss = z - origin[row] - rho * slope[row]
