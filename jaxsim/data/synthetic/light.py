@@ -1,0 +1,166 @@
+"""Daylight: sun, sky, clouds, haze, and shadows looked up in maps.
+
+A shadow map holds, for points g of the ground, the height at which the sunbeam that would land on g is stopped. A
+point p lies on the beam that lands on g = p - towards * p_z / towards_z: it is in shade if its beam was stopped above
+it. The grid of g is dense by the car and coarse far ahead.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jaxtyping import Float, Int
+
+from jaxsim.data.synthetic.noise import smooth_noise
+from jaxsim.frame import Array
+
+BEHIND_M, GROWTH_X_M, GROWTH_Y_M = 12.0, 20.0, 8.0
+REACH_X_M, REACH_Y_M = 160.0, 42.0
+_TURNS_X = float(np.log1p(REACH_X_M / GROWTH_X_M))
+_TURNS_Y = float(np.arcsinh(REACH_Y_M / GROWTH_Y_M))
+
+
+@struct.dataclass
+class Light:
+    """The weather of one drive."""
+
+    sun: Float[Array, "3"]
+    """Unit vector towards the sun."""
+    sun_rgb: Float[Array, "3"]
+    zenith_rgb: Float[Array, "3"]
+    horizon_rgb: Float[Array, "3"]
+    cloud: Float[Array, ""]
+    """Share of the sky that is covered."""
+    haze_m: Float[Array, ""]
+    """Distance at which haze leaves 1/e of the contrast."""
+    exposure: Float[Array, ""]
+    seed: Float[Array, ""]
+
+
+@struct.dataclass
+class Shadows:
+    """Heights of the shadow map, and how much of the sky is hidden from the ground by what stands on it."""
+
+    height_m: Float[Array, "down across"]
+    covered: Float[Array, "down across"]
+    origin_m: Float[Array, "2"]
+    """Where the maps' dense part lies."""
+
+
+def map_borders(cells: tuple[int, int]) -> tuple[Float[np.ndarray, " across1"], Float[np.ndarray, " down1"]]:
+    """Borders of the map's cells (down, across) in metres from its origin, x then y; host."""
+    u, v = np.linspace(0, 1, cells[1] + 1), np.linspace(-1, 1, cells[0] + 1)
+    return np.expm1(u * _TURNS_X) * GROWTH_X_M - BEHIND_M, np.sinh(v * _TURNS_Y) * GROWTH_Y_M
+
+
+def map_place(
+    x: Float[Array, "*r"], y: Float[Array, "*r"], shape: tuple[int, ...]
+) -> tuple[Float[Array, "*r"], Float[Array, "*r"]]:
+    """Row and column of a place in a map of that shape, whole numbers at cell centres; x, y from its origin."""
+    u = jnp.log1p(jnp.maximum(x + BEHIND_M, 0.0) / GROWTH_X_M) / _TURNS_X
+    v = 0.5 + 0.5 * jnp.arcsinh(y / GROWTH_Y_M) / _TURNS_Y
+    return v * shape[0] - 0.5, u * shape[1] - 0.5
+
+
+def lit(
+    shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]
+) -> Float[Array, "*r"]:
+    """Share of the sun that reaches each point, from its four cells of the map."""
+    x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
+    cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)
+    lift = 0.04 + 1.1 * cell_m
+    px, py, pz = x + lift * normal[0], y + lift * normal[1], at[2] + lift * normal[2]
+    row, column = map_place(
+        px - light.sun[0] / light.sun[2] * pz, py - light.sun[1] / light.sun[2] * pz, shadows.height_m.shape
+    )
+    i, j = jnp.floor(row), jnp.floor(column)
+    share = jnp.zeros_like(x)
+    for down in (0, 1):
+        for across in (0, 1):
+            weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
+            stopped = _at(shadows.height_m, i + down, j + across)
+            share = share + weight * jnp.where(stopped > pz + 0.05, 0.0, 1.0)
+    return share
+
+
+def open_sky(shadows: Shadows, at: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+    """Share of the sky that the ground at a point sees past what stands on it."""
+    row, column = map_place(at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1], shadows.covered.shape)
+    i, j = jnp.floor(row), jnp.floor(column)
+    hidden = jnp.zeros_like(row)
+    for down in (0, 1):
+        for across in (0, 1):
+            weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
+            hidden = hidden + weight * _at(shadows.covered, i + down, j + across)
+    return 1.0 - hidden
+
+
+def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Float[Array, "*r"]):
+    down, across = values.shape
+    i = jnp.clip(row.astype(jnp.int32), 0, down - 1)
+    j = jnp.clip(column.astype(jnp.int32), 0, across - 1)
+    return values.reshape(-1)[i * across + j]
+
+
+def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+    """Radiance of the sky in unit directions; below the horizon, that of the horizon."""
+    up = jnp.maximum(direction[2], 0.0)
+    flat = 1.0 / (up + 0.12)
+    x, y = direction[0] * flat * 1.6, direction[1] * flat * 1.6
+    seed: Int[Array, ""] = light.seed.astype(jnp.int32)
+    mass = 0.55 * smooth_noise(x, y, seed) + 0.28 * smooth_noise(2.3 * x, 2.3 * y, seed + 1)
+    mass = mass + 0.17 * smooth_noise(5.1 * x, 5.1 * y, seed + 2)
+    veil = jnp.clip((mass - 0.78 + 0.7 * light.cloud) * 4.0, 0.0, 1.0)
+    blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))
+    towards_sun = jnp.maximum(sum(direction[i] * light.sun[i] for i in range(3)), 0.0)
+    glow = 0.25 * towards_sun**8
+    out = []
+    for i in range(3):
+        clear = (
+            light.horizon_rgb[i]
+            + (light.zenith_rgb[i] - light.horizon_rgb[i]) * blue
+            + glow * light.sun_rgb[i]
+        )
+        white = (0.72 + 0.28 * mass) * (light.horizon_rgb[i] * 0.8 + 0.22 * light.sun_rgb[i])
+        out.append(clear + (white - clear) * veil)
+    return jnp.stack(out)
+
+
+def shade(
+    light: Light,
+    rgb: Float[Array, "3 *r"],
+    gloss: Float[Array, "*r"],
+    rays: tuple[Float[Array, "3 *r"], Float[Array, "3 *r"]],
+    *,
+    sunlit: Float[Array, "*r"],
+    sky_open: Float[Array, "*r"],
+    distance_m: Float[Array, "*r"],
+) -> Float[Array, "3 *r"]:
+    """Radiance towards the eye of surfaces seen along unit directions; `rays` are those directions and the normals."""
+    view, normal = rays
+    facing = sum(view[i] * normal[i] for i in range(3))
+    sun = jnp.maximum(sum(normal[i] * light.sun[i] for i in range(3)), 0.0) * sunlit
+    above, below = (0.55 + 0.45 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
+    mirrored = jnp.stack([view[i] - 2.0 * facing * normal[i] for i in range(3)])
+    fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
+    fresnel = jnp.clip(fresnel, 0.0, 0.8)
+    # Low mirrored directions meet the houses opposite, not the horizon.
+    houses = jnp.clip(1.0 - 3.0 * jnp.maximum(mirrored[2], 0.0), 0.0, 1.0)
+    seen = sky(light, mirrored)
+    glint = jnp.maximum(sum(mirrored[i] * light.sun[i] for i in range(3)), 0.0) ** 120 * sunlit
+    clear = jnp.exp(-distance_m / light.haze_m)
+    out = []
+    for i in range(3):
+        sky_rgb = 0.5 * (light.zenith_rgb[i] + light.horizon_rgb[i])
+        ground = 0.16 * (light.sun_rgb[i] * light.sun[2] + sky_rgb)
+        value = rgb[i] * (light.sun_rgb[i] * sun + sky_rgb * above + ground * below)
+        around = seen[i] * (1.0 - 0.75 * houses)
+        value = value + fresnel * (around - value) + 4.0 * gloss * glint * light.sun_rgb[i]
+        out.append(light.horizon_rgb[i] + (value - light.horizon_rgb[i]) * clear)
+    return jnp.stack(out)
+
+
+def develop(light: Light, radiance: Float[Array, "*r"]) -> Float[Array, "*r"]:
+    """Display values 0..1: exposure, a film's shoulder, sRGB's gamma."""
+    return (1.0 - jnp.exp(-light.exposure * jnp.maximum(radiance, 0.0))) ** (1.0 / 2.2)

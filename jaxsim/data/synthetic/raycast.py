@@ -1,0 +1,225 @@
+"""Casts bundles of rays at convex solids and at the street.
+
+Rays come in tiles (t) of neighbours (r): a tile has a list of the solids that its rays may meet (`tiles.py`), and
+every ray of it is tried on each. A ray is the points o + s d, s > 0; d need not have unit length, so that with d of
+unit depth s is the depth. Vectors have their components first, (3, t, r), which keeps the inner loop contiguous.
+
+For a convex solid, s runs through an interval [enter, leave]: cut by each plane, by the quadric, by the caps.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.data.synthetic.noise import smooth_noise3
+from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
+from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
+from jaxsim.frame import Array
+
+FAR_M = 1e4
+POLYHEDRA, ROUNDS, CROWNS = CAPACITY
+GROUND = sum(CAPACITY)
+"""Number of the ground among the solids; SKY is the next."""
+SKY = GROUND + 1
+LEAF_M = 0.22
+"""Size of a clump of leaves."""
+
+
+@struct.dataclass
+class Candidates:
+    """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count."""
+
+    polyhedra: Int[Array, "t polyhedra"]
+    rounds: Int[Array, "t rounds"]
+    crowns: Int[Array, "t crowns"]
+    counts: Int[Array, "t 3"]
+
+
+@struct.dataclass
+class Hit:
+    """What each ray meets first."""
+
+    distance: Float[Array, "t r"]
+    """In lengths of the ray's direction; FAR_M for the sky."""
+    solid: Int[Array, "t r"]
+    """Number of the solid, or GROUND, or SKY."""
+    normal: Float[Array, "3 t r"]
+    """Unit, outward; up in the sky."""
+    kerb: Bool[Array, "t r"]
+    """The ground's hit is a kerb's face."""
+
+
+def cast(
+    solids: Solids,
+    street: Street,
+    origin: Float[Array, "3 t0 r0"],
+    direction: Float[Array, "3 t r"],
+    *,
+    candidates: Candidates,
+) -> Hit:
+    """Nearest hit of every ray; `origin` may have 1 in place of t or r."""
+    distance, code = cast_solids(solids, origin, direction, candidates=candidates)
+    ground, meets, face = cast_ground(street, origin, direction)
+    nearer = meets & (ground < distance)
+    distance = jnp.where(nearer, ground, distance)
+    solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
+    at = origin + distance[None] * direction
+
+    planes = solids.planes[:, :, :3].reshape(-1, 3)
+    flat = planes[jnp.where((code >= 0) & (solid < POLYHEDRA), code, 0)]
+    conic = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
+    curved = _round_normal(solids, conic, at)
+    up = ground_normal(street, at[0], at[1], face)
+    leaf = solid >= POLYHEDRA + ROUNDS
+    rough = _leaf_normal(at, curved)
+    normal = jnp.where(leaf[None], rough, curved)
+    normal = jnp.where(solid[None] < POLYHEDRA, jnp.moveaxis(flat, -1, 0), normal)
+    normal = jnp.where(solid[None] >= GROUND, up, normal)
+    return Hit(distance, solid, normal, nearer & face)
+
+
+def cast_solids(
+    solids: Solids,
+    origin: Float[Array, "3 t0 r0"],
+    direction: Float[Array, "3 t r"],
+    *,
+    candidates: Candidates,
+) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
+    """Nearest hit with a solid and its code, FACES * solid + face; FAR_M and a negative code where there is none."""
+    shape = direction.shape[1:]
+    best = (jnp.full(shape, FAR_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
+
+    def polyhedra(k: Int[Array, ""], best):
+        number = candidates.polyhedra[:, k]
+        enter, face = enter_polyhedron(origin, direction, solids.planes[number])
+        return _nearer(best, enter, number[:, None] * FACES + face)
+
+    def rounds(k: Int[Array, ""], best):
+        number = candidates.rounds[:, k]
+        shape = (solids.conics[number], solids.roundness[number], solids.bore[number])
+        enter = enter_round(origin, direction, *shape)
+        return _nearer(best, enter, (number[:, None] + POLYHEDRA) * FACES)
+
+    def crowns(k: Int[Array, ""], best):
+        number = candidates.crowns[:, k]
+        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], solids.path_m[number])
+        return _nearer(best, enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES)
+
+    most = candidates.counts.max(axis=0)
+    for kind, body in enumerate((polyhedra, rounds, crowns)):
+        best = jax.lax.fori_loop(0, most[kind], body, best)
+    return best
+
+
+def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
+    distance, codes = best
+    wins = enter < distance
+    return jnp.where(wins, enter, distance), jnp.where(wins, code, codes)
+
+
+def enter_polyhedron(
+    origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], planes: Float[Array, "t faces 4"]
+) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
+    """Where each ray enters its tile's polyhedron, FAR_M if it does not, and through which face."""
+    shape = direction.shape[1:]
+    enter, leave = jnp.full(shape, -FAR_M, jnp.float32), jnp.full(shape, FAR_M, jnp.float32)
+    face = jnp.zeros(shape, jnp.int32)
+    for f in range(FACES):
+        nx, ny, nz, w = (planes[:, f, i, None] for i in range(4))
+        towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
+        room = w - (nx * origin[0] + ny * origin[1] + nz * origin[2])
+        s = room / towards
+        later = (towards < 0.0) & (s > enter)
+        enter, face = jnp.where(later, s, enter), jnp.where(later, f, face)
+        leave = jnp.where((towards > 0.0) & (s < leave), s, leave)
+        # A ray along a plane, on its outer side, never enters.
+        leave = jnp.where((towards == 0.0) & (room < 0.0), -FAR_M, leave)
+    return jnp.where((enter < leave) & (enter > 0.0), enter, FAR_M), face
+
+
+def _span(
+    origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], conic: Float[Array, "t 3 4"], weight
+) -> tuple[Float[Array, "3 t r"], Float[Array, "3 t r"], Float[Array, "t r"], Float[Array, "t r"]]:
+    """Rays in the solid's own units, and where they enter and leave its quadric (FAR_M, -FAR_M if they miss it)."""
+
+    def own(v, *, shift: bool):
+        rows = []
+        for i in range(3):
+            a, b, c, d = (conic[:, i, j, None] for j in range(4))
+            rows.append(a * v[0] + b * v[1] + c * v[2] + (d if shift else 0.0))
+        return jnp.stack(rows)
+
+    q, p = own(origin, shift=True), own(direction, shift=False)
+    # Seen from the point of closest approach, nothing large cancels: a thin pole 60 m away needs that in float32.
+    length2 = jnp.maximum(p[0] * p[0] + p[1] * p[1] + weight * p[2] * p[2], 1e-12)
+    middle = -(q[0] * p[0] + q[1] * p[1] + weight * q[2] * p[2]) / length2
+    x, y, z = (q[i] + middle * p[i] for i in range(3))
+    inside = 1.0 - (x * x + y * y + weight * z * z)
+    reach = jnp.sqrt(jnp.maximum(inside, 0.0) / length2)
+    met = inside > 0.0
+    return q, p, jnp.where(met, middle - reach, FAR_M), jnp.where(met, middle + reach, -FAR_M)
+
+
+def enter_round(
+    origin: Float[Array, "3 t0 r0"],
+    direction: Float[Array, "3 t r"],
+    conic: Float[Array, "t 3 4"],
+    roundness: Float[Array, " t"],
+    bore: Float[Array, " t"],
+) -> Float[Array, "t r"]:
+    """Where each ray enters its tile's ball or capped cylinder; FAR_M if it does not.
+
+    A ring is thin: a ray that enters its cap within the bore passes.
+    """
+    q, p, enter, leave = _span(origin, direction, conic, roundness[:, None])
+    along = jnp.where(jnp.abs(p[2]) < 1e-12, 1e-12, p[2])
+    one, other = (-1.0 - q[2]) / along, (1.0 - q[2]) / along
+    cap = jnp.minimum(one, other)
+    leave = jnp.minimum(leave, jnp.maximum(one, other))
+    x, y = q[0] + cap * p[0], q[1] + cap * p[1]
+    passes = (cap > enter) & (x * x + y * y < (bore * bore)[:, None])
+    enter = jnp.maximum(enter, cap)
+    return jnp.where((enter < leave) & (enter > 0.0) & ~passes, enter, FAR_M)
+
+
+def enter_crown(
+    origin: Float[Array, "3 t0 r0"],
+    direction: Float[Array, "3 t r"],
+    conic: Float[Array, "t 3 4"],
+    path_m: Float[Array, " t"],
+) -> Float[Array, "t r"]:
+    """Where a leaf stops each ray in its tile's crown; FAR_M where it gets through.
+
+    The free path is -path_m ln u (Beer-Lambert), with u noise that belongs to the place where the ray enters.
+    """
+    _, _, enter, leave = _span(origin, direction, conic, jnp.float32(1.0))
+    x, y, z = (jnp.clip(origin[i] + enter * direction[i], -FAR_M, FAR_M) / LEAF_M for i in range(3))
+    coarse, fine = smooth_noise3(x, y, z), smooth_noise3(3.1 * x, 3.1 * y, 3.1 * z)
+    # Interpolated noise gathers about 1/2: stretch it over (0, 1).
+    u = jnp.clip(1.6 * (0.6 * coarse + 0.4 * fine - 0.5) + 0.5, 0.02, 0.98)
+    unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    stop = enter - path_m[:, None] * jnp.log(u) * unit
+    return jnp.where((stop < leave) & (enter > 0.0), stop, FAR_M)
+
+
+def _round_normal(
+    solids: Solids, conic: Int[Array, "t r"], at: Float[Array, "3 t r"]
+) -> Float[Array, "3 t r"]:
+    rows = solids.conics.reshape(-1, 12)[conic]
+    own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
+    ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
+    cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
+    weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]
+    normal = jnp.stack([sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3)])
+    return normal / jnp.maximum(jnp.sqrt(jnp.sum(normal * normal, axis=0, keepdims=True)), 1e-9)
+
+
+def _leaf_normal(at: Float[Array, "3 t r"], normal: Float[Array, "3 t r"]) -> Float[Array, "3 t r"]:
+    """A crown's leaves point outwards on the whole, each clump its own way."""
+    x, y, z = at / LEAF_M
+    turn = jnp.stack([smooth_noise3(x + shift, y, z) - 0.5 for shift in (17.0, 31.0, 47.0)])
+    mixed = normal + 2.2 * turn
+    return mixed / jnp.maximum(jnp.sqrt(jnp.sum(mixed * mixed, axis=0, keepdims=True)), 1e-6)

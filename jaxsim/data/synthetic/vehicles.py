@@ -1,0 +1,154 @@
+"""Cars of several shapes, vans and trucks.
+
+A car is a lower body with bonnet and tail, a cabin of glass with a roof, and four wheels. x forward, origin on the
+road beneath its middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsim.data.synthetic import palette
+from jaxsim.data.synthetic.solids import Look, Model, Pattern
+
+CAR, TRUCK = 26, 27
+
+
+@dataclass(frozen=True)
+class CarShape:
+    """Side view of a car, metres; x of the cabin's corners as shares of half the length."""
+
+    length: float
+    width: float
+    height: float
+    belt: float
+    """Height of the windows' lower edge."""
+    bonnet: float
+    """Height of the bonnet's front edge."""
+    tail: float
+    """Height of the tail's rear edge."""
+    screen: tuple[float, float]
+    """Windscreen: x of its foot and of its head."""
+    rear: tuple[float, float]
+    """Rear window: x of its head and of its foot."""
+    kind: str = "Car"
+
+
+CAR_SHAPES = {
+    "hatchback": CarShape(4.05, 1.76, 1.48, 0.95, 0.72, 0.93, (0.52, 0.12), (-0.70, -0.97)),
+    "saloon": CarShape(4.65, 1.82, 1.45, 0.94, 0.72, 0.90, (0.42, 0.08), (-0.42, -0.74)),
+    "estate": CarShape(4.70, 1.82, 1.49, 0.95, 0.73, 0.93, (0.42, 0.08), (-0.82, -0.98)),
+    "suv": CarShape(4.55, 1.88, 1.70, 1.08, 0.92, 1.05, (0.46, 0.14), (-0.78, -0.97)),
+    "van": CarShape(5.00, 1.96, 2.05, 1.15, 0.98, 1.12, (0.74, 0.42), (-0.95, -0.99), "Van"),
+}
+
+
+def plane(through: tuple[float, float], other: tuple[float, float]) -> tuple[float, float, float, float]:
+    """Plane across the car through two points (x, z) of its side view; what lies below it is kept."""
+    dx, dz = other[0] - through[0], other[1] - through[1]
+    normal = (-dz, dx) if dx > 0 else (dz, -dx)
+    return normal[0], 0.0, normal[1], normal[0] * through[0] + normal[1] * through[1]
+
+
+def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, float, float]]:
+    """A car of that shape, slightly varied, and its length, width, height."""
+    scale = rng.normal(1.0, 0.025, 3).clip(0.94, 1.06)
+    length, width, height = np.multiply((shape.length, shape.width, shape.height), scale)
+    belt, bonnet, tail = np.multiply((shape.belt, shape.bonnet, shape.tail), scale[2])
+    half, wide = length / 2, width / 2
+    foot, head = np.multiply(shape.screen, half)
+    rear_head, rear_foot = np.multiply(shape.rear, half)
+    paint = palette.car_paint(rng)
+    radius = float(rng.uniform(0.30, 0.34)) * (1.08 if shape.height > 1.6 else 1.0)
+    axle = 0.30 * length
+    size = (half, wide, height)
+    seed = int(rng.integers(1 << 20))
+
+    def look(pattern: Pattern, extra: tuple[float, float]) -> Look:
+        red = palette.RED_LAMP
+        first = {"rgb": paint.rgb, "nir": paint.nir, "gloss": paint.gloss, "absorbing": paint.absorbing}
+        second = {"rgb2": red.rgb, "nir2": red.nir}
+        return Look(CAR, pattern=pattern, half_m=size, seed=seed, extra=extra, **first, **second)
+
+    model = Model()
+    lean = 0.10
+    model.box(
+        (-half, -wide, 0.19),
+        (half, wide, belt),
+        look(Pattern.CAR_BODY, (axle, radius)),
+        cuts=(
+            plane((half, bonnet), (foot, belt)),
+            plane((rear_foot, belt), (-half - 0.02, tail - 0.03)),
+            (0.0, 1.0, 0.45, wide + 0.45 * 0.72 * belt),
+            (0.0, -1.0, 0.45, wide + 0.45 * 0.72 * belt),
+            (1.0, 0.8, 0.0, half + 0.8 * (wide - 0.32)),
+            (1.0, -0.8, 0.0, half + 0.8 * (wide - 0.32)),
+        ),
+    )
+    inner = wide - 0.45 * 0.28 * belt
+    model.box(
+        (rear_foot - 0.02, -inner, belt - 0.05),
+        (foot + 0.02, inner, height),
+        look(Pattern.CAR_CABIN, (belt, 0.5 * (head + rear_head))),
+        cuts=(
+            plane((foot, belt), (head, height)),
+            plane((rear_head, height), (rear_foot, belt)),
+            (0.0, 1.0, 0.32, inner + 0.32 * belt),
+            (0.0, -1.0, 0.32, inner + 0.32 * belt),
+            (0.0, lean, 1.0, lean * 0.6 * inner + height),
+            (0.0, -lean, 1.0, lean * 0.6 * inner + height),
+        ),
+    )
+    _wheels(model, CAR, (axle, -axle), radius, wide)
+    return model, (float(length), float(width), float(height))
+
+
+def _wheels(model: Model, semantic: int, axles: tuple[float, ...], radius: float, wide: float) -> None:
+    for x in axles:
+        look = Look(
+            semantic,
+            palette.TYRE.rgb,
+            palette.TYRE.nir,
+            Pattern.WHEEL,
+            rgb2=palette.RIM.rgb,
+            nir2=palette.RIM.nir,
+            extra=(abs(x), radius),
+        )
+        for side in (-1, 1):
+            model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), radius, look)
+
+
+def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
+    """A delivery lorry: cab, box, chassis, wheels; and its length, width, height."""
+    length, width, height = rng.uniform(6.5, 9.5), rng.uniform(2.3, 2.5), rng.uniform(2.9, 3.5)
+    half, wide = length / 2, width / 2
+    cab_end, cab_height = half - rng.uniform(1.8, 2.1), rng.uniform(2.3, 2.6)
+    paint, box = palette.car_paint(rng), palette.wall(rng, brick=False)
+    band = palette.car_paint(rng)
+    colours = {"rgb": paint.rgb, "nir": paint.nir, "gloss": 0.05, "absorbing": paint.absorbing}
+    model = Model()
+    cab = Look(TRUCK, pattern=Pattern.CAR_CABIN, half_m=(half, wide, cab_height - 0.15), **colours)
+    cab_middle = (cab_end + half) / 2
+    model.box(
+        (cab_end, -wide + 0.05, 0.45),
+        (half, wide - 0.05, cab_height),
+        Look(**{**cab.__dict__, "extra": (1.35, cab_middle)}),
+        cuts=(
+            plane((half, 1.3), (half - 0.28, cab_height)),
+            (1.0, 0.7, 0.0, half + 0.7 * (wide - 0.25)),
+            (1.0, -0.7, 0.0, half + 0.7 * (wide - 0.25)),
+        ),
+    )
+    side = {"rgb": box.rgb, "nir": box.nir, "rgb2": band.rgb, "nir2": band.nir}
+    seed = int(rng.integers(1 << 20))
+    model.box(
+        (-half, -wide, 0.95),
+        (cab_end - 0.15, wide, height),
+        Look(TRUCK, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed, **side),
+    )
+    steel = palette.DARK_METAL
+    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), Look(TRUCK, steel.rgb, steel.nir))
+    _wheels(model, TRUCK, (half - 1.2, -half + 1.6), 0.46, wide - 0.02)
+    return model, (float(length), float(width), float(height))

@@ -1,0 +1,258 @@
+"""The embedded world as a data set: endless drives through procedural streets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxsim.data.synthetic.boxes import label
+from jaxsim.data.synthetic.layout import Drive, lay_out
+from jaxsim.data.synthetic.light import map_borders
+from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.render import (
+    CAMERA_TILE,
+    COVER_CELLS,
+    COVER_TILE,
+    LIDAR_TILE,
+    SHADOW_CELLS,
+    SHADOW_TILE,
+    Picture,
+    Scene,
+    cast_shadows,
+    scan,
+    take_picture,
+)
+from jaxsim.data.synthetic.scene import along_street, place, poses
+from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
+from jaxsim.frame import Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
+from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
+
+FRAMES_PER_DRIVE = 10
+FRAME_S = 0.1
+PITCH_RAD = 0.004
+KITTI_SIZE = (375, 1242)
+# Camera 2 of KITTI's car on 2011_09_26, rectified, and its place on the LiDAR.
+_PROJECTION = np.array(
+    [
+        [721.5377, 0.0, 609.5593, 44.85728],
+        [0.0, 721.5377, 172.854, 0.2163791],
+        [0.0, 0.0, 1.0, 0.002745884],
+    ]
+)
+_RECTIFY = np.array(
+    [
+        [0.9999239, 0.00983776, -0.007445048],
+        [-0.009869795, 0.9999421, -0.004278459],
+        [0.007402527, 0.004351614, 0.9999631],
+    ]
+)
+_CAM_FROM_VELO = np.array(
+    [
+        [0.007533745, -0.9999714, -0.000616602, -0.004069766],
+        [0.01480249, 0.0007280733, -0.9998902, -0.07631618],
+        [0.9998621, 0.00752379, 0.01480755, -0.2717806],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """A scene at one time, and where the car is in it."""
+
+    drive: Drive
+    scene: Scene
+    corners: Float[np.ndarray, "solids 8 3"]
+    position_m: Float[np.ndarray, "things 3"]
+    heading_rad: Float[np.ndarray, " things"]
+    velo_pose: Float[np.ndarray, "4 4"]
+
+
+class SyntheticWorld:
+    """Frames of an HDL-64E-like sensor and KITTI's camera 2 in made-up streets.
+
+    Ten frames, 0.1 s apart, make a drive through one street, which is a scene. Frame i depends on (seed, i) alone.
+    Semantic ids are Cityscapes'; `image_size` scales the camera's focal length, so that the view stays.
+    """
+
+    def __init__(
+        self,
+        seed: int = 0,
+        spec: LidarSpec | None = None,
+        columns: int = 1024,
+        *,
+        image_size: tuple[int, int] = KITTI_SIZE,
+        sensor: TrueSensor | None = None,
+    ):
+        self.name = "synthetic"
+        self.seed, self.columns, self.image_size = seed, columns, image_size
+        self.spec = spec or preset("hdl64e")
+        self.sensor = sensor or TrueSensor()
+        self.grid = full_grid(self.spec, columns)
+        self.camera = kitti_camera(image_size)
+
+    def __len__(self) -> int:
+        return 1_000_000
+
+    def __getitem__(self, index: int) -> Frame:
+        """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
+        moment = self._moment(index)
+        picture = self._picture(moment, index)
+        image = self.measure(index, self._truth(moment))
+        return Frame(
+            name=f"synthetic-{self.seed}-{index:06d}",
+            scene=f"synthetic-{self.seed}-drive-{index // FRAMES_PER_DRIVE:05d}",
+            camera=CameraFrame(
+                rgb=picture.rgb,
+                camera=self.camera,
+                depth_m=picture.depth_m,
+                depth_valid=picture.valid,
+                semantic=picture.semantic,
+                instance=picture.instance,
+            ),
+            cloud=cloud_of(image, self.spec, self.columns),
+            time_s=FRAME_S * (index % FRAMES_PER_DRIVE),
+            boxes=self._boxes(moment, picture.instance),
+        )
+
+    def truth(self, index: int) -> Truth:
+        """What the LiDAR's rays of frame `index` meet, and what the sensor would report without noise or loss."""
+        return self._truth(self._moment(index))
+
+    def measure(self, index: int, truth: Truth, *, repeat: int = 0) -> PolarImage:
+        """The sensor's noisy report; `repeat` 0 is the frame's own, others are further measurements of the moment."""
+        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.seed), index), repeat)
+        return _host(measure(truth, key, sensor=self.sensor, spec=self.spec))
+
+    def _moment(self, index: int) -> _Moment:
+        if not 0 <= index < len(self):
+            raise IndexError(f"synthetic world: frame {index} is not in 0 .. {len(self) - 1}")
+        drive = _drive(self.seed, index // FRAMES_PER_DRIVE)
+        time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
+        curvature = float(drive.street.curvature)
+        position, heading = poses(drive.things, curvature, time_s)
+        solids, corners = place(drive.parts, position, heading, _instances(drive))
+        spot, turn = along_street(
+            curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m])
+        )
+        pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)
+        pose = np.eye(4)
+        pose[:3, :3] = _rotation(2, turn[0] + yaw) @ _rotation(1, pitch) @ _rotation(0, 0.5 * roll)
+        pose[:3, 3] = (*spot[0], self.spec.mount_m)
+        scene = Scene(solids, drive.street, drive.light)
+        return _Moment(drive, scene, corners, position, heading, pose)
+
+    def _truth(self, moment: _Moment) -> Truth:
+        corners = _into(moment.velo_pose, moment.corners)
+        listed = candidates(polar_mask(corners, self.grid, LIDAR_TILE), moment.drive.parts.counts)
+        pose = moment.velo_pose.astype(np.float32)
+        met = scan(moment.scene, self.grid, velo_pose=pose, candidates=listed)
+        gain = beam_gain(self.sensor, self.spec.rows)
+        return _host(report(met, gain, sensor=self.sensor, spec=self.spec))
+
+    def _picture(self, moment: _Moment, index: int) -> Picture:
+        counts, corners = moment.drive.parts.counts, moment.corners
+        eye = moment.velo_pose[:2, 3]
+        sun = np.asarray(moment.drive.light.sun, np.float64)
+        shadows = cast_shadows(
+            moment.scene.solids,
+            sun.astype(np.float32),
+            eye.astype(np.float32),
+            sunward=_ground_candidates(corners, counts, sun, eye, SHADOW_CELLS, SHADOW_TILE),
+            upward=_ground_candidates(
+                corners, counts, np.array([0.0, 0.0, 1.0]), eye, COVER_CELLS, COVER_TILE
+            ),
+        )
+        cam_pose = moment.velo_pose @ np.linalg.inv(self.camera.cam_from_velo.astype(np.float64))
+        height, width = self.image_size
+        u = np.arange(0, width + CAMERA_TILE[1], CAMERA_TILE[1]) - 0.5
+        v = np.arange(0, height + CAMERA_TILE[0], CAMERA_TILE[0]) - 0.5
+        mask = pinhole_mask(_into(cam_pose, corners), self.camera.intrinsics, u, v)
+        return _host(
+            take_picture(
+                moment.scene,
+                shadows,
+                self.camera.intrinsics,
+                cam_pose=cam_pose.astype(np.float32),
+                candidates=candidates(mask, counts),
+                size=self.image_size,
+                key=jax.random.fold_in(jax.random.key(self.seed + 1), index),
+            )
+        )
+
+    def _boxes(self, moment: _Moment, instance: Int[np.ndarray, "h w"]) -> Boxes:
+        cam_from_world = self.camera.cam_from_velo.astype(np.float64) @ np.linalg.inv(moment.velo_pose)
+        return label(
+            moment.drive.things,
+            moment.position_m,
+            moment.heading_rad,
+            cam_from_world=cam_from_world,
+            intrinsics=self.camera.intrinsics.astype(np.float64),
+            instance=instance,
+        )
+
+
+@lru_cache(maxsize=4)
+def _drive(seed: int, drive: int) -> Drive:
+    return lay_out(seed, drive)
+
+
+def _instances(drive: Drive) -> Int[np.ndarray, " things"]:
+    """A labelled thing's number + 1; houses and trees have none."""
+    return np.array([i + 1 if thing.kind else 0 for i, thing in enumerate(drive.things)], np.int64)
+
+
+def kitti_camera(image_size: tuple[int, int] = KITTI_SIZE) -> Camera:
+    """KITTI's rectified camera 2, its focal lengths and centre scaled to an image of that size (rows, columns)."""
+    projection = _PROJECTION.copy()
+    for axis, (now, then) in enumerate(zip(image_size[::-1], KITTI_SIZE[::-1], strict=True)):
+        # Pixel centres lie at whole numbers, the image's corner at -1/2.
+        projection[axis] *= now / then
+        projection[axis, 2] += 0.5 * (now / then) - 0.5
+    rectify = np.eye(4)
+    rectify[:3, :3] = _RECTIFY
+    return camera_from_projection(projection, rectify @ _CAM_FROM_VELO)
+
+
+def cloud_of(image: PolarImage, spec: LidarSpec, columns: int) -> Cloud:
+    """Valid returns in the order of KITTI's files: line by line, each from straight ahead counter-clockwise; host."""
+    grid = full_grid(spec, columns)
+    # Columns fall in azimuth; counter-clockwise from ahead is leftwards from the middle, then on from the right end.
+    order = np.roll(np.arange(columns)[::-1], -(columns - columns // 2))
+    valid = np.asarray(image.valid)[:, order]
+    row, _ = np.nonzero(valid)
+    rays = np.asarray(directions(grid))[:, order][valid]
+    xyz = np.asarray(image.range_m)[:, order][valid][:, None] * rays
+    xyz[:, 2] += np.asarray(grid.origin_m)[row]
+    intensity = np.asarray(image.intensity)[:, order][valid]
+    return Cloud(xyz, intensity, np.ones(len(row), bool), row.astype(np.int32))
+
+
+def _host(tree):
+    return jax.tree.map(np.asarray, tree)
+
+
+def _rotation(axis: int, angle_rad: float) -> Float[np.ndarray, "3 3"]:
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    out = np.eye(3)
+    out[i, i] = out[j, j] = np.cos(angle_rad)
+    out[j, i], out[i, j] = np.sin(angle_rad), -np.sin(angle_rad)
+    return out
+
+
+def _into(world_from_frame: Float[np.ndarray, "4 4"], corners: Float[np.ndarray, "n 8 3"]):
+    """Corners in the frame whose pose is given."""
+    return (corners - world_from_frame[:3, 3]) @ world_from_frame[:3, :3]
+
+
+def _ground_candidates(
+    corners, counts, towards, eye, cells: tuple[int, int], tile: tuple[int, int]
+) -> Candidates:
+    x, y = map_borders(cells)
+    mask = slanted_mask(corners, towards, x[:: tile[1]] + eye[0], y[:: tile[0]] + eye[1])
+    return candidates(mask, counts)
