@@ -52,10 +52,7 @@ def main(args: Evaluation) -> None:
     positions = select(args.frames or (f"0-{len(dataset) - 1}" if foreign else data.validation), len(dataset))
     judged = prepared(dataset, positions, judged_data, prepare)
     earlier = prepared(dataset, [max(p - 1, 0) for p in positions], judged_data, prepare)
-    before = [
-        earlier[k] if p > 0 and earlier.scenes[k] == judged.scenes[k] else None
-        for k, p in enumerate(positions)
-    ]
+    before = [earlier[k] if p > 0 and earlier.scenes[k] == judged.scenes[k] else None for k, p in enumerate(positions)]
     train = prepared(own, select(data.train, len(own)), data, prepare)
 
     # Scores: the network and the baselines, on the same cells.
@@ -68,9 +65,7 @@ def main(args: Evaluation) -> None:
     for name, pair in list(zip(judged.names, judged, strict=True))[: args.pictures]:
         predicted = np.asarray(predict(sensor.params, pair))
         save_picture(out / f"{name}.png", pair_picture(pair, predicted, title=name))
-    print(
-        f"{len(judged)} frames of {judged_data.kind}\n\n{score_table(scores)}\n\nscores and pictures: {out}"
-    )
+    print(f"{len(judged)} frames of {judged_data.kind}\n\n{score_table(scores)}\n\nscores and pictures: {out}")
 
 
 if __name__ == "__main__":

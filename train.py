@@ -71,15 +71,11 @@ def main(experiment: Experiment, description: str) -> None:
         scribe.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
         picture = pair_picture(pair, np.asarray(predict(params, pair)), title=f"step {step}")
         save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
-        bar.write(
-            f"step {step}: validation " + ", ".join(f"{name} {s.value:.4f}" for name, s in scores.items())
-        )
+        bar.write(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4f}" for name, s in scores.items()))
 
     # Loop: batch k depends on (seed, k) alone, so a resumed run sees what an uninterrupted one would.
     begun = time.monotonic()
-    bar = tqdm(
-        total=optim.steps, initial=start, desc=settings.name, unit="step", smoothing=0.1, mininterval=1.0
-    )
+    bar = tqdm(total=optim.steps, initial=start, desc=settings.name, unit="step", smoothing=0.1, mininterval=1.0)
     try:
         for k in range(start, optim.steps):
             batch = to_batch(loader[k])
@@ -90,9 +86,7 @@ def main(experiment: Experiment, description: str) -> None:
             if step % settings.log_every == 0 or last:
                 values = {name: float(value) for name, value in metrics.items() if name != "finite"}
                 scribe.write(step, values)
-                losses = {
-                    name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")
-                }
+                losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
                 bar.set_postfix(losses, refresh=False)
             bar.update()
             if step % settings.picture_every == 0 or last:

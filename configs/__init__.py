@@ -1,4 +1,4 @@
-"""Experiments: one file, one `experiment` value, and a docstring that says what it takes and what it scored."""
+"""Experiments: one file, one `experiment` value, and a docstring that says what it takes and scored."""
 
 import importlib
 import pkgutil

@@ -29,7 +29,10 @@ def enable_compilation_cache() -> None:
 
 @contextmanager
 def stop_on_error() -> Iterator[None]:
-    """Ends the program with the message alone where the user can mend the cause; JAXSIM_TRACEBACK=1 shows all."""
+    """Ends the program with the message alone where a user can mend the cause.
+
+    JAXSIM_TRACEBACK=1 shows where it came from.
+    """
     try:
         yield
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
@@ -47,7 +50,5 @@ def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
     experiment, docstring = configs.load(name)
     intro = f"Experiment {name}. {docstring}\n\nOthers: {', '.join(n for n in configs.NAMES if n != name)}."
     default = replace(experiment, run=replace(experiment.run, name=experiment.run.name or name))
-    parsed = tyro.cli(
-        type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}"
-    )
+    parsed = tyro.cli(type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}")
     return parsed, docstring

@@ -89,17 +89,12 @@ class Simulate:
         folder, known = self.out / "polar", {}
         if (folder / "grid.json").is_file():
             old, known = read_grid(folder)
-            if (
-                old.azimuth_rad.shape != grid.azimuth_rad.shape
-                or old.elevation_rad.shape != grid.elevation_rad.shape
-            ):
+            if old.azimuth_rad.shape != grid.azimuth_rad.shape or old.elevation_rad.shape != grid.elevation_rad.shape:
                 raise ValueError(
-                    f"simulate: {folder} holds frames of {len(old.elevation_rad)} x {len(old.azimuth_rad)} cells, these "
-                    f"have {len(grid.elevation_rad)} x {len(grid.azimuth_rad)}; give another --out"
+                    f"simulate: {folder} holds frames of {len(old.elevation_rad)} x {len(old.azimuth_rad)} "
+                    f"cells, these have {len(grid.elevation_rad)} x {len(grid.azimuth_rad)}; give another --out"
                 )
-        about = {
-            f.name: {"scene": f.scene} | ({} if f.time_s is None else {"time": f.time_s}) for f in frames
-        }
+        about = {f.name: {"scene": f.scene} | ({} if f.time_s is None else {"time": f.time_s}) for f in frames}
         write_grid(folder, grid, frames=known | about)
 
     def write(self, name: str, image: PolarImage, painted: Painted, *, grid: PolarGrid, draw: bool) -> None:

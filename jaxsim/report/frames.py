@@ -56,6 +56,4 @@ def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
 def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb:
     """Input and prediction of a simulated frame."""
     intensity, valid = np.asarray(image.intensity), np.asarray(image.valid)
-    return strip(
-        [*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))]
-    )
+    return strip([*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))])

@@ -1,4 +1,4 @@
-"""Pictures that people look at: strips of rasters on the polar grid, and clouds from above and from behind."""
+"""Pictures that people look at: strips of rasters on the polar grid, and clouds from behind."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 from jaxsim.atomic import replacing
 
 Rgb = UInt8[np.ndarray, "h w 3"]
-NOTHING = (38, 38, 42)
+NOTHING = np.array([38, 38, 42], np.uint8)
 INK = (232, 232, 232)
 
 # Cityscapes colours by class id, for the classes that street data sets label.
@@ -37,12 +37,12 @@ def colour_scalar(
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
     colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
-    return np.where(valid[..., None], colours, np.uint8(NOTHING))
+    return np.where(valid[..., None], colours, NOTHING)
 
 
 def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> Rgb:
     """Cityscapes' own colours."""
-    return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], np.uint8(NOTHING))
+    return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
 
 def strip(panels: Sequence[tuple[str, Rgb]], *, width: int = 1488) -> Rgb:
@@ -65,9 +65,7 @@ def beside(pictures: Sequence[Rgb]) -> Rgb:
     return np.concatenate([np.pad(p, ((0, height - len(p)), (0, 4), (0, 0))) for p in pictures], axis=1)
 
 
-def draw_cloud(
-    points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (520, 740), title: str = ""
-) -> Rgb:
+def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (520, 740), title: str = "") -> Rgb:
     """A cloud seen from behind and above the sensor, coloured by intensity (x, y, z in metres, 0..1)."""
     height, width = size
     picture = np.full((height, width, 3), 12, np.uint8)

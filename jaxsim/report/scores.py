@@ -28,9 +28,7 @@ def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
     """Writes scores.json and scores.md."""
     content = {
         "frames": frames,
-        "scores": {
-            who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()
-        },
+        "scores": {who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()},
     }
     with replacing(folder / "scores.json") as path:
         path.write_text(json.dumps(content, indent=2))
@@ -47,7 +45,7 @@ def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score
 
 - data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
 - inputs: {", ".join(experiment.prepare.inputs)}
-- steps: {experiment.optim.steps}, batch {experiment.optim.batch}; last stretch took {seconds / 60:.1f} minutes
+- steps: {experiment.optim.steps}, batch {experiment.optim.batch}; {seconds / 60:.1f} minutes since the last start
 - sensor: {run.spec.name}, {run.spec.rows} lines
 - jaxsim {run.version}; all settings are in config.json
 

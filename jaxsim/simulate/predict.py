@@ -63,8 +63,6 @@ def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, P
 
     @jax.jit
     def predict(params: Any, pair: Pair) -> Array:
-        return predict_intensity(
-            generate, params, pair.painted, pair.incidence_rad, pair.row, prepare=prepare
-        )
+        return predict_intensity(generate, params, pair.painted, pair.incidence_rad, pair.row, prepare=prepare)
 
     return predict

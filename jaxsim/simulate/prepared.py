@@ -24,9 +24,7 @@ def _holes(kind: type) -> dict[str, int]:
     return {field.name: 0 for field in fields(kind)}
 
 
-TEMPLATE = Pair(
-    **{**_holes(Pair), "painted": Painted(**_holes(Painted)), "measured": PolarImage(**_holes(PolarImage))}
-)
+TEMPLATE = Pair(**{**_holes(Pair), "painted": Painted(**_holes(Painted)), "measured": PolarImage(**_holes(PolarImage))})
 
 
 def _names() -> list[str]:
@@ -81,9 +79,7 @@ class PreparedPairs(Sequence[Pair]):
         return self.grids[0]
 
 
-def prepared(
-    dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig
-) -> PreparedPairs:
+def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> PreparedPairs:
     """The pairs at these positions of a data set; makes those that are not kept yet.
 
     A killed run keeps what it has made.
@@ -98,9 +94,7 @@ def prepared(
             np.savez(
                 path,
                 **dict(zip(_names(), jax.tree.leaves(pair), strict=True)),
-                **{
-                    f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)
-                },
+                **{f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)},
                 name=np.array(frame.name),
                 scene=np.array(frame.scene),
             )

@@ -75,9 +75,7 @@ def start_run(folder: Path, run: Run) -> None:
     Raises ValueError where it holds another, naming the flags that differ.
     """
     if (folder / "config.json").is_file():
-        was, now = (
-            TypeAdapter(Experiment).dump_python(r.experiment, mode="json") for r in (load_run(folder), run)
-        )
+        was, now = (TypeAdapter(Experiment).dump_python(r.experiment, mode="json") for r in (load_run(folder), run))
         other = [d for d in _differences(was, now) if d.split()[0][2:] not in FREE]
         if other:
             raise ValueError(
@@ -98,9 +96,7 @@ def load_run(folder: Path | str) -> Run:
     try:
         return RUN.validate_json(path.read_bytes())
     except ValidationError as error:
-        raise ValueError(
-            f"run: {path} does not fit this version ({version('jaxsim-lidar')}):\n{error}"
-        ) from error
+        raise ValueError(f"run: {path} does not fit this version ({version('jaxsim-lidar')}):\n{error}") from error
 
 
 class Checkpoints:
@@ -116,17 +112,13 @@ class Checkpoints:
         return self.manager.latest_step()
 
     def save(self, step: int, *, state: Any, generator: Any) -> None:
-        items = ocp.args.Composite(
-            state=ocp.args.StandardSave(state), generator=ocp.args.StandardSave(generator)
-        )
+        items = ocp.args.Composite(state=ocp.args.StandardSave(state), generator=ocp.args.StandardSave(generator))
         self.manager.save(step, args=items, force=True)
 
     def restore(self, item: str, like: Any) -> Any:
         """`state` or `generator` of the latest step, in the structure of `like` (arrays or their shapes)."""
         if self.latest is None:
-            raise ValueError(
-                f"run: no checkpoint in {self.manager.directory}; the training has not saved one yet"
-            )
+            raise ValueError(f"run: no checkpoint in {self.manager.directory}; the training has not saved one yet")
         wanted = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
         items = ocp.args.Composite(**{item: ocp.args.StandardRestore(wanted)})
         return self.manager.restore(self.latest, args=items)[item]

@@ -55,14 +55,11 @@ def baseline_scores(
         if name == "per-class mean" and not any((pair.painted.semantic > 0).any() for pair in train):
             continue
         rows = max(len(pair.target) for pair in [*train, *judged])
-        measured = (
-            (pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)) for pair in train
-        )
+        measured = ((pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)) for pair in train)
         means[name] = group_means(measured, max(rows, CLASSES))
         mean = means[name]
         found[name] = _total(
-            _sums(mean.intensity.astype(np.float32)[group(pair)], mean.drops[group(pair)], pair)
-            for pair in judged
+            _sums(mean.intensity.astype(np.float32)[group(pair)], mean.drops[group(pair)], pair) for pair in judged
         )
     copied = [(pair, before.measured) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:

@@ -52,6 +52,4 @@ class Scribe:
             if unclean
             else "the batch is finite: lower --optim.lr, and resume from the last checkpoint with the same command"
         )
-        raise TrainingDiverged(
-            f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}"
-        )
+        raise TrainingDiverged(f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}")

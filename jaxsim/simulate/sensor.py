@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,7 @@ class LearnedSensor:
         check_view(view, self.run.experiment.prepare)
         *batch, _, _, _ = view.rgb.shape
         camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
-        return self._simulate(self.params, view.replace(camera=camera), *(window or self.window))
+        return self._simulate(self.params, replace(view, camera=camera), *(window or self.window))
 
     def simulate(
         self,
@@ -94,9 +95,7 @@ class LearnedSensor:
             instance=instance,
         )
         prepare = self.run.experiment.prepare
-        window = (
-            window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, prepare) if camera else self.window
-        )
+        window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, prepare) if camera else self.window
         image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window)
         return polar_to_points(image, window[0])
 
