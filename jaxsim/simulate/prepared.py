@@ -91,11 +91,7 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
         frame = dataset[i]
         pair, grid = prepare_frame(frame, dataset.spec, prepare)
         with replacing(folder / f"{i:06d}.npz") as path:
-            np.savez(
-                path,
-                **dict(zip(_names(), jax.tree.leaves(pair), strict=True)),
-                **{f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)},
-                name=np.array(frame.name),
-                scene=np.array(frame.scene),
-            )
+            arrays: dict[str, Any] = dict(zip(_names(), jax.tree.leaves(pair), strict=True))
+            arrays |= {f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)}
+            np.savez(path, **arrays, name=np.array(frame.name), scene=np.array(frame.scene))
     return PreparedPairs(files)

@@ -44,7 +44,8 @@ class Scribe:
         """Saves the batch and raises TrainingDiverged."""
         path = self.folder / f"diverged_{step:06d}.npz"
         with replacing(path) as temporary:
-            np.savez_compressed(temporary, **{key: np.asarray(value) for key, value in batch.items()})
+            arrays: dict[str, Any] = {key: np.asarray(value) for key, value in batch.items()}
+            np.savez_compressed(temporary, **arrays)
         bad = [name for name, value in metrics.items() if name != "finite" and not np.isfinite(value)]
         unclean = [key for key, value in batch.items() if not np.isfinite(np.asarray(value)).all()]
         cause = (
