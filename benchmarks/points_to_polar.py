@@ -1,7 +1,8 @@
 """One 120k-point KITTI sweep onto its 64 x 2048 polar grid, index computation included.
 
-`python benchmarks/points_to_polar.py [SCAN.bin]`, from the repository's root; needs the extra `bench`. All peers
-deliver the same: range, intensity, mask and index of the nearest point of every cell, the first of equals.
+`python benchmarks/points_to_polar.py [SCAN.bin]`, from the repository's root; needs the extra `bench`. All
+peers deliver the same: range, intensity, mask and index of the nearest point of every cell, the first of
+equals.
 """
 
 import math

@@ -1,9 +1,9 @@
 """A range image of 64 x 1024 to points, against ouster-sdk's look-up table.
 
 `python benchmarks/polar_to_points.py`, from the repository's root; needs the extra `bench`. The table is the
-sensor's ideal geometry on both sides: beams at 64 elevations, no offsets, so that the points are the same. The
-table's rays are computed beforehand and not timed, as are jaxsim's kept rays; its other two lines show what computing
-them in every call costs, and delivering intensity, mask and row beside the points.
+sensor's ideal geometry on both sides: beams at 64 elevations, no offsets, so that the points are the same.
+The table's rays are computed beforehand and not timed, as are jaxsim's kept rays; its other two lines show
+what computing them in every call costs, and delivering intensity, mask and row beside the points.
 """
 
 import os
@@ -38,9 +38,7 @@ def main() -> None:
     table, table_float, beams = look_up_tables()
     range_mm = np.random.default_rng(0).integers(1000, 80_000, (ROWS, COLUMNS)).astype(np.uint32)
     azimuth = -2 * np.pi / COLUMNS * np.arange(COLUMNS)
-    grid = PolarGrid(
-        azimuth.astype(np.float32), np.deg2rad(beams).astype(np.float32), np.zeros(ROWS, np.float32)
-    )
+    grid = PolarGrid(azimuth.astype(np.float32), np.deg2rad(beams).astype(np.float32), np.zeros(ROWS, np.float32))
     metres = (range_mm * 1e-3).astype(np.float32)
     image = PolarImage(metres, np.zeros_like(metres), np.ones(metres.shape, bool))
     grid, image = jax.device_put((grid, image))

@@ -1,7 +1,8 @@
 """Surface normals and incidence angles from a range image.
 
-The tangent along a row (and along a column) is a mean of the steps to both neighbours, weighted to the side where the
-range changes less: on a plane any mix lies in the plane, at an edge the step across it counts for nothing.
+The tangent along a row (and along a column) is a mean of the steps to both neighbours, weighted to the side
+where the range changes less: on a plane any mix lies in the plane, at an edge the step across it counts for
+nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ def _tangent(
 def normals(
     range_m: Float[Array, "*b r c"], valid: Bool[Array, "*b r c"], grid: PolarGrid
 ) -> tuple[Float[Array, "*b r c 3"], Bool[Array, "*b r c"]]:
-    """Unit normals, on the sensor's side of the surface, and where they are known: a neighbour in both directions."""
+    """Unit normals, on the sensor's side of the surface, and where they are known: a neighbour in both
+    directions."""
     lead = (1,) * (range_m.ndim - 2)
     ray = jnp.broadcast_to(directions(grid).reshape(*lead, *range_m.shape[-2:], 3), (*range_m.shape, 3))
     rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1).reshape(*lead, -1, 1, 3)
@@ -64,8 +66,6 @@ def incidence(
 ) -> tuple[Float[Array, "*b r c"], Bool[Array, "*b r c"]]:
     """Angle in radians between ray and surface normal, 0 = head on, and where it is known."""
     normal, known = normals(range_m, valid, grid)
-    ray = jnp.broadcast_to(
-        directions(grid).reshape((1,) * (range_m.ndim - 2) + (*range_m.shape[-2:], 3)), normal.shape
-    )
+    ray = jnp.broadcast_to(directions(grid).reshape((1,) * (range_m.ndim - 2) + (*range_m.shape[-2:], 3)), normal.shape)
     cosine = jnp.abs(jnp.sum(normal * ray, axis=-1))
     return jnp.arccos(jnp.clip(cosine, 0.0, 1.0)), known

@@ -1,8 +1,8 @@
 """Points to polar raster and back.
 
-Letters: a azimuth, falling from column to column; e elevation and h height of origin of the beam of a row; r range
-from that origin. A cell's point is (r cos e cos a, r cos e sin a, h + r sin e). Column i has its centre at the
-float column i, its edges at i - 1/2 and i + 1/2.
+Letters: a azimuth, falling from column to column; e elevation and h height of origin of the beam of a row; r
+range from that origin. A cell's point is (r cos e cos a, r cos e sin a, h + r sin e). Column i has its centre
+at the float column i, its edges at i - 1/2 and i + 1/2.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
 
 
 def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
-    """Column of an azimuth, cell centres at whole numbers; outside the window it is below -1/2 or above columns - 1/2.
+    """Column of an azimuth, cell centres at whole numbers; outside the window it is below -1/2 or above
+    columns - 1/2.
 
     Azimuths are taken modulo a turn, to the side of the window that is nearer.
     """
@@ -74,13 +75,14 @@ def scatter_nearest(
     inside: Bool[Array, "*b n"],
     shape: tuple[int, int],
 ) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
-    """Index of each cell's nearest point (the first of equals; 0 where there is none), and whether it has one.
+    """Index of each cell's nearest point (the first of equals; 0 where there is none), and whether it has
+    one.
 
-    Points that are not `inside`, or whose row or column is not in `shape`, are left out. Ranges are compared as
-    float32 and must be finite and not negative where `inside`. Two scatter-min passes over int32, the range's bits
-    and then the index: no sort, no 64-bit words.
+    Points that are not `inside`, or whose row or column is not in `shape`, are left out. Ranges are compared
+    as float32 and must be finite and not negative where `inside`. Two scatter-min passes over int32, the
+    range's bits and then the index: no sort, no 64-bit words.
     """
-    *batch, n = range_m.shape
+    *batch, _ = range_m.shape
     rows, columns = shape
     frames = math.prod(batch)
     cells = frames * rows * columns
@@ -103,11 +105,12 @@ def scatter_nearest(
 
 @jax.jit
 def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Array, "*b rows columns"]]:
-    """Puts each point into its cell, the nearest wins; also the winner's index in the cloud (0 where not valid).
+    """Puts each point into its cell, the nearest wins; also the winner's index in the cloud (0 where not
+    valid).
 
-    `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth, the
-    range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid, are left
-    out. Raises ValueError for a cloud without rows.
+    `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth,
+    the range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid,
+    are left out. Raises ValueError for a cloud without rows.
     """
     if cloud.row is None:
         raise ValueError(
@@ -135,7 +138,8 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
 
 
 def _rays(grid: PolarGrid) -> Float[Array, "rows columns*3"]:
-    # A matrix product, because XLA would recompute a broadcast cosine in every cell: three times the run time.
+    # A matrix product, because XLA would recompute a broadcast cosine in every cell: three times the run
+    # time.
     ca, sa = jnp.cos(grid.azimuth_rad), jnp.sin(grid.azimuth_rad)
     beams = jnp.stack([jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)], axis=-1)
     level = jnp.stack([ca, sa, jnp.zeros_like(ca)], axis=-1)
@@ -151,9 +155,7 @@ def directions(grid: PolarGrid) -> Float[Array, "rows columns 3"]:
 
 
 @jax.jit
-def polar_to_points(
-    image: PolarImage, grid: PolarGrid, *, rays: Float[Array, "rows columns 3"] | None = None
-) -> Cloud:
+def polar_to_points(image: PolarImage, grid: PolarGrid, *, rays: Float[Array, "rows columns 3"] | None = None) -> Cloud:
     """The cloud of a raster, one point a cell, at the cells' centres; row counts from the grid's first row.
 
     `rays` are `directions(grid)`: kept over many single frames, they halve the time.
@@ -166,9 +168,7 @@ def polar_to_points(
     rise = jnp.broadcast_to(grid.origin_m[:, None] * upright[None, :], wide)
     xyz = range_m * jnp.broadcast_to(kept, wide) + rise
     row = jax.lax.broadcasted_iota(jnp.int32, image.range_m.shape, len(batch))
-    return Cloud(
-        xyz.reshape(*flat, 3), image.intensity.reshape(flat), image.valid.reshape(flat), row.reshape(flat)
-    )
+    return Cloud(xyz.reshape(*flat, 3), image.intensity.reshape(flat), image.valid.reshape(flat), row.reshape(flat))
 
 
 def _raster_axis(tree: Tree, batch_dims: int | None) -> int:

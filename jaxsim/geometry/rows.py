@@ -1,10 +1,10 @@
 """Laser lines of a cloud that lies line by line in its file, as KITTI's do (host code: a file's order is no
 kernel).
 
-Inside a line the azimuth grows from straight ahead to the left and all the way round. So the lines' seam lies in
-the middle of the forward view, and each line of a cloud cropped to the camera has a piece on either side of it.
-Elevation alone tells the line only where the beam table is known and the car's motion was not taken out: of a
-compensated scan it gets 58 % right.
+Inside a line the azimuth grows from straight ahead to the left and all the way round. So the lines' seam lies
+in the middle of the forward view, and each line of a cloud cropped to the camera has a piece on either side
+of it. Elevation alone tells the line only where the beam table is known and the car's motion was not taken
+out: of a compensated scan it gets 58 % right.
 """
 
 from __future__ import annotations
@@ -17,23 +17,21 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.geometry.sensor import PRESETS, LidarSpec
 
 _JUMP_DEG = 20.0
-"""A line ends where the azimuth falls by more. Inside compensated lines it falls by up to 6 degrees, and the last
-point of a line without returns ahead lies 320 degrees after the first of the next."""
+"""A line ends where the azimuth falls by more. Inside compensated lines it falls by up to 6 degrees, and the
+last point of a line without returns ahead lies 320 degrees after the first of the next."""
 _SEAM_POINTS = 8
 """At most so many points of a line flicker back across the seam, and that soon after its start."""
 _SAME_LINE_DEG = 0.15
 """Neighbours in azimuth that lie closer in elevation are of one line: half the least step between beams."""
 _SPREAD_DEG = 6.0
-"""Elevations of one line spread by less: by 3 degrees in a narrow street, since a beam starts up to 0.2 m above the
-origin from which they are seen here."""
+"""Elevations of one line spread by less: by 3 degrees in a narrow street, since a beam starts up to 0.2 m
+above the origin from which they are seen here."""
 _ENOUGH_POINTS = 30
 _ROUNDS = 12
 _ORIGIN_WEIGHT = 1e-3  # one observation at 1 cm beside those at the file's 0.3 mm
 _LEAST_MISS_M = 1e-4
 _FITS_DEG = 0.05
-_WIDE_MISS = (
-    4  # beams: a point further off counts as that far, so that strays do not decide where a line belongs
-)
+_WIDE_MISS = 4  # beams: a point further off counts as that far, so that strays do not decide where a line belongs
 _NEW_LINE_COST = 10  # points x beams that must speak for a new line where the azimuth runs on
 
 
@@ -44,23 +42,22 @@ class UnorderedCloud(ValueError):
 def recover_rows(
     xyz: Float[np.ndarray, "n 3"], lines: int = 64, *, spec: LidarSpec | None = None
 ) -> Int[np.ndarray, " n"]:
-    """Laser line of every point, 0 = top, from the order of the points: a line starts where the azimuth jumps back.
+    """Laser line of every point, 0 = top, from the order of the points: a line starts where the azimuth jumps
+    back.
 
-    Where lines are missing, the last one found is the sensor's last (the sky swallows the top ones first). That is
-    wrong for clouds that lost lines elsewhere, as those cropped to a camera do: give `spec`, and the lines found,
-    in their order, take the beams that their elevations fit best. Its `rows` must be `lines`.
+    Where lines are missing, the last one found is the sensor's last (the sky swallows the top ones first).
+    That is wrong for clouds that lost lines elsewhere, as those cropped to a camera do: give `spec`, and the
+    lines found, in their order, take the beams that their elevations fit best. Its `rows` must be `lines`.
 
-    The published rule (scan unfolding; Triess et al. 2020, r2dm) starts a line where the azimuth's quadrant goes
-    from 4 to 1. This one gives the same on whole scans, but takes no flicker at the seam for a line and loses none
-    that has no point in a quadrant.
+    The published rule (scan unfolding; Triess et al. 2020, r2dm) starts a line where the azimuth's quadrant
+    goes from 4 to 1. This one gives the same on whole scans, but takes no flicker at the seam for a line and
+    loses none that has no point in a quadrant.
 
     Raises UnorderedCloud where more lines are found than the sensor has, or where they are not lines: their
     elevations spread, or do not fall. Raises ValueError for points that are not finite.
     """
     if spec is not None and spec.rows != lines:
-        raise ValueError(
-            f"recover_rows: lines is {lines}, but {spec.name} has {spec.rows}; they must be equal"
-        )
+        raise ValueError(f"recover_rows: lines is {lines}, but {spec.name} has {spec.rows}; they must be equal")
     if len(xyz) == 0:
         return np.zeros(0, np.int32)
     if not np.isfinite(xyz).all():
@@ -85,9 +82,7 @@ def _azimuth_deg(xyz: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     return np.rad2deg(np.arctan2(xyz[:, 1].astype(np.float64), xyz[:, 0])) % 360
 
 
-def _line_starts(
-    azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]
-) -> Bool[np.ndarray, " n"]:
+def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     step = np.diff(azimuth)
     starts = np.zeros(len(azimuth), bool)
     starts[0] = True
@@ -97,7 +92,8 @@ def _line_starts(
             back = i if i - start <= _SEAM_POINTS else -1
             continue
         if back >= 0 and i - back <= _SEAM_POINTS:
-            # Forward over the seam, back, and forward again: one of the two starts a line, unless the line is short.
+            # Forward over the seam, back, and forward again: one of the two starts a line, unless the line is
+            # short.
             here = np.median(elevation[start:back])
             if abs(here - np.median(elevation[i : i + 3])) < _SAME_LINE_DEG:
                 back = -1
@@ -168,7 +164,8 @@ def _rows_by_beams(
 
 
 def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.ndarray, " n"]:
-    """The beam that passes nearest in angle, each seen from its own origin: for clouds without order, on request."""
+    """The beam that passes nearest in angle, each seen from its own origin: for clouds without order, on
+    request."""
     rho = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64)
     z = xyz[:, 2].astype(np.float64)
     row, best = np.zeros(len(xyz), np.int32), np.full(len(xyz), np.inf)
@@ -187,11 +184,12 @@ def fit_beams(
     name: str = "fitted",
     prior: LidarSpec | None = None,
 ) -> LidarSpec:
-    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a beam.
+    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a
+    beam.
 
-    Robust least squares (Cauchy weights). A beam with fewer than 30 points keeps the value of `prior`, by default the
-    first preset with so many lines; one whose points are all equally far leans on its origin. Of an
-    uncompensated KITTI scan the residual is the file's 1 mm grid and nothing else.
+    Robust least squares (Cauchy weights). A beam with fewer than 30 points keeps the value of `prior`, by
+    default the first preset with so many lines; one whose points are all equally far leans on its origin. Of
+    an uncompensated KITTI scan the residual is the file's 1 mm grid and nothing else.
 
     Raises ValueError where the points do not lie on cones: wrong rows, or the car's motion was taken out.
     """
@@ -203,9 +201,7 @@ def fit_beams(
             f"(presets: {', '.join(f'{spec.name} {spec.rows}' for spec in PRESETS.values())})"
         )
     if row.min(initial=0) < 0 or row.max(initial=0) >= lines:
-        raise ValueError(
-            f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}"
-        )
+        raise ValueError(f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}")
     rho, z = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64), xyz[:, 2].astype(np.float64)
     origin, slope = np.asarray(prior.origin_m, np.float64), np.tan(prior.elevation_rad)
     enough = np.bincount(row, minlength=lines) >= _ENOUGH_POINTS

@@ -40,12 +40,8 @@ class LidarSpec:
                 f"LidarSpec {self.name}: {len(self.elevation_deg)} elevations but {len(self.origin_m)} origins; "
                 "give one of each for every beam (origin 0.0 for a sensor with a single origin)"
             )
-        if any(
-            upper <= lower for upper, lower in zip(self.elevation_deg, self.elevation_deg[1:], strict=False)
-        ):
-            raise ValueError(
-                f"LidarSpec {self.name}: elevations must fall from beam to beam; list the top beam first"
-            )
+        if any(upper <= lower for upper, lower in zip(self.elevation_deg, self.elevation_deg[1:], strict=False)):
+            raise ValueError(f"LidarSpec {self.name}: elevations must fall from beam to beam; list the top beam first")
 
     @property
     def rows(self) -> int:
@@ -56,86 +52,41 @@ class LidarSpec:
         return np.deg2rad(np.asarray(self.elevation_deg, np.float64))
 
 
-def _even(top_deg: float, bottom_deg: float, rows: int) -> dict[str, tuple[float, ...]]:
-    step = (bottom_deg - top_deg) / (rows - 1)
-    return {
-        "elevation_deg": tuple(round(top_deg + i * step, 4) for i in range(rows)),
-        "origin_m": (0.0,) * rows,
-    }
+# Two blocks of 32 lasers with their own optics, about 1/3 degree apart above and 1/2 degree below; origins
+# fall evenly within a block. Calibration of a KITTI-360 unit by Hough voting, as published with RangeLDM;
+# KITTI's own unit is within 0.02 degrees and 2 mm of it (`fit_beams`).
+_HDL64E_DEG = """
+    1.933 1.570 1.304 0.869 0.575 0.177 -0.089 -0.452 -0.806 -1.205 -1.495 -1.837 -2.208 -2.550 -2.877 -3.239
+    -3.541 -3.940 -4.218 -4.588 -4.915 -5.253 -5.611 -5.958 -6.332 -6.679 -7.001 -7.291 -7.682 -8.060 -8.314 -8.717
+    -9.027 -9.575 -10.066 -10.473 -10.960 -11.601 -12.116 -12.567 -13.043 -13.486 -14.054 -14.597 -15.189 -15.657
+    -16.176 -16.555 -17.191 -17.735 -18.331 -18.802 -19.322 -19.737 -20.220 -20.788 -21.324 -21.940 -22.439 -22.858
+    -23.322 -23.970 -24.510 -24.993
+"""
+_HDL64E_M = (*np.linspace(0.210, 0.198, 32), *np.linspace(0.126, 0.115, 32))
 
 
-# Two blocks of 32 lasers with their own optics: 1/3 degree apart above, 1/2 degree below. Calibration of a
-# KITTI-360 unit as published with RangeLDM; origins fall evenly within a block.
-_HDL64E_DEG = (
-    *(
-        1.933,
-        1.570,
-        1.304,
-        0.869,
-        0.575,
-        0.177,
-        -0.089,
-        -0.452,
-        -0.806,
-        -1.205,
-        -1.495,
-        -1.837,
-        -2.208,
-        -2.550,
-    ),
-    *(-2.877, -3.239, -3.541, -3.940, -4.218, -4.588, -4.915, -5.253, -5.611, -5.958, -6.332, -6.679, -7.001),
-    *(-7.291, -7.682, -8.060, -8.314, -8.717),
-    *(
-        -9.027,
-        -9.575,
-        -10.066,
-        -10.473,
-        -10.960,
-        -11.601,
-        -12.116,
-        -12.567,
-        -13.043,
-        -13.486,
-        -14.054,
-        -14.597,
-    ),
-    *(
-        -15.189,
-        -15.657,
-        -16.176,
-        -16.555,
-        -17.191,
-        -17.735,
-        -18.331,
-        -18.802,
-        -19.322,
-        -19.737,
-        -20.220,
-        -20.788,
-    ),
-    *(-21.324, -21.940, -22.439, -22.858, -23.322, -23.970, -24.510, -24.993),
-)
-_HDL64E_M = tuple(
-    round(float(h), 5) for block in ((0.210, 0.198), (0.126, 0.115)) for h in np.linspace(*block, 32)
-)
+def _even(top_deg: float, bottom_deg: float, rows: int) -> tuple[float, ...]:
+    return tuple(float(e) for e in np.linspace(top_deg, bottom_deg, rows).round(4))
+
 
 PRESETS: dict[str, LidarSpec] = {
-    # As KITTI drives it: 10 Hz, intensity stored in hundredths.
+    # As KITTI drives it: 10 Hz, intensity in hundredths. Its files step by 0.1794 degrees: 2007 firings a turn.
     "hdl64e": LidarSpec(
-        "hdl64e",
-        _HDL64E_DEG,
-        _HDL64E_M,
-        2048,
-        0.9,
-        120.0,
+        name="hdl64e",
+        elevation_deg=tuple(float(e) for e in _HDL64E_DEG.split()),
+        origin_m=tuple(round(float(h), 5) for h in _HDL64E_M),
+        columns=2007,
+        min_range_m=0.9,
+        max_range_m=120.0,
         range_step_m=0.002,
         intensity_step=0.01,
         mount_m=1.73,
     ),
-    # As nuScenes drives it: 20 Hz, 46.08 us a firing.
+    # As nuScenes drives it: 20 Hz, a firing every 46.08 us.
     "hdl32e": LidarSpec(
-        "hdl32e",
-        **_even(10.67, -30.67, 32),
+        name="hdl32e",
+        elevation_deg=_even(10.67, -30.67, 32),
+        origin_m=(0.0,) * 32,
         columns=1085,
         min_range_m=1.0,
         max_range_m=100.0,
@@ -143,10 +94,11 @@ PRESETS: dict[str, LidarSpec] = {
         intensity_step=1 / 255,
         mount_m=1.84,
     ),
-    # 10 Hz, 55.296 us a firing.
+    # 10 Hz, a firing every 55.296 us.
     "vlp16": LidarSpec(
-        "vlp16",
-        **_even(15.0, -15.0, 16),
+        name="vlp16",
+        elevation_deg=_even(15.0, -15.0, 16),
+        origin_m=(0.0,) * 16,
         columns=1808,
         min_range_m=0.5,
         max_range_m=100.0,
@@ -155,8 +107,9 @@ PRESETS: dict[str, LidarSpec] = {
         mount_m=1.8,
     ),
     "os1_128": LidarSpec(
-        "os1_128",
-        **_even(22.5, -22.5, 128),
+        name="os1_128",
+        elevation_deg=_even(22.5, -22.5, 128),
+        origin_m=(0.0,) * 128,
         columns=1024,
         min_range_m=0.3,
         max_range_m=170.0,
@@ -175,7 +128,8 @@ def preset(name: str) -> LidarSpec:
 
 
 def full_grid(spec: LidarSpec, columns: int | None = None) -> PolarGrid:
-    """The whole turn, cut behind the car: azimuth falls from just under +pi to just over -pi, forward in the middle."""
+    """The whole turn, cut behind the car: azimuth falls from just under +pi to just over -pi, forward in the
+    middle."""
     return window_grid(spec, np.pi, -np.pi, columns or spec.columns)
 
 
@@ -186,23 +140,24 @@ def window_grid(
     columns: int,
     rows: tuple[int, int] | None = None,
 ) -> PolarGrid:
-    """Lines `rows` (first, stop; all by default) between two azimuths, which are the outer edges of the border cells.
+    """Lines `rows` (first, stop; all by default) between two azimuths, which are the outer edges of the
+    border cells.
 
-    Raises ValueError for an empty or reversed window, more than a turn, and lines that the sensor does not have.
+    Raises ValueError for an empty or reversed window, more than a turn, and lines that the sensor does not
+    have.
     """
     first, stop = rows or (0, spec.rows)
     width = float(azimuth_left_rad) - float(azimuth_right_rad)
     if not 0 < width <= 2 * np.pi + 1e-6:
         raise ValueError(
-            f"azimuth window from {azimuth_left_rad:.4f} (left) to {azimuth_right_rad:.4f} (right) rad spans {width:.4f}; "
-            "azimuth falls from left to right, by at most a turn (add 2 pi to the left edge of a window across the rear)"
+            f"azimuth window from {azimuth_left_rad:.4f} (left) to {azimuth_right_rad:.4f} (right) rad "
+            f"spans {width:.4f}; azimuth falls from left to right, by at most a turn (add 2 pi to the left edge of "
+            "a window across the rear)"
         )
     if columns < 2:
         raise ValueError(f"a polar grid needs 2 columns or more, got {columns}")
     if not 0 <= first < stop <= spec.rows:
-        raise ValueError(
-            f"rows {first}..{stop} (stop excluded) do not lie in the {spec.rows} lines of {spec.name}"
-        )
+        raise ValueError(f"rows {first}..{stop} (stop excluded) do not lie in the {spec.rows} lines of {spec.name}")
     centre, step = (float(azimuth_left_rad) + float(azimuth_right_rad)) / 2, width / columns
     azimuth = centre + ((columns - 1) / 2 - np.arange(columns)) * step
     return PolarGrid(
