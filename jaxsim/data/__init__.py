@@ -19,7 +19,7 @@ from jaxsim.data.ouster import read_pcap
 from jaxsim.data.select import select
 from jaxsim.data.sweep import Sweep
 from jaxsim.frame import Frame
-from jaxsim.geometry import LidarSpec
+from jaxsim.geometry import LidarSpec, preset
 
 __all__ = [
     "DATASETS",
@@ -51,7 +51,8 @@ class Dataset(Protocol):
 def _synthetic(config: DataConfig) -> Dataset:
     from jaxsim.data.synthetic import SyntheticWorld
 
-    return SyntheticWorld(seed=config.seed)
+    # At the sensor's full rate: with fewer columns than the camera's window asks for, gaps would look like drops.
+    return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns)
 
 
 DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {

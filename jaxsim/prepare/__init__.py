@@ -7,7 +7,7 @@ from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth import complete_depth
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
-from jaxsim.prepare.occlusion import occluded
+from jaxsim.prepare.occlusion import surface_depth
 from jaxsim.prepare.paint import paint
 from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, window_of
 
@@ -22,9 +22,9 @@ __all__ = [
     "edge_map",
     "input_channels",
     "network_inputs",
-    "occluded",
     "paint",
     "prepare_frame",
     "sparse_depth",
+    "surface_depth",
     "window_of",
 ]

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid
@@ -32,8 +32,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     line = frame.cloud.row
     if line is None:
         raise ValueError(
-            f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, "
-            "rows_by_elevation)"
+            f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
     size = frame.camera.rgb.shape[-3:-1]
     view = dense_view(frame, config)
@@ -43,6 +42,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     measured, _ = points_to_polar(cloud, grid)
+    _check_gaps(frame.name, np.asarray(measured.valid))
     painted, angle, known, measured = jax.tree.map(np.asarray, (painted, angle, known, measured))
     pair = Pair(
         painted=painted,
@@ -114,7 +114,7 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
     Depth completion networks crop KITTI's images so (PENet: 352 x 1216).
     """
     top, left = _offsets(view.rgb.shape[-3:-1], size)
-    rows, columns = size
+    columns = size[1]
 
     def cut(raster: Array | None) -> Array | None:
         return None if raster is None else raster[..., top:, left : left + columns]
@@ -127,6 +127,18 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
         semantic=cut(view.semantic),
         instance=cut(view.instance),
     )
+
+
+def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
+    """Raises ValueError where columns between others stay empty because the sensor fires too seldom for them."""
+    hit = np.asarray(valid.any(axis=0))
+    gaps = int((~hit[1:-1] & hit[:-2] & hit[2:]).sum())
+    if gaps > 0.05 * len(hit):
+        raise ValueError(
+            f"prepare: {name}: {gaps} of the window's {len(hit)} columns got no point between columns that did: "
+            "the window is finer than the sensor's azimuth step, and the gaps would be learned as dropped rays; "
+            f"lower --prepare.columns to about {round(0.8 * hit.sum())}"
+        )
 
 
 def _completed(view: CameraFrame, cloud: Cloud) -> CameraFrame:

@@ -11,9 +11,7 @@ Array = np.ndarray
 _SCALE = 10_000  # integer steps of intensity: finer than the sensor's 1/100, so filtering adds no steps
 
 
-def non_local_means(
-    intensity: Float[Array, "rows columns"], *, strength: float = 0.1
-) -> Float[Array, "rows columns"]:
+def non_local_means(intensity: Float[Array, "rows columns"], *, strength: float = 0.1) -> Float[Array, "rows columns"]:
     """Each cell becomes the mean of cells in the 21 x 21 around it whose 7 x 7 neighbourhoods look alike.
 
     `strength` is the mean difference in intensity up to which two neighbourhoods count as alike.
