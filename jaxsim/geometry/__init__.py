@@ -12,6 +12,7 @@ from jaxsim.geometry.camera import (
 )
 from jaxsim.geometry.normals import incidence, normals
 from jaxsim.geometry.polar import (
+    azimuth_of,
     column_of,
     crop,
     directions,
@@ -29,6 +30,7 @@ __all__ = [
     "PRESETS",
     "LidarSpec",
     "UnorderedCloud",
+    "azimuth_of",
     "camera_from_projection",
     "camera_rows",
     "camera_window",

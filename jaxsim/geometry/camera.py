@@ -6,6 +6,8 @@ reaches from u = -1/2 to w - 1/2.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -77,7 +79,7 @@ def crop_camera(camera: Camera, top: int, left: int) -> Camera:
     """The camera of the image without its first `top` rows and `left` columns."""
     shift = np.zeros(camera.intrinsics.shape, np.float32)
     shift[..., 0, 2], shift[..., 1, 2] = left, top
-    return camera.replace(intrinsics=camera.intrinsics - shift)
+    return replace(camera, intrinsics=camera.intrinsics - shift)
 
 
 def camera_window(

@@ -29,9 +29,9 @@ def _step_rad(grid: PolarGrid) -> Float[Array, ""]:
     return (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
 
 
+@jax.jit
 def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, "*b"]:
-    """Column of an azimuth, cell centres at whole numbers; outside the window it is below -1/2 or above
-    columns - 1/2.
+    """Column of an azimuth: whole at cell centres, below -1/2 or above columns - 1/2 outside the window.
 
     Azimuths are taken modulo a turn, to the side of the window that is nearer.
     """
@@ -42,8 +42,9 @@ def column_of(azimuth_rad: Float[Array, "*b"], grid: PolarGrid) -> Float[Array, 
     return right / _step_rad(grid) + (columns - 1) / 2
 
 
-def _azimuth(x: Float[Array, "*b n"], y: Float[Array, "*b n"]) -> Float[Array, "*b n"]:
-    """atan2(y, x) within 3e-7, as exact as XLA's own on CPU and four times as fast."""
+@jax.jit
+def azimuth_of(x: Float[Array, "*b"], y: Float[Array, "*b"]) -> Float[Array, "*b"]:
+    """atan2(y, x) in radians within 3e-7: as exact as XLA's own on CPU and four times as fast."""
     ax, ay = jnp.abs(x), jnp.abs(y)
     less, more = jnp.minimum(ax, ay), jnp.maximum(ax, ay)
     # Beyond tan(pi/8): atan(q) = pi/4 + atan((q - 1) / (q + 1)), which leaves |t| <= tan(pi/8) in both cases.
@@ -75,8 +76,7 @@ def scatter_nearest(
     inside: Bool[Array, "*b n"],
     shape: tuple[int, int],
 ) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
-    """Index of each cell's nearest point (the first of equals; 0 where there is none), and whether it has
-    one.
+    """Index of each cell's nearest point, the first of equals (0 where there is none), and whether it has one.
 
     Points that are not `inside`, or whose row or column is not in `shape`, are left out. Ranges are compared
     as float32 and must be finite and not negative where `inside`. Two scatter-min passes over int32, the
@@ -105,8 +105,7 @@ def scatter_nearest(
 
 @jax.jit
 def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Array, "*b rows columns"]]:
-    """Puts each point into its cell, the nearest wins; also the winner's index in the cloud (0 where not
-    valid).
+    """Puts each point into its cell, the nearest wins; also the winner's index in the cloud, 0 where not valid.
 
     `cloud.row` counts from the grid's first row: shift it for a window. The column follows from the azimuth,
     the range from the beam's own origin. Points that are not valid or not finite, or lie outside the grid,
@@ -126,7 +125,7 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     # Padding lies at the origin, where the root has no derivative.
     range_m = jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
     range_m = jnp.where(square > 0, range_m, jnp.zeros_like(square))
-    column = _cell_column(_azimuth(x, y), grid)
+    column = _cell_column(azimuth_of(x, y), grid)
     winner, valid = scatter_nearest(range_m, row, column, inside, (rows, columns))
     flat = winner.reshape(*winner.shape[:-2], rows * columns)
 
@@ -138,8 +137,7 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
 
 
 def _rays(grid: PolarGrid) -> Float[Array, "rows columns*3"]:
-    # A matrix product, because XLA would recompute a broadcast cosine in every cell: three times the run
-    # time.
+    # A matrix product: XLA would compute a broadcast cosine again in every cell, which takes three times as long.
     ca, sa = jnp.cos(grid.azimuth_rad), jnp.sin(grid.azimuth_rad)
     beams = jnp.stack([jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)], axis=-1)
     level = jnp.stack([ca, sa, jnp.zeros_like(ca)], axis=-1)
@@ -171,7 +169,7 @@ def polar_to_points(image: PolarImage, grid: PolarGrid, *, rays: Float[Array, "r
     return Cloud(xyz.reshape(*flat, 3), image.intensity.reshape(flat), image.valid.reshape(flat), row.reshape(flat))
 
 
-def _raster_axis(tree: Tree, batch_dims: int | None) -> int:
+def _raster_axis(tree: object, batch_dims: int | None) -> int:
     """Axis of the rows in every leaf; raises ValueError where the leaves are not rasters of one size."""
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(tree)]
     axis = min(map(len, shapes)) - 2 if batch_dims is None else batch_dims
@@ -212,7 +210,7 @@ def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = Non
 
 
 def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
-    """Cell centres after `resample`: the same window, beams in between interpolated."""
+    """Cell centres after `resample`: the same window in equal steps; beams are interpolated between the old ones."""
     azimuth, elevation, origin = (
         np.asarray(a, np.float64) for a in (grid.azimuth_rad, grid.elevation_rad, grid.origin_m)
     )
@@ -220,9 +218,11 @@ def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
     step = (azimuth[0] - azimuth[-1]) / (len(azimuth) - 1) * len(azimuth) / columns
     centred = (columns - 1) / 2 - np.arange(columns)
     beam = (np.arange(rows) + 0.5) * len(elevation) / rows - 0.5
+    upper = np.clip(np.floor(beam).astype(int), 0, max(len(elevation) - 2, 0))
+    lower = np.minimum(upper + 1, len(elevation) - 1)
 
     def between(table: Float[np.ndarray, " old"]) -> Float[np.ndarray, " new"]:
-        return np.interp(beam, np.arange(len(table)), table).astype(np.float32)
+        return (table[upper] + (beam - upper) * (table[lower] - table[upper])).astype(np.float32)
 
     middle = (azimuth[0] + azimuth[-1]) / 2
     return PolarGrid((middle + centred * step).astype(np.float32), between(elevation), between(origin))
@@ -230,12 +230,24 @@ def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
 
 @jax.jit
 def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"]:
-    """The beam that passes nearest in angle, each seen from its own origin."""
-    rho = jnp.hypot(xyz_m[..., 0], xyz_m[..., 1])[..., None]
-    ones = (1,) * (xyz_m.ndim - 1)
-    h, e = (a.reshape(*ones, -1) for a in (grid.origin_m, grid.elevation_rad))
-    z = xyz_m[..., 2:] - h
-    # |tan of half the angle between point and beam|: grows with the angle all the way, and needs no atan.
-    sine = jnp.abs(z * jnp.cos(e) - rho * jnp.sin(e))
-    cosine = rho * jnp.cos(e) + z * jnp.sin(e)
-    return jnp.argmin(sine / (jnp.sqrt(rho * rho + z * z) + cosine), axis=-1).astype(jnp.int32)
+    """The beam that passes nearest in angle, each seen from its own origin, however far off.
+
+    Beams must not cross: where elevations fall, origins must not rise (but for the millimetres of a fit).
+    """
+    rows = grid.elevation_rad.shape[0]
+    x, y, z = (xyz_m[..., i] for i in range(3))
+    rho = jnp.sqrt(x * x + y * y)
+    slope, ce, se = jnp.tan(grid.elevation_rad), jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)
+    # How many beams pass above tells the two nearest ones; unrolled, the count is one loop over the points.
+    above = jnp.zeros(z.shape, jnp.int32)
+    for i in range(rows):
+        above += (z < grid.origin_m[i] + rho * slope[i]).astype(jnp.int32)
+
+    def off(row: Int[Array, "*b n"]) -> Float[Array, "*b n"]:
+        """|tan of half the angle between point and beam|: grows with the angle all the way."""
+        rise = z - grid.origin_m[row]
+        sine, cosine = rise * ce[row] - rho * se[row], rho * ce[row] + rise * se[row]
+        return jnp.abs(sine) / (jnp.sqrt(rho * rho + rise * rise) + cosine)
+
+    upper, lower = jnp.maximum(above - 1, 0), jnp.minimum(above, rows - 1)
+    return jnp.where(off(upper) <= off(lower), upper, lower)
