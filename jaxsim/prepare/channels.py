@@ -17,6 +17,9 @@ from jaxsim.prepare.edges import edge_map
 CLASSES = 34
 """Cityscapes ids 0..33."""
 
+ROW_OCTAVES = 6
+"""Waves over the sensor's height: 1, 2, 4 ... 32, the last of about two lines for a sensor of 64."""
+
 CHANNELS: dict[str, int] = {
     "rgb": 3,
     "depth": 1,
@@ -24,7 +27,7 @@ CHANNELS: dict[str, int] = {
     "edges": 1,
     "incidence": 1,
     "range": 1,
-    "row": 1,
+    "row": 1 + 2 * ROW_OCTAVES,
 }
 
 
@@ -48,7 +51,7 @@ def network_inputs(
 ) -> Float[Array, "*b r c channels"]:
     """Scales a window to the network's size and stacks the channels that `prepare.inputs` names.
 
-    Colours, lengths, angle and line are scaled to -1..1. Classes are one-hot over the 34 Cityscapes ids, all
+    Colours, lengths and angle are scaled to -1..1. Classes are one-hot over the 34 Cityscapes ids, all
     0 for *don't care*: where the cell is occluded, and where nothing was painted. Edges are 0 or 1, found
     after the scaling as pix2pixHD does. A cell that nothing was painted on is -1 in colour and lengths.
     """
@@ -71,6 +74,15 @@ def network_inputs(
         "semantic": semantic,
         "edges": lambda: edge_map(painted.semantic, painted.instance)[..., None].astype(jnp.float32),
         "incidence": lambda: (2 * incidence_rad / (np.pi / 2) - 1)[..., None],
-        "row": lambda: (2 * row - 1)[..., None],
+        "row": lambda: _row_code(row),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)
+
+
+def _row_code(row: Float[Array, "*b r c"]) -> Float[Array, "*b r c code"]:
+    """A laser line as its place in the sensor, -1 top to 1 bottom, and waves of that place.
+
+    Every laser has a gain of its own: a smooth ramp does not tell neighbouring lines apart, a wave of two lines does.
+    """
+    phase = 2 * jnp.pi * row[..., None] * 2.0 ** jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row.ndim]
+    return jnp.concatenate([2 * row[..., None] - 1, jnp.sin(phase), jnp.cos(phase)], axis=-1)
