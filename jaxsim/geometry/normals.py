@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array, PolarGrid
-from jaxsim.geometry.polar import directions
+from jaxsim.geometry.polar import azimuth_of, directions
 
 _NOISE_M = 1e-2
 """Range steps below this count alike: both sides are averaged."""
@@ -75,4 +75,4 @@ def incidence(
     # Not the arccosine of the product, which is off by 3e-4 near head on and has no derivative there.
     slant = square > 1e-12
     sine = jnp.where(slant, jnp.sqrt(jnp.where(slant, square, jnp.ones_like(square))), jnp.zeros_like(square))
-    return jnp.arctan2(sine, jnp.abs(jnp.sum(normal * ray, axis=-1))), known
+    return azimuth_of(jnp.abs(jnp.sum(normal * ray, axis=-1)), sine), known

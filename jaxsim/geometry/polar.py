@@ -136,7 +136,7 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
     return PolarImage(pick(range_m), pick(cloud.intensity), valid), winner
 
 
-def _rays(grid: PolarGrid) -> Float[Array, "rows columns*3"]:
+def _rays(grid: PolarGrid) -> Float[Array, "rows columns_by_3"]:
     # A matrix product: XLA would compute a broadcast cosine again in every cell, which takes three times as long.
     ca, sa = jnp.cos(grid.azimuth_rad), jnp.sin(grid.azimuth_rad)
     beams = jnp.stack([jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)], axis=-1)
