@@ -10,6 +10,11 @@ import os
 import sys
 from pathlib import Path
 
+# A peer's idle threads must not spin while another is being timed; and the peers have no accelerator.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("KMP_BLOCKTIME", "0")
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
 import jax
 import numba
 import numpy as np
