@@ -90,9 +90,10 @@ def camera_window(
     *,
     rows_from: Cloud | None = None,
 ) -> PolarGrid:
-    """The polar window that a camera with an image of `size` (h, w) sees: `columns` cells between the
-    azimuths of the image's left and right edge (level with the principal point, far away), and the lines of
-    `camera_rows`.
+    """The polar window that a camera with an image of `size` (h, w) sees.
+
+    It has `columns` cells between the azimuths of the image's left and right edge (level with the principal
+    point, far away), and the lines of `camera_rows`.
 
     KITTI's camera 2, cropped to 352 x 1216 (bottom, middle): 80.2 degrees and 44 lines of the HDL-64E. The
     paper's 372 columns are then 0.216 degrees wide, coarser than the sensor's own 0.179: a line that comes
@@ -110,8 +111,10 @@ def camera_rows(
     rows_from: Cloud | None = None,
     share: float = 0.57,
 ) -> tuple[int, int]:
-    """First and stop of the lines that a camera sees: those with at least `share` of their points, of all in
-    the camera's azimuth extent, between the image's top and bottom edge.
+    """First and stop of the lines that a camera sees.
+
+    Those are the lines with at least `share` of their points between the image's top and bottom edge, of all
+    points in the camera's azimuth extent.
 
     A line is level and its image curved: the image's bottom cuts it first at the sides. By default its points
     are those on a flat road, which depends on the calibration alone, so that all frames of a drive share a

@@ -1,5 +1,4 @@
-"""Laser lines of a cloud that lies line by line in its file, as KITTI's do (host code: a file's order is no
-kernel).
+"""Laser lines of a cloud that lies line by line in its file, as KITTI's do. Host code: a file's order is no kernel.
 
 Inside a line the azimuth grows from straight ahead to the left and all the way round. So the lines' seam lies
 in the middle of the forward view, and each line of a cloud cropped to the camera has a piece on either side
@@ -42,8 +41,7 @@ class UnorderedCloud(ValueError):
 def recover_rows(
     xyz: Float[np.ndarray, "n 3"], lines: int = 64, *, spec: LidarSpec | None = None
 ) -> Int[np.ndarray, " n"]:
-    """Laser line of every point, 0 = top, from the order of the points: a line starts where the azimuth jumps
-    back.
+    """Laser line of every point, 0 = top, from their order: a line starts where the azimuth jumps back.
 
     Where lines are missing, the last one found is the sensor's last (the sky swallows the top ones first).
     That is wrong for clouds that lost lines elsewhere, as those cropped to a camera do: give `spec`, and the
@@ -92,8 +90,7 @@ def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, 
             back = i if i - start <= _SEAM_POINTS else -1
             continue
         if back >= 0 and i - back <= _SEAM_POINTS:
-            # Forward over the seam, back, and forward again: one of the two starts a line, unless the line is
-            # short.
+            # Forward over the seam, back, and forward again: one of the two starts a line, or both a short one.
             here = np.median(elevation[start:back])
             if abs(here - np.median(elevation[i : i + 3])) < _SAME_LINE_DEG:
                 back = -1
@@ -133,7 +130,7 @@ def _rows_by_beams(
     At jumps forward, too, a line may end: where one has no points to the right and the next none to the left.
     """
     jumps = starts | (np.diff(_azimuth_deg(xyz), prepend=0) > _JUMP_DEG)
-    piece = np.cumsum(jumps) - 1 + (not jumps[0])
+    piece = np.cumsum(jumps) - 1
     firm = starts[np.searchsorted(piece, np.arange(piece[-1] + 1))]
     votes = np.zeros((len(firm), spec.rows))
     np.add.at(votes, (piece, rows_by_elevation(xyz, spec)), 1)
@@ -143,8 +140,7 @@ def _rows_by_beams(
     total, came_from = misses[0], []
     for cost, new_line in zip(misses[1:], firm[1:], strict=True):
         best = np.minimum.accumulate(total)
-        above = np.where(total == best, rows, 0)
-        above = np.maximum.accumulate(above)
+        above = np.maximum.accumulate(np.where(total == best, rows, 0))
         onward = np.concatenate([[np.inf], best[:-1]])
         source = np.concatenate([[0], above[:-1]])
         if not new_line:
@@ -164,8 +160,7 @@ def _rows_by_beams(
 
 
 def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.ndarray, " n"]:
-    """The beam that passes nearest in angle, each seen from its own origin: for clouds without order, on
-    request."""
+    """The beam that passes nearest in angle, each seen from its own origin: for clouds without order."""
     rho = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64)
     z = xyz[:, 2].astype(np.float64)
     row, best = np.zeros(len(xyz), np.int32), np.full(len(xyz), np.inf)
