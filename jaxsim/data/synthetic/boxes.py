@@ -67,9 +67,7 @@ def _corners(size: tuple[float, float, float], at: np.ndarray, heading: float) -
     return local @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + at
 
 
-def _outline(
-    corners_cam: Float[np.ndarray, "8 3"], intrinsics: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "4"]:
+def _outline(corners_cam: Float[np.ndarray, "8 3"], intrinsics: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
     """Left, top, right, bottom of the box's image; edges that pass behind the camera are cut just ahead of it."""
     near = 0.1
     points = [c for c in corners_cam if c[2] >= near]

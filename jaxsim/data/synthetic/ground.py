@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.synthetic.noise import cell, cell_hash, smooth_noise
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street, aside, past_kerb
+from jaxsim.data.synthetic.vectors import vector
 from jaxsim.frame import Array
 
 ROAD, PAVEMENT, OPEN_GROUND, TERRAIN = 7, 8, 6, 22
 LINE_M = 0.13
 
 
+@jax.jit
 def street_surface(
-    street: Street, at: Float[Array, "3 t r"], kerb: Bool[Array, "t r"], pixel_m: Float[Array, "t r"]
-) -> tuple[Float[Array, "3 t r"], Float[Array, "t r"], Int[Array, "t r"]]:
+    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], pixel_m: Float[Array, "h w"]
+) -> tuple[Float[Array, "3 h w"], Float[Array, "h w"], Int[Array, "h w"]]:
     """Linear albedo, reflectance at 905 nm and Cityscapes id of the ground."""
-    x, y, z = at
-    off, beyond = aside(street, x, y), past_kerb(street, x, y)
+    x, y = at[0], at[1]
+    off, beyond = (aside(street, x, y), past_kerb(street, x, y))
     seed = street.seed.astype(jnp.int32)
     fine = jnp.clip(1.0 - 5.0 * pixel_m, 0.0, 1.0)
     middle = jnp.clip(1.0 - 0.6 * pixel_m, 0.0, 1.0)
@@ -27,13 +30,11 @@ def street_surface(
     field = smooth_noise(x * 0.11, y * 0.5, seed + 2) - 0.5
 
     road, road_nir = _asphalt(street, x, off, (grain * fine, blotch * middle, field), seed)
-    paint = _markings(street, x, off, beyond) * (
-        1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8)
-    )
+    paint = _markings(street, x, off, beyond) * (1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8))
     stone, stone_nir = _paving(street, x, off, (grain * fine, blotch * middle, field), seed)
     tuft = smooth_noise(x * 5.0, y * 5.0, seed + 3) - 0.5
     lawn = 1.0 + 0.7 * fine * grain + 0.5 * middle * tuft + 0.5 * blotch + 0.5 * field
-    dry = jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0)
+    lawn, dry = (lawn, jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0))
 
     # Clearly above the road's level, so that rounding cannot put road on the pavement's side.
     is_road = (beyond < 0.0) & ~kerb
@@ -44,9 +45,7 @@ def street_surface(
         (0.62, 0.62, 0.58), (0.30, 0.29, 0.27), (0.055, 0.10, 0.028), (0.19, 0.17, 0.09), strict=True
     ):
         value = road + (line - road) * paint
-        behind = jnp.where(
-            green, lawn * (grass + (straw - grass) * dry), stone * (0.27 if line > 0.6 else 0.25)
-        )
+        behind = jnp.where(green, lawn * (grass + (straw - grass) * dry), stone * (0.27 if line > 0.6 else 0.25))
         behind = jnp.where(is_kerb, kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
         colours.append(jnp.where(is_road, value, behind))
     nir = road_nir + (0.62 - road_nir) * paint
@@ -55,7 +54,7 @@ def street_surface(
     nir = jnp.where(is_road, nir, behind)
     paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
     semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
-    return jnp.stack(colours), nir, semantic.astype(jnp.int32)
+    return vector(*colours), nir, semantic.astype(jnp.int32)
 
 
 def _asphalt(street: Street, x, off, noise, seed):
@@ -73,6 +72,7 @@ def _asphalt(street: Street, x, off, noise, seed):
     shade = jnp.where(mended, 0.68 + 0.5 * grain, shade)
     shade = jnp.where(cover, 0.5 + 0.5 * grain, shade)
     # Old, pale asphalt shows its stones: brighter in both bands.
+    shade = shade
     return grey * shade, 0.06 + 1.35 * grey * (1.0 + 0.8 * (shade - 1.0))
 
 
@@ -81,14 +81,14 @@ def _paving(street: Street, x, off, noise, seed):
     grain, blotch, field = noise
     i, j = cell(x / 0.6), cell(off / 0.6)
     u, v = x / 0.6 - jnp.floor(x / 0.6), off / 0.6 - jnp.floor(off / 0.6)
-    middle = jnp.abs(grain) * 0.0 + (cell_hash(i, j, seed + 7) - 0.5)
+    slab = cell_hash(i, j, seed + 7) - 0.5
     joint = (u < 0.04) | (v < 0.04)
-    shade = 1.0 + 0.45 * grain + 0.25 * blotch + 0.25 * field + 0.22 * middle - jnp.where(joint, 0.25, 0.0)
+    shade = 1.0 + 0.45 * grain + 0.25 * blotch + 0.25 * field + 0.22 * slab - jnp.where(joint, 0.25, 0.0)
     shade = shade * (0.8 + 0.4 * street.tone)
     return shade, 0.36 * (1.0 + 0.7 * (shade - 1.0))
 
 
-def _markings(street: Street, x, off, beyond) -> Float[Array, "t r"]:
+def _markings(street: Street, x, off, beyond) -> Float[Array, "h w"]:
     """1 where the road is painted: middle line, edge lines, bays, a zebra crossing, give-way lines."""
 
     def near(value, width):

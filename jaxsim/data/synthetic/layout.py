@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jaxsim.data.synthetic import surroundings, vehicles
+from jaxsim.data.synthetic import surroundings
 from jaxsim.data.synthetic.light import Light
 from jaxsim.data.synthetic.people import cyclist, pedestrian
 from jaxsim.data.synthetic.scene import Parts, Thing, gather
@@ -46,9 +46,7 @@ class _Plan:
         """Puts a model at (x, aside); `turn` is its heading against the street's."""
         x, off = spot
         z = 0.0 if abs(off) < float(self.street.half_width_m) else float(self.street.kerb_m)
-        self.things.append(
-            Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest})
-        )
+        self.things.append(Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest}))
 
     def clear_of_sides(self, x: float, off: float, margin: float) -> bool:
         """No side street on that side within `margin` of x."""
@@ -107,9 +105,7 @@ def _street(rng: np.random.Generator) -> Street:
 def _light(rng: np.random.Generator) -> Light:
     cloud = float(rng.uniform(0.0, 1.0))
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(28, 62))
-    sun = np.array(
-        [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-    )
+    sun = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     # A closed cover of cloud takes the sun away and leaves a bright grey sky.
     strength = 2.6 * (1.0 - 0.9 * max(0.0, (cloud - 0.45) / 0.55))
     grey = 0.45 + 0.55 * cloud
@@ -140,9 +136,7 @@ def _houses(plan: _Plan, *, urban: bool) -> None:
             length = float(rng.uniform(9, 17))
             middle = x + length / 2
             x += length + (0.0 if urban and rng.random() < 0.8 else float(rng.uniform(2.5, 9.0)))
-            if not plan.clear_of_sides(middle, side, length / 2 + 1.8) or rng.random() < (
-                0.04 if urban else 0.15
-            ):
+            if not plan.clear_of_sides(middle, side, length / 2 + 1.8) or rng.random() < (0.04 if urban else 0.15):
                 continue
             storeys = max(1, floors + int(rng.integers(-1, 2)))
             back = float(rng.uniform(0.0, 0.5) if urban else rng.uniform(0.0, 2.0))
@@ -203,9 +197,7 @@ def _greenery(plan: _Plan, *, density: float) -> None:
             x, spacing = FROM_M + float(rng.uniform(0, 10)), float(rng.uniform(9, 18))
             while x < TO_M:
                 if plan.clear_of_sides(x, side, 2.5):
-                    plan.place(
-                        (x, side * (half + 0.9)), surroundings.tree(rng), turn=float(rng.uniform(0, 6))
-                    )
+                    plan.place((x, side * (half + 0.9)), surroundings.tree(rng), turn=float(rng.uniform(0, 6)))
                 x += spacing * float(rng.uniform(0.8, 1.4))
         for _ in range(int(rng.integers(2, 9) * density)):
             x = float(rng.uniform(FROM_M, TO_M))

@@ -7,12 +7,14 @@ it. The grid of g is dense by the car and coarse far ahead.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.synthetic.noise import smooth_noise
+from jaxsim.data.synthetic.vectors import dot, vector
 from jaxsim.frame import Array
 
 BEHIND_M, GROWTH_X_M, GROWTH_Y_M = 12.0, 20.0, 8.0
@@ -63,9 +65,8 @@ def map_place(
     return v * shape[0] - 0.5, u * shape[1] - 0.5
 
 
-def lit(
-    shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]
-) -> Float[Array, "*r"]:
+@jax.jit
+def lit(shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
     cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)
@@ -84,8 +85,9 @@ def lit(
     return share
 
 
-def open_sky(shadows: Shadows, at: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
-    """Share of the sky that the ground at a point sees past what stands on it."""
+@jax.jit
+def open_sky(shadows: Shadows, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+    """Share of the sky that flat ground sees past what stands on it; 1 for all that stands."""
     row, column = map_place(at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1], shadows.covered.shape)
     i, j = jnp.floor(row), jnp.floor(column)
     hidden = jnp.zeros_like(row)
@@ -93,7 +95,8 @@ def open_sky(shadows: Shadows, at: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
         for across in (0, 1):
             weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
             hidden = hidden + weight * _at(shadows.covered, i + down, j + across)
-    return 1.0 - hidden
+    low = (normal[2] > 0.99) & (at[2] < 0.3)
+    return jnp.where(low, 1.0 - hidden, 1.0)
 
 
 def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Float[Array, "*r"]):
@@ -103,6 +106,7 @@ def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Fl
     return values.reshape(-1)[i * across + j]
 
 
+@jax.jit
 def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
     """Radiance of the sky in unit directions; below the horizon, that of the horizon."""
     up = jnp.maximum(direction[2], 0.0)
@@ -113,54 +117,61 @@ def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
     mass = mass + 0.17 * smooth_noise(5.1 * x, 5.1 * y, seed + 2)
     veil = jnp.clip((mass - 0.78 + 0.7 * light.cloud) * 4.0, 0.0, 1.0)
     blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))
-    towards_sun = jnp.maximum(sum(direction[i] * light.sun[i] for i in range(3)), 0.0)
+    towards_sun = jnp.maximum(dot(direction, light.sun), 0.0)
     glow = 0.25 * towards_sun**8
     out = []
     for i in range(3):
-        clear = (
-            light.horizon_rgb[i]
-            + (light.zenith_rgb[i] - light.horizon_rgb[i]) * blue
-            + glow * light.sun_rgb[i]
-        )
+        clear = light.horizon_rgb[i] + (light.zenith_rgb[i] - light.horizon_rgb[i]) * blue + glow * light.sun_rgb[i]
         white = (0.72 + 0.28 * mass) * (light.horizon_rgb[i] * 0.8 + 0.22 * light.sun_rgb[i])
         out.append(clear + (white - clear) * veil)
-    return jnp.stack(out)
+    return vector(*out)
 
 
+def mirror(view: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+    """Directions that are seen in mirrors with those normals."""
+    facing = dot(view, normal)
+    return vector(*(view[i] - 2.0 * facing * normal[i] for i in range(3)))
+
+
+@jax.jit
 def shade(
     light: Light,
     rgb: Float[Array, "3 *r"],
     gloss: Float[Array, "*r"],
-    rays: tuple[Float[Array, "3 *r"], Float[Array, "3 *r"]],
     *,
+    view: Float[Array, "3 *r"],
+    normal: Float[Array, "3 *r"],
+    mirrored: Float[Array, "3 *r"],
     sunlit: Float[Array, "*r"],
     sky_open: Float[Array, "*r"],
     distance_m: Float[Array, "*r"],
 ) -> Float[Array, "3 *r"]:
-    """Radiance towards the eye of surfaces seen along unit directions; `rays` are those directions and the normals."""
-    view, normal = rays
-    facing = sum(view[i] * normal[i] for i in range(3))
-    sun = jnp.maximum(sum(normal[i] * light.sun[i] for i in range(3)), 0.0) * sunlit
+    """Radiance towards the eye of surfaces seen along unit directions `view`; `mirrored` is the sky in their mirror."""
+    facing = dot(view, normal)
+    sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
     above, below = (0.55 + 0.45 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
-    mirrored = jnp.stack([view[i] - 2.0 * facing * normal[i] for i in range(3)])
     fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
     fresnel = jnp.clip(fresnel, 0.0, 0.8)
     # Low mirrored directions meet the houses opposite, not the horizon.
-    houses = jnp.clip(1.0 - 3.0 * jnp.maximum(mirrored[2], 0.0), 0.0, 1.0)
-    seen = sky(light, mirrored)
-    glint = jnp.maximum(sum(mirrored[i] * light.sun[i] for i in range(3)), 0.0) ** 120 * sunlit
+    away = mirror(view, normal)
+    houses = jnp.clip(1.0 - 3.0 * jnp.maximum(away[2], 0.0), 0.0, 1.0)
+    glint = jnp.maximum(dot(away, light.sun), 0.0) ** 120 * sunlit
     clear = jnp.exp(-distance_m / light.haze_m)
     out = []
     for i in range(3):
         sky_rgb = 0.5 * (light.zenith_rgb[i] + light.horizon_rgb[i])
         ground = 0.16 * (light.sun_rgb[i] * light.sun[2] + sky_rgb)
         value = rgb[i] * (light.sun_rgb[i] * sun + sky_rgb * above + ground * below)
-        around = seen[i] * (1.0 - 0.75 * houses)
+        around = mirrored[i] * (1.0 - 0.75 * houses)
         value = value + fresnel * (around - value) + 4.0 * gloss * glint * light.sun_rgb[i]
         out.append(light.horizon_rgb[i] + (value - light.horizon_rgb[i]) * clear)
-    return jnp.stack(out)
+    return vector(*out)
 
 
-def develop(light: Light, radiance: Float[Array, "*r"]) -> Float[Array, "*r"]:
-    """Display values 0..1: exposure, a film's shoulder, sRGB's gamma."""
-    return (1.0 - jnp.exp(-light.exposure * jnp.maximum(radiance, 0.0))) ** (1.0 / 2.2)
+@jax.jit
+def develop(
+    light: Light, radiance: Float[Array, "3 *r"], behind: Float[Array, "3 *r"], *, in_sky: Bool[Array, "*r"]
+) -> Float[Array, "3 *r"]:
+    """Display values 0..1 of surfaces, and of the sky behind them: exposure, a film's shoulder, sRGB's gamma."""
+    value = jnp.where(in_sky[None], behind, radiance)
+    return (1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))) ** (1.0 / 2.2)

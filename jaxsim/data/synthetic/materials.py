@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
@@ -22,6 +23,7 @@ from jaxsim.data.synthetic.noise import cell, cell_hash, smooth_noise, smooth_no
 from jaxsim.data.synthetic.raycast import GROUND, Hit
 from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
 from jaxsim.data.synthetic.street import Street
+from jaxsim.data.synthetic.vectors import vector
 from jaxsim.frame import Array
 
 SKY_ID = 23
@@ -35,103 +37,121 @@ SHEET, SHEET_NIR = (0.75, 0.75, 0.72), 0.9
 class Surface:
     """Every ray's surface."""
 
-    rgb: Float[Array, "3 t r"]
+    rgb: Float[Array, "3 h w"]
     """Linear albedo, 0..1."""
-    nir: Float[Array, "t r"]
+    nir: Float[Array, "h w"]
     """Reflectance at 905 nm."""
-    gloss: Float[Array, "t r"]
+    gloss: Float[Array, "h w"]
     """Share of the light that is mirrored head on."""
-    glass: Bool[Array, "t r"]
-    retro: Bool[Array, "t r"]
-    absorbing: Bool[Array, "t r"]
+    glass: Bool[Array, "h w"]
+    retro: Bool[Array, "h w"]
+    absorbing: Bool[Array, "h w"]
     """Paint that returns hardly anything at 905 nm."""
-    semantic: Int[Array, "t r"]
-    instance: Int[Array, "t r"]
+    semantic: Int[Array, "h w"]
+    instance: Int[Array, "h w"]
 
 
 class Marks(NamedTuple):
     """What a pattern decides, place by place: share of the second paint, brightness, and special materials."""
 
-    second: Float[Array, "t r"]
-    shade: Float[Array, "t r"]
-    trim: Bool[Array, "t r"]
-    glass: Bool[Array, "t r"]
-    retro: Bool[Array, "t r"]
+    second: Float[Array, "h w"]
+    shade: Float[Array, "h w"]
+    trim: Bool[Array, "h w"]
+    glass: Bool[Array, "h w"]
+    retro: Bool[Array, "h w"]
 
 
-def surface(
-    solids: Solids, street: Street, hit: Hit, at: Float[Array, "3 t r"], pixel_m: Float[Array, "t r"]
-) -> Surface:
-    """The surface at every hit; `pixel_m` is the size of a pixel there."""
-    row = solids.look[jnp.minimum(hit.solid, GROUND - 1)]
-    look = {name: [row[..., i] for i in range(columns.start, columns.stop)] for name, columns in LOOK.items()}
+def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "h w"]) -> Surface:
+    """The surface at every hit; `pixel_m` is the size of a pixel there.
+
+    A sequence of jitted steps, not one: XLA on a CPU would fuse the gather and the patterns into each of their
+    users and compute them many times over.
+    """
+    looks = _looks_at(solids, hit)
+    marks = _marks(looks, hit, pixel_m)
+    ground = street_surface(street, hit.at, hit.kerb, pixel_m)
+    return _compose(looks, marks, hit, ground=ground)
+
+
+@jax.jit
+def _looks_at(solids: Solids, hit: Hit) -> Float[Array, "columns h w"]:
+    return solids.look.T[:, jnp.minimum(hit.solid, GROUND - 1)]
+
+
+@jax.jit
+def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "h w"]) -> Marks:
+    look = {name: looks[columns] for name, columns in LOOK.items()}
     cos, sin = look["heading"]
-    x, y, z = (at[i] - look["centre"][i] for i in range(3))
+    x, y, z = hit.at - look["centre"]
+    nx, ny, nz = hit.normal
     p = (cos * x + sin * y, cos * y - sin * x, z)
-    n = (cos * hit.normal[0] + sin * hit.normal[1], cos * hit.normal[1] - sin * hit.normal[0], hit.normal[2])
+    n = (cos * nx + sin * ny, cos * ny - sin * nx, nz)
     pattern, seed = look["pattern"][0].astype(jnp.int32), look["seed"][0].astype(jnp.int32)
+    half, extra = look["half"], look["extra"]
     marks = _plain(p, pixel_m)
     for code, marked in (
-        (Pattern.FACADE, _facade(p, n, look["half"], (seed, look["extra"]), pixel_m)),
-        (Pattern.CAR_BODY, _car_body(p, n, look["half"], look["extra"])),
-        (Pattern.CAR_CABIN, _car_cabin(p, n, look["half"], look["extra"])),
-        (Pattern.WHEEL, _wheel(p, n, look["extra"])),
-        (Pattern.LEAF, _leaf(at)),
-        (Pattern.SIGN, _sign(p, n, look["half"], look["extra"])),
-        (Pattern.TRUCK_BOX, _truck_box(p, n, look["half"])),
+        (Pattern.FACADE, _facade(p, n, half, (seed, extra), pixel_m)),
+        (Pattern.CAR_BODY, _car_body(p, n, half, extra)),
+        (Pattern.CAR_CABIN, _car_cabin(p, n, half, extra)),
+        (Pattern.WHEEL, _wheel(p, n, extra)),
+        (Pattern.LEAF, _leaf(hit.at)),
+        (Pattern.SIGN, _sign(p, n, half, extra)),
+        (Pattern.TRUCK_BOX, _truck_box(p, n, half)),
     ):
         marks = Marks(*(jnp.where(pattern == code, new, old) for new, old in zip(marked, marks, strict=True)))
+    return marks
+
+
+@jax.jit
+def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, ground) -> Surface:
+    look = {name: looks[columns] for name, columns in LOOK.items()}
+    printed = look["pattern"][0] == float(Pattern.SIGN)
 
     def paint(first, second, *, trim: float, glass: float, sheet: float, contrast: float):
         value = (first + (second - first) * marks.second) * (1.0 + contrast * (marks.shade - 1.0))
         value = jnp.where(marks.trim, trim, value)
         value = jnp.where(marks.glass, glass, value)
         # A sign's sheeting shows its print; a number plate's is white.
-        return jnp.where(marks.retro & (pattern != Pattern.SIGN), sheet, value)
+        return jnp.where(marks.retro & ~printed, sheet, value)
 
-    rgb = jnp.stack(
-        [
-            paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
-            for i in range(3)
-        ]
-    )
-    nir = paint(
-        look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7
-    )
+    rgb = [
+        paint(look["rgb"][i], look["rgb2"][i], trim=TRIM[i], glass=GLASS[i], sheet=SHEET[i], contrast=1.0)
+        for i in range(3)
+    ]
+    nir = paint(look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7)
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
-    ground_rgb, ground_nir, ground_class = street_surface(street, at, hit.kerb, pixel_m)
+    ground_rgb, ground_nir, ground_class = ground
     things = ~(on_ground | in_sky)
     own = things & ~marks.glass & ~marks.trim & ~marks.retro
+    semantic = jnp.where(on_ground, ground_class, look["semantic"][0].astype(jnp.int32))
     return Surface(
-        rgb=jnp.where(on_ground[None], ground_rgb, rgb),
+        rgb=jnp.where(on_ground[None], ground_rgb, vector(*rgb)),
         nir=jnp.clip(jnp.where(on_ground, ground_nir, nir), 0.0, 1.0),
         gloss=jnp.where(things, jnp.where(marks.glass, 0.12, look["gloss"][0]), 0.01),
         glass=things & marks.glass,
         retro=things & marks.retro,
         absorbing=own & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
-        semantic=jnp.where(
-            in_sky, SKY_ID, jnp.where(on_ground, ground_class, look["semantic"][0].astype(jnp.int32))
-        ),
+        semantic=jnp.where(in_sky, SKY_ID, semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
     )
 
 
-def _none(p) -> Bool[Array, "t r"]:
+def _none(p) -> Bool[Array, "h w"]:
     return jnp.zeros(p[0].shape, bool)
 
 
-def _plain(p, pixel_m: Float[Array, "t r"]) -> Marks:
+def _plain(p, pixel_m: Float[Array, "h w"]) -> Marks:
     fine = jnp.clip(1.0 - 6.0 * pixel_m, 0.0, 1.0)
     shade = 1.0 + 0.25 * fine * (smooth_noise3(p[0] * 6.0, p[1] * 6.0, p[2] * 6.0) - 0.5)
     return Marks(jnp.zeros_like(p[0]), shade, _none(p), _none(p), _none(p))
 
 
-def _leaf(at: Float[Array, "3 t r"]) -> Marks:
+def _leaf(at: Float[Array, "3 h w"]) -> Marks:
     shade = 0.45 + 0.6 * smooth_noise3(*(at * 1.7)) + 0.5 * smooth_noise3(*(at * 7.0))
     return Marks(0.6 * smooth_noise3(*(at * 0.8)), shade, _none(at), _none(at), _none(at))
 
 
-def _facade(p, n, half, drawn, pixel_m: Float[Array, "t r"]) -> Marks:
+def _facade(p, n, half, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
     """Floors of windows; doors and shops below; a roof of tiles. extra: width of a window's bay, style 0..1."""
     seed, (bay, style) = drawn
     roof = n[2] > 0.25
@@ -151,17 +171,13 @@ def _facade(p, n, half, drawn, pixel_m: Float[Array, "t r"]) -> Marks:
     width = jnp.where(shop, 0.44 * bay, width)
     door = street_level & ~end & ~shop & (fate < 0.22) & inside
     opening = inside & (fu > -width) & (fu < width) & (fv > low) & (fv < high) & ~door & ~(end & (fate < 0.6))
-    frame = opening & (
-        (jnp.abs(fu) > width - 0.07) | (jnp.abs(fu) < 0.035) | (fv < low + 0.08) | (fv > high - 0.07)
-    )
+    frame = opening & ((jnp.abs(fu) > width - 0.07) | (jnp.abs(fu) < 0.035) | (fv < low + 0.08) | (fv > high - 0.07))
     sill = inside & ~door & ~shop & (jnp.abs(fu) < width + 0.1) & (fv > low - 0.12) & (fv <= low) & ~end
     band = shop & (fv > 2.35)
     leaf_of_door = door & (jnp.abs(fu) < 0.5) & (fv < 2.15)
     brick = (seed & 1) == 1
     fine = jnp.clip(1.0 - 8.0 * pixel_m, 0.0, 1.0)
-    bricks = (
-        cell_hash(cell(u * 4.5 + 0.5 * (cell(v * 13.0) & 1).astype(jnp.float32)), cell(v * 13.0), seed) - 0.5
-    )
+    bricks = cell_hash(cell(u * 4.5 + 0.5 * (cell(v * 13.0) & 1).astype(jnp.float32)), cell(v * 13.0), seed) - 0.5
     grime = smooth_noise(u * 0.45, v * 0.3, seed) - 0.5
     shade = 1.0 + 0.3 * grime + jnp.where(brick, 0.5 * fine * bricks, 0.0) - jnp.where(v < 0.5, 0.25, 0.0)
     rows = v * 3.2
@@ -192,11 +208,7 @@ def _car_body(p, n, half, extra) -> Marks:
     dark = dark | (front & (across < 0.5) & (z > 0.30) & (z < 0.40)) | (end & (z < 0.22))
     lamp = end & (across > 0.55) & (across < 0.97) & (z > 0.42) & (z < 0.53)
     plate = end & (jnp.abs(p[1]) < 0.26) & (p[2] > 0.42) & (p[2] < 0.54)
-    gap = (
-        side
-        & ((jnp.abs(p[0] - 0.08 * length) < 0.012) | (jnp.abs(p[0] - 0.62 * length) < 0.012))
-        & (p[2] > 0.3)
-    )
+    gap = side & ((jnp.abs(p[0] - 0.08 * length) < 0.012) | (jnp.abs(p[0] - 0.62 * length) < 0.012)) & (p[2] > 0.3)
     strip = side & (jnp.abs(p[2] - 0.5 * height) < 0.02)
     shade = jnp.where(dark | gap, 0.08, jnp.where(strip, 0.55, 1.0))
     red = lamp & ~front

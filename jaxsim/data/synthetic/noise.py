@@ -24,9 +24,7 @@ def cell(x: Float[Array, "..."]) -> Int[Array, "..."]:
     return jnp.floor(x).astype(jnp.int32)
 
 
-def smooth_noise(
-    x: Float[Array, "..."], y: Float[Array, "..."], seed: Int[Array, "..."]
-) -> Float[Array, "..."]:
+def smooth_noise(x: Float[Array, "..."], y: Float[Array, "..."], seed: Int[Array, "..."]) -> Float[Array, "..."]:
     """Value noise on the unit lattice of the plane, 0..1 with mean 1/2."""
     i, j = cell(x), cell(y)
     u, v = _ease(x - i.astype(jnp.float32)), _ease(y - j.astype(jnp.float32))
@@ -35,9 +33,7 @@ def smooth_noise(
     return _mix(low, high, v)
 
 
-def smooth_noise3(
-    x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array, "..."]
-) -> Float[Array, "..."]:
+def smooth_noise3(x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array, "..."]) -> Float[Array, "..."]:
     """Value noise on the unit lattice of space, 0..1 with mean 1/2."""
     k = cell(z)
     below, above = (smooth_noise(x, y, k + step) for step in (0, 1))

@@ -66,9 +66,7 @@ def luminance(rgb: Rgb) -> float:
 def vary(rng: np.random.Generator, rgb: Rgb, spread: float) -> Rgb:
     """The colour made brighter or darker, and slightly of another hue."""
     bright = np.exp(rng.normal(0.0, spread))
-    red, green, blue = np.clip(
-        np.asarray(rgb) * bright * np.exp(rng.normal(0.0, 0.2 * spread, 3)), 0.004, 0.92
-    )
+    red, green, blue = np.clip(np.asarray(rgb) * bright * np.exp(rng.normal(0.0, 0.2 * spread, 3)), 0.004, 0.92)
     return float(red), float(green), float(blue)
 
 

@@ -35,9 +35,7 @@ def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, flo
         foot = side * stride
         knee = (0.4 * foot + 0.04, side * 0.095, 0.27 * h)
         model.limb((0.0, side * 0.085, 0.53 * h), knee, 0.085 * stout, dress["trousers"])
-        model.limb(
-            (knee[0], knee[1], 0.31 * h), (foot, side * 0.1, 0.03 * h), 0.065 * stout, dress["trousers"]
-        )
+        model.limb((knee[0], knee[1], 0.31 * h), (foot, side * 0.1, 0.03 * h), 0.065 * stout, dress["trousers"])
         model.ball((foot + 0.06, side * 0.1, 0.035), (0.14, 0.05, 0.04), dress["shoes"])
         hand = (-0.7 * foot + 0.05, side * 0.26 * stout, 0.47 * h)
         model.limb((0.0, side * 0.2 * stout, 0.82 * h), hand, 0.058 * stout, dress["coat"])

@@ -1,13 +1,15 @@
-"""Casts bundles of rays at convex solids and at the street.
+"""Casts the rays of a raster at convex solids and at the street.
 
-Rays come in tiles (t) of neighbours (r): a tile has a list of the solids that its rays may meet (`tiles.py`), and
-every ray of it is tried on each. A ray is the points o + s d, s > 0; d need not have unit length, so that with d of
-unit depth s is the depth. Vectors have their components first, (3, t, r), which keeps the inner loop contiguous.
+The rays of a raster (h, w) are cut into tiles (t) of neighbours (r): a tile has a list of the solids that its rays
+may meet (`tiles.py`), and every ray of it is tried on each. A ray is the points o + s d, s > 0; d need not have unit
+length: with d of unit depth, s is the depth.
 
 For a convex solid, s runs through an interval [enter, leave]: cut by each plane, by the quadric, by the caps.
 """
 
 from __future__ import annotations
+
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.data.synthetic.noise import smooth_noise3
 from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
+from jaxsim.data.synthetic.vectors import unit, vector
 from jaxsim.frame import Array
 
 FAR_M = 1e4
@@ -42,26 +45,30 @@ class Candidates:
 class Hit:
     """What each ray meets first."""
 
-    distance: Float[Array, "t r"]
+    distance: Float[Array, "h w"]
     """In lengths of the ray's direction; FAR_M for the sky."""
-    solid: Int[Array, "t r"]
+    solid: Int[Array, "h w"]
     """Number of the solid, or GROUND, or SKY."""
-    normal: Float[Array, "3 t r"]
+    normal: Float[Array, "3 h w"]
     """Unit, outward; up in the sky."""
-    kerb: Bool[Array, "t r"]
+    at: Float[Array, "3 h w"]
+    """The place, in `world`."""
+    kerb: Bool[Array, "h w"]
     """The ground's hit is a kerb's face."""
 
 
+@partial(jax.jit, static_argnames="tile")
 def cast(
     solids: Solids,
     street: Street,
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Float[Array, "3 h0 w0"],
+    direction: Float[Array, "3 h w"],
     *,
     candidates: Candidates,
+    tile: tuple[int, int],
 ) -> Hit:
-    """Nearest hit of every ray; `origin` may have 1 in place of t or r."""
-    distance, code = cast_solids(solids, origin, direction, candidates=candidates)
+    """Nearest hit of every ray of a raster; `origin` may have 1 in place of h or w."""
+    distance, code = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
     ground, meets, face = cast_ground(street, origin, direction)
     nearer = meets & (ground < distance)
     distance = jnp.where(nearer, ground, distance)
@@ -71,24 +78,55 @@ def cast(
     planes = solids.planes[:, :, :3].reshape(-1, 3)
     flat = planes[jnp.where((code >= 0) & (solid < POLYHEDRA), code, 0)]
     conic = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
-    curved = _round_normal(solids, conic, at)
-    up = ground_normal(street, at[0], at[1], face)
-    leaf = solid >= POLYHEDRA + ROUNDS
-    rough = _leaf_normal(at, curved)
-    normal = jnp.where(leaf[None], rough, curved)
-    normal = jnp.where(solid[None] < POLYHEDRA, jnp.moveaxis(flat, -1, 0), normal)
-    normal = jnp.where(solid[None] >= GROUND, up, normal)
-    return Hit(distance, solid, normal, nearer & face)
+    normal = _round_normal(solids, conic, at)
+    normal = jnp.where((solid >= POLYHEDRA + ROUNDS)[None], _leaf_normal(at, normal), normal)
+    normal = jnp.where((solid < POLYHEDRA)[None], jnp.moveaxis(flat, -1, 0), normal)
+    normal = jnp.where((solid >= GROUND)[None], ground_normal(street, at[0], at[1], face), normal)
+    return Hit(distance, solid, normal, at, nearer & face)
 
 
 def cast_solids(
     solids: Solids,
-    origin: Float[Array, "3 t0 r0"],
-    direction: Float[Array, "3 t r"],
+    origin: Float[Array, "3 h0 w0"],
+    direction: Float[Array, "3 h w"],
     *,
     candidates: Candidates,
+    tile: tuple[int, int],
+) -> tuple[Float[Array, "h w"], Int[Array, "h w"]]:
+    """Nearest hit with a solid and its code, FACES * solid + face; FAR_M and a negative code where there is none.
+
+    `candidates` lists the tiles of the raster row by row. One row of tiles is worked on at a time: it stays in the
+    cache, and needs as many trials as its fullest tile.
+    """
+    size = direction.shape[1:]
+    rays = _tiled(direction, tile)
+    listed = jax.tree.map(lambda leaf: leaf.reshape(rays.shape[0], rays.shape[2], *leaf.shape[1:]), candidates)
+    if origin.shape[1:] == (1, 1):
+        best = jax.lax.map(lambda row: _cast_row(solids, origin, *row), (rays, listed))
+    else:
+        starts = _tiled(jnp.broadcast_to(origin, direction.shape), tile)
+        best = jax.lax.map(lambda row: _cast_row(solids, *row), (starts, rays, listed))
+    distance, code = (_untiled(leaf, tile, size) for leaf in best)
+    return distance, code
+
+
+def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "down 3 across r"]:
+    _, h, w = raster.shape
+    raster = jnp.pad(raster, ((0, 0), (0, -h % tile[0]), (0, -w % tile[1])), mode="edge")
+    down, across = raster.shape[1] // tile[0], raster.shape[2] // tile[1]
+    cut = raster.reshape(3, down, tile[0], across, tile[1]).transpose(1, 0, 3, 2, 4)
+    return cut.reshape(down, 3, across, tile[0] * tile[1])
+
+
+def _untiled(cut: Array, tile: tuple[int, int], size: tuple[int, ...]) -> Array:
+    down, across, _ = cut.shape
+    raster = cut.reshape(down, across, *tile).transpose(0, 2, 1, 3)
+    return raster.reshape(down * tile[0], across * tile[1])[: size[0], : size[1]]
+
+
+def _cast_row(
+    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], candidates: Candidates
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
-    """Nearest hit with a solid and its code, FACES * solid + face; FAR_M and a negative code where there is none."""
     shape = direction.shape[1:]
     best = (jnp.full(shape, FAR_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
 
@@ -142,15 +180,15 @@ def enter_polyhedron(
 
 def _span(
     origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], conic: Float[Array, "t 3 4"], weight
-) -> tuple[Float[Array, "3 t r"], Float[Array, "3 t r"], Float[Array, "t r"], Float[Array, "t r"]]:
-    """Rays in the solid's own units, and where they enter and leave its quadric (FAR_M, -FAR_M if they miss it)."""
+) -> tuple[list, list, Float[Array, "t r"], Float[Array, "t r"]]:
+    """Rays (origin, direction) in the solid's own units, and where they enter and leave its quadric (FAR_M, -FAR_M if they miss it)."""
 
     def own(v, *, shift: bool):
         rows = []
         for i in range(3):
             a, b, c, d = (conic[:, i, j, None] for j in range(4))
             rows.append(a * v[0] + b * v[1] + c * v[2] + (d if shift else 0.0))
-        return jnp.stack(rows)
+        return rows
 
     q, p = own(origin, shift=True), own(direction, shift=False)
     # Seen from the point of closest approach, nothing large cancels: a thin pole 60 m away needs that in float32.
@@ -205,21 +243,17 @@ def enter_crown(
     return jnp.where((stop < leave) & (enter > 0.0), stop, FAR_M)
 
 
-def _round_normal(
-    solids: Solids, conic: Int[Array, "t r"], at: Float[Array, "3 t r"]
-) -> Float[Array, "3 t r"]:
+def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     rows = solids.conics.reshape(-1, 12)[conic]
     own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
     cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
     weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]
-    normal = jnp.stack([sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3)])
-    return normal / jnp.maximum(jnp.sqrt(jnp.sum(normal * normal, axis=0, keepdims=True)), 1e-9)
+    return unit(vector(*(sum(rows[..., 4 * i + j] * weight[i] for i in range(3)) for j in range(3))))
 
 
-def _leaf_normal(at: Float[Array, "3 t r"], normal: Float[Array, "3 t r"]) -> Float[Array, "3 t r"]:
+def _leaf_normal(at: Float[Array, "3 h w"], normal: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     """A crown's leaves point outwards on the whole, each clump its own way."""
     x, y, z = at / LEAF_M
-    turn = jnp.stack([smooth_noise3(x + shift, y, z) - 0.5 for shift in (17.0, 31.0, 47.0)])
-    mixed = normal + 2.2 * turn
-    return mixed / jnp.maximum(jnp.sqrt(jnp.sum(mixed * mixed, axis=0, keepdims=True)), 1e-6)
+    turn = vector(*(smooth_noise3(x + shift, y, z) - 0.5 for shift in (17.0, 31.0, 47.0)))
+    return unit(normal + 2.2 * turn)

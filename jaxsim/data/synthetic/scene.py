@@ -50,9 +50,7 @@ def gather(things: Sequence[Thing]) -> Parts:
     Raises ValueError for more solids than a scene has room for.
     """
     models = list(enumerate(t.model for t in things))
-    polyhedra = [
-        (*p, low_high, i) for i, m in models for p, low_high in zip(m.polyhedra, m.bounds[0], strict=True)
-    ]
+    polyhedra = [(*p, low_high, i) for i, m in models for p, low_high in zip(m.polyhedra, m.bounds[0], strict=True)]
     rounds = [(*r, low_high, i) for i, m in models for r, low_high in zip(m.rounds, m.bounds[1], strict=True)]
     crowns = [(*c, low_high, i) for i, m in models for c, low_high in zip(m.crowns, m.bounds[2], strict=True)]
     counts = (len(polyhedra), len(rounds), len(crowns))

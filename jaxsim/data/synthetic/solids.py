@@ -161,7 +161,5 @@ def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, 
 def _extent(conic: Float[np.ndarray, "3 4"], roundness: float) -> tuple[Vector, Vector]:
     axes = np.linalg.inv(conic[:, :3])
     centre = -axes @ conic[:, 3]
-    reach = (
-        np.linalg.norm(axes, axis=1) if roundness else np.linalg.norm(axes[:, :2], axis=1) + abs(axes[:, 2])
-    )
+    reach = np.linalg.norm(axes, axis=1) if roundness else np.linalg.norm(axes[:, :2], axis=1) + abs(axes[:, 2])
     return tuple(centre - reach), tuple(centre + reach)

@@ -6,16 +6,18 @@ distance from it, positive to the left. The ground has two levels: the road at 0
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float
 
+from jaxsim.data.synthetic.vectors import vector
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
 ROUNDING_M = 3.0
 """How far kerbs are rounded where a side street meets the road."""
-SECANTS = 6
+HALVINGS = 6
 
 
 @struct.dataclass
@@ -56,9 +58,7 @@ def past_kerb(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> F
     off = aside(street, x, y)
     distance = jnp.abs(off) - street.half_width_m
     for i in range(SIDE_STREETS):
-        side = jnp.maximum(
-            jnp.abs(x - street.side_x_m[i]) - street.side_half_m[i], -street.side_towards[i] * off
-        )
+        side = jnp.maximum(jnp.abs(x - street.side_x_m[i]) - street.side_half_m[i], -street.side_towards[i] * off)
         side = jnp.where(street.side_half_m[i] > 0.0, side, 1e3)
         # A smooth minimum rounds the corner between the two kerbs.
         overlap = jnp.maximum(ROUNDING_M - jnp.abs(distance - side), 0.0) / ROUNDING_M
@@ -83,11 +83,14 @@ def cast_ground(
     on_top = past_kerb(street, ox + high * dx, oy + high * dy) >= 0.0
     past_low = past_kerb(street, ox + low * dx, oy + low * dy)
     face = ~on_top & (past_low > 0.0)
-    before, after = high, low
-    for _ in range(SECANTS):
+
+    def halve(_, bracket):
+        before, after = bracket
         middle = 0.5 * (before + after)
         outside = past_kerb(street, ox + middle * dx, oy + middle * dy) > 0.0
-        before, after = jnp.where(outside, before, middle), jnp.where(outside, middle, after)
+        return jnp.where(outside, before, middle), jnp.where(outside, middle, after)
+
+    before, after = jax.lax.fori_loop(0, HALVINGS, halve, (high, low))
     t = jnp.where(on_top, high, jnp.where(face, 0.5 * (before + after), low))
     return t, falls & (t > 0.0), face
 
@@ -97,11 +100,10 @@ def ground_normal(
 ) -> Float[Array, "3 *r"]:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
+    x, y = (x, y)
     here = past_kerb(street, x, y)
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
     size = jnp.maximum(jnp.sqrt(gx * gx + gy * gy), 1e-6)
     flat = jnp.zeros_like(x)
-    return jnp.stack(
-        [jnp.where(face, -gx / size, flat), jnp.where(face, -gy / size, flat), jnp.where(face, flat, 1.0)]
-    )
+    return vector(*(jnp.where(face, side, top) for side, top in ((-gx / size, 0.0), (-gy / size, 0.0), (flat, 1.0))))

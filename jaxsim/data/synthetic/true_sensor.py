@@ -109,12 +109,7 @@ def report(scan: Scan, gain: Float[Array, " rows"], *, sensor: TrueSensor, spec:
     # Leaves and sheets are never met exactly edge on: a beam has a width.
     facing = jnp.maximum(jnp.cos(scan.incidence_rad), 0.01) ** sensor.incidence_exponent
     echo = jnp.where(retro, sensor.retro_gain, scan.reflectance * facing)
-    echo = (
-        gain[:, None]
-        * echo
-        * (1.0 - jnp.exp(-((r / sensor.overlap_m) ** 2)))
-        * jnp.exp(-2 * sensor.extinction * r)
-    )
+    echo = gain[:, None] * echo * (1.0 - jnp.exp(-((r / sensor.overlap_m) ** 2))) * jnp.exp(-2 * sensor.extinction * r)
     intensity = sensor.scale * echo * (sensor.reference_m / r) ** sensor.falloff + sensor.offset
     threshold = sensor.threshold_reflectance / sensor.threshold_m**2
     margin = jnp.log(jnp.maximum(echo, 1e-9) / (r * r * threshold))

@@ -20,11 +20,12 @@ from jaxsim.data.synthetic.render import (
     LIDAR_TILE,
     SHADOW_CELLS,
     SHADOW_TILE,
-    Picture,
     Scene,
+    View,
     cast_shadows,
+    look,
+    photograph,
     scan,
-    take_picture,
 )
 from jaxsim.data.synthetic.scene import along_street, place, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
@@ -102,22 +103,23 @@ class SyntheticWorld:
     def __getitem__(self, index: int) -> Frame:
         """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
         moment = self._moment(index)
-        picture = self._picture(moment, index)
+        view = self._view(moment)
+        noise = jax.random.fold_in(jax.random.key(self.seed + 1), index)
         image = self.measure(index, self._truth(moment))
         return Frame(
             name=f"synthetic-{self.seed}-{index:06d}",
             scene=f"synthetic-{self.seed}-drive-{index // FRAMES_PER_DRIVE:05d}",
             camera=CameraFrame(
-                rgb=picture.rgb,
+                rgb=np.asarray(photograph(view.light, noise)),
                 camera=self.camera,
-                depth_m=picture.depth_m,
-                depth_valid=picture.valid,
-                semantic=picture.semantic,
-                instance=picture.instance,
+                depth_m=np.where(view.valid, view.depth_m, np.float32(0.0)),
+                depth_valid=view.valid,
+                semantic=view.semantic,
+                instance=view.instance,
             ),
             cloud=cloud_of(image, self.spec, self.columns),
             time_s=FRAME_S * (index % FRAMES_PER_DRIVE),
-            boxes=self._boxes(moment, picture.instance),
+            boxes=self._boxes(moment, view.instance),
         )
 
     def truth(self, index: int) -> Truth:
@@ -137,9 +139,7 @@ class SyntheticWorld:
         curvature = float(drive.street.curvature)
         position, heading = poses(drive.things, curvature, time_s)
         solids, corners = place(drive.parts, position, heading, _instances(drive))
-        spot, turn = along_street(
-            curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m])
-        )
+        spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
         pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)
         pose = np.eye(4)
         pose[:3, :3] = _rotation(2, turn[0] + yaw) @ _rotation(1, pitch) @ _rotation(0, 0.5 * roll)
@@ -155,7 +155,7 @@ class SyntheticWorld:
         gain = beam_gain(self.sensor, self.spec.rows)
         return _host(report(met, gain, sensor=self.sensor, spec=self.spec))
 
-    def _picture(self, moment: _Moment, index: int) -> Picture:
+    def _view(self, moment: _Moment) -> View:
         counts, corners = moment.drive.parts.counts, moment.corners
         eye = moment.velo_pose[:2, 3]
         sun = np.asarray(moment.drive.light.sun, np.float64)
@@ -164,9 +164,7 @@ class SyntheticWorld:
             sun.astype(np.float32),
             eye.astype(np.float32),
             sunward=_ground_candidates(corners, counts, sun, eye, SHADOW_CELLS, SHADOW_TILE),
-            upward=_ground_candidates(
-                corners, counts, np.array([0.0, 0.0, 1.0]), eye, COVER_CELLS, COVER_TILE
-            ),
+            upward=_ground_candidates(corners, counts, np.array([0.0, 0.0, 1.0]), eye, COVER_CELLS, COVER_TILE),
         )
         cam_pose = moment.velo_pose @ np.linalg.inv(self.camera.cam_from_velo.astype(np.float64))
         height, width = self.image_size
@@ -174,14 +172,13 @@ class SyntheticWorld:
         v = np.arange(0, height + CAMERA_TILE[0], CAMERA_TILE[0]) - 0.5
         mask = pinhole_mask(_into(cam_pose, corners), self.camera.intrinsics, u, v)
         return _host(
-            take_picture(
+            look(
                 moment.scene,
                 shadows,
                 self.camera.intrinsics,
                 cam_pose=cam_pose.astype(np.float32),
                 candidates=candidates(mask, counts),
                 size=self.image_size,
-                key=jax.random.fold_in(jax.random.key(self.seed + 1), index),
             )
         )
 
@@ -250,9 +247,7 @@ def _into(world_from_frame: Float[np.ndarray, "4 4"], corners: Float[np.ndarray,
     return (corners - world_from_frame[:3, 3]) @ world_from_frame[:3, :3]
 
 
-def _ground_candidates(
-    corners, counts, towards, eye, cells: tuple[int, int], tile: tuple[int, int]
-) -> Candidates:
+def _ground_candidates(corners, counts, towards, eye, cells: tuple[int, int], tile: tuple[int, int]) -> Candidates:
     x, y = map_borders(cells)
     mask = slanted_mask(corners, towards, x[:: tile[1]] + eye[0], y[:: tile[0]] + eye[1])
     return candidates(mask, counts)
