@@ -27,6 +27,8 @@ class DataConfig:
     """Frame numbers that training never sees."""
     seed: int = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
+    rows: Literal["file_order", "elevation"] = "file_order"
+    """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""
     cache: Path = Path(".cache/jaxsim")
     """Prepared pairs are kept here, one file a frame, so that a second run starts at once."""
 

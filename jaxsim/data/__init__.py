@@ -47,6 +47,10 @@ class Dataset(Protocol):
 
     def __getitem__(self, index: int, /) -> Frame: ...
 
+    def name_of(self, index: int, /) -> str:
+        """The frame's name, without making the frame."""
+        ...
+
 
 def _synthetic(config: DataConfig) -> Dataset:
     from jaxsim.data.synthetic import SyntheticWorld
@@ -57,8 +61,8 @@ def _synthetic(config: DataConfig) -> Dataset:
 
 DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "synthetic": _synthetic,
-    "kitti_raw": lambda config: KittiRaw(_root(config)),
-    "kitti_object": lambda config: KittiObject(_root(config)),
+    "kitti_raw": lambda config: KittiRaw(_root(config), rows=config.rows),
+    "kitti_object": lambda config: KittiObject(_root(config), rows=config.rows),
 }
 
 

@@ -59,12 +59,17 @@ class KittiRaw:
         drive, number = self._frames[index]
         rgb = read_image(drive / f"image_{self.camera:02d}" / "data" / f"{number}.png")
         return Frame(
-            name=f"{drive.name}-{number}",
+            name=self.name_of(index),
             scene=drive.name,
             camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
             cloud=_cloud(self._scan(index), self._rows),
             time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
         )
+
+    def name_of(self, index: int) -> str:
+        """The frame's name, without reading it."""
+        drive, number = self._frames[index]
+        return f"{drive.name}-{number}"
 
     def _scan(self, index: int) -> Path:
         drive, number = self._frames[index]
@@ -118,6 +123,10 @@ class KittiObject:
             boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
         )
 
+    def name_of(self, index: int) -> str:
+        """The frame's name, without reading it."""
+        return self._frames[index]
+
     def _scan(self, index: int) -> Path:
         return self._scans / f"{self._frames[index]}.bin"
 
@@ -136,7 +145,7 @@ def _rows(path: Path, xyz_m: np.ndarray, rows: str) -> np.ndarray:
         return recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
-            f'{path}: {error}. Use the file as recorded, or take the nearest beam with rows="elevation"'
+            f'{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation (rows="elevation" in Python)'
         ) from error
 
 

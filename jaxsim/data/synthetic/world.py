@@ -107,7 +107,7 @@ class SyntheticWorld:
         noise = jax.random.fold_in(jax.random.key(self.seed + 1), index)
         image = self.measure(index, self._truth(moment))
         return Frame(
-            name=f"synthetic-{self.seed}-{index:06d}",
+            name=self.name_of(index),
             scene=f"synthetic-{self.seed}-drive-{index // FRAMES_PER_DRIVE:05d}",
             camera=CameraFrame(
                 rgb=np.asarray(photograph(view.light, noise)),
@@ -121,6 +121,10 @@ class SyntheticWorld:
             time_s=FRAME_S * (index % FRAMES_PER_DRIVE),
             boxes=self._boxes(moment, view.instance),
         )
+
+    def name_of(self, index: int) -> str:
+        """The frame's name, without rendering it."""
+        return f"synthetic-{self.seed}-{index:06d}"
 
     def truth(self, index: int) -> Truth:
         """What the LiDAR's rays of frame `index` meet, and what the sensor would report without noise or loss."""
