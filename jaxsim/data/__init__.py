@@ -66,8 +66,12 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
 }
 
 
-def open_dataset(config: DataConfig) -> Dataset:
-    """The data set that `config` names. Raises ValueError for an unknown kind or a missing root."""
+def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Dataset:
+    """The data set that a config, or a kind and its folder, names.
+
+    Raises ValueError for an unknown kind or a missing root.
+    """
+    config = DataConfig(kind=source, root=root and Path(root)) if isinstance(source, str) else source  # type: ignore
     if config.kind not in DATASETS:
         raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
     return DATASETS[config.kind](config)
