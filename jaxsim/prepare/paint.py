@@ -8,15 +8,18 @@ of all would do for walls; on the road it lies at the cell's lower edge, and poi
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from jaxsim.frame import Array, CameraFrame, Painted, PolarGrid
-from jaxsim.geometry import column_of, scatter_nearest, unproject
+from jaxsim.geometry import azimuth_of, column_of, unproject
 from jaxsim.prepare.occlusion import surface_depth
+
+_NOTHING = 2**31 - 1
 
 
 @partial(jax.jit, static_argnames="occlusion_m")
@@ -29,33 +32,44 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     if camera_frame.depth_m is None or camera_frame.depth_valid is None:
         raise ValueError("paint: the camera frame has no depth_m and depth_valid; complete it first (complete_depth)")
     *batch, h, w = camera_frame.depth_m.shape
-    rows, columns = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
+    rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
     x, y, z = (xyz[..., k] for k in range(3))
-    rho = jnp.hypot(x, y)
-    row = _row(rho, z, grid)
-    place = column_of(jnp.arctan2(y, x), grid)
-    column = jnp.floor(place + 0.5).astype(jnp.int32)
-
-    beam = jnp.clip(row, 0, rows - 1)
-    height, slope = grid.origin_m[beam], jnp.tan(grid.elevation_rad)[beam]
-    range_m = jnp.hypot(rho, z - height)
+    rho = jnp.sqrt(x * x + y * y)
+    down, height = _place(rho, z, grid)
+    across = column_of(azimuth_of(x, y), grid)
+    row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
+    range_m = jnp.sqrt(rho * rho + jnp.square(z - height))
     inside = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(range_m)
     inside &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    cell = _cell(row, column, inside, (rows, columns))
-    nearest, farthest = (_extreme(range_m, cell, (rows, columns), which) for which in ("min", "max"))
-    valid = farthest > 0
-    surface = surface_depth(nearest, valid, occlusion_m)
+    image = jnp.arange(math.prod(batch), dtype=jnp.int32).reshape(*batch, 1)
+    cells = math.prod(batch) * rows * columns
+    cell = (image * rows + row.astype(jnp.int32)) * columns + column.astype(jnp.int32)
+    cell = jnp.where(inside, cell, cells)
 
-    front = inside & (range_m <= (nearest + surface).reshape(-1).at[cell].get(mode="fill", fill_value=0.0))
-    # Distance from the ray through the cell's centre, as a fraction of the way there: squared, the angle's order.
-    step = (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
-    off = (jnp.square(z - height - rho * slope) + jnp.square(rho * step * (place - column))) / jnp.square(range_m)
-    winner, _ = scatter_nearest(off, row, column, front, (rows, columns))
-    flat = winner.reshape(*batch, rows * columns)
+    # Floats that are not negative order like their bits read as integers: exact on every device.
+    bits = jax.lax.bitcast_convert_type(range_m, jnp.int32)
+    bits = jnp.full(cells, _NOTHING, jnp.int32).at[cell].min(bits, mode="drop").reshape(*batch, *shape)
+    valid = bits != _NOTHING
+    nearest = jnp.where(valid, jax.lax.bitcast_convert_type(bits, jnp.float32), 0)
+    reach = nearest + surface_depth(nearest, valid, occlusion_m)
+
+    # One scatter finds the front pixel nearest to the ray, and in a second table whether a pixel lies
+    # behind: the squared distance from it, in cells, in the upper bits, the pixel's number in the lower ones.
+    number = max(h * w - 1, 1).bit_length()
+    levels = 2 ** (31 - number)
+    off = 2 * (jnp.square(down - row) + jnp.square(across - column))
+    coarse = jnp.clip(off * levels, 0, levels - 1).astype(jnp.int32)
+    key = (coarse << number) + jax.lax.broadcasted_iota(jnp.int32, coarse.shape, coarse.ndim - 1)
+    behind = range_m > reach.reshape(-1).at[cell].get(mode="fill", fill_value=0.0)
+    table = jnp.full(2 * cells, _NOTHING, jnp.int32)
+    target = jnp.where(behind, cell + cells, cell)
+    table = table.at[jnp.where(cell < cells, target, 2 * cells)].min(key, mode="drop")
+    winner = table[:cells].reshape(*batch, rows * columns) & (2**number - 1)
 
     def pick(raster: Array) -> Array:
-        values = jnp.take_along_axis(raster.reshape(*batch, h * w), flat, axis=-1).reshape(valid.shape)
+        flat = raster.reshape(*batch, h * w)
+        values = jnp.take_along_axis(flat, winner, axis=-1, mode="clip").reshape(valid.shape)
         return jnp.where(valid, values, jnp.zeros((), values.dtype))
 
     nothing = jnp.zeros((*batch, h, w), jnp.int32)
@@ -70,47 +84,32 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
         semantic=semantic,
         instance=instance,
         valid=valid,
-        occluded=valid & (farthest - nearest > surface),
+        occluded=(table[cells:] != _NOTHING).reshape(valid.shape),
     )
 
 
-def _row(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarGrid) -> Int[Array, "*b n"]:
-    """The beam that passes nearest; -1 above the grid, `rows` below it.
+def _place(
+    rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarGrid
+) -> tuple[Float[Array, "*b n"], Float[Array, "*b n"]]:
+    """Row as a float, whole on the ray of a beam and linear in height in between, and the nearest beam's origin.
 
-    The border between two beams is the ray half-way between them in angle and origin. Counting the borders
-    above a point gives its beam without a search; it needs no angle, and unrolled it is one fused loop.
+    One more ray is thought above and below the grid. Counting the rays above a point needs no angle, no search
+    and no look-up; unrolled it is one fused loop.
     """
-    slope, height = jnp.tan(_borders(grid.elevation_rad)), _borders(grid.origin_m)
-    row = jnp.full(z_m.shape, -1, jnp.int32)
-    for k in range(slope.shape[0]):
-        row += (z_m < height[k] + rho_m * slope[k]).astype(jnp.int32)
-    return row
+    slopes, origins = jnp.tan(_extended(grid.elevation_rad)), _extended(grid.origin_m)
+    rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
+    row, above, below = jnp.full(z_m.shape, -2.0), rays[0] + 1, rays[-1] - 1
+    for ray in rays:
+        under = z_m < ray
+        row += under.astype(row.dtype)
+        above = jnp.where(under, ray, above)
+    for ray in reversed(rays):
+        below = jnp.where(z_m < ray, below, ray)
+    origin = jnp.full(z_m.shape, grid.origin_m[0])
+    for k in range(1, grid.origin_m.shape[0]):
+        origin = jnp.where(z_m < (rays[k] + rays[k + 1]) / 2, grid.origin_m[k], origin)
+    return row + (above - z_m) / (above - below), origin
 
 
-def _borders(centres: Float[Array, " rows"]) -> Float[Array, " rows_and_one"]:
-    """Values half-way between neighbours, and half a spacing beyond the first and last."""
-    middle = (centres[1:] + centres[:-1]) / 2
-    return jnp.concatenate([2 * centres[:1] - middle[:1], middle, 2 * centres[-1:] - middle[-1:]])
-
-
-def _cell(row: Array, column: Array, inside: Array, shape: tuple[int, int]) -> Int[Array, "*b n"]:
-    """Number of each pixel's cell over all images of the batch; beyond the last one for a pixel outside."""
-    rows, columns = shape
-    *batch, n = row.shape
-    images = row.size // n
-    image = jnp.arange(images, dtype=jnp.int32).reshape(*batch, 1)
-    return jnp.where(inside, (image * rows + row) * columns + column, images * rows * columns)
-
-
-def _extreme(
-    range_m: Float[Array, "*b n"], cell: Int[Array, "*b n"], shape: tuple[int, int], which: str
-) -> Float[Array, "*b rows columns"]:
-    """Range of each cell's nearest ("min") or farthest ("max") pixel; 0 where it has none."""
-    *batch, n = range_m.shape
-    size = range_m.size // n * shape[0] * shape[1]
-    # Floats that are not negative order like their bits read as integers: exact on every device.
-    bits = jax.lax.bitcast_convert_type(range_m, jnp.int32).reshape(-1)
-    empty = jnp.full(size, 0 if which == "max" else jnp.iinfo(jnp.int32).max, jnp.int32)
-    found = getattr(empty.at[cell.reshape(-1)], which)(bits, mode="drop")
-    found = jnp.where(found == jnp.iinfo(jnp.int32).max, 0, found)
-    return jax.lax.bitcast_convert_type(found, jnp.float32).reshape(*batch, *shape)
+def _extended(beams: Float[Array, " rows"]) -> Float[Array, " rows_and_two"]:
+    return jnp.concatenate([2 * beams[:1] - beams[1:2], beams, 2 * beams[-1:] - beams[-2:-1]])
