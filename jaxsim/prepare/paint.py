@@ -13,7 +13,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, CameraFrame, Painted, PolarGrid
 from jaxsim.geometry import azimuth_of, column_of, unproject
@@ -32,40 +32,14 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     if camera_frame.depth_m is None or camera_frame.depth_valid is None:
         raise ValueError("paint: the camera frame has no depth_m and depth_valid; complete it first (complete_depth)")
     *batch, h, w = camera_frame.depth_m.shape
-    rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
     x, y, z = (xyz[..., k] for k in range(3))
     rho = jnp.sqrt(x * x + y * y)
     down, height = _place(rho, z, grid)
     across = column_of(azimuth_of(x, y), grid)
-    row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
     range_m = jnp.sqrt(rho * rho + jnp.square(z - height))
-    inside = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(range_m)
-    inside &= (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
-    image = jnp.arange(math.prod(batch), dtype=jnp.int32).reshape(*batch, 1)
-    cells = math.prod(batch) * rows * columns
-    cell = (image * rows + row.astype(jnp.int32)) * columns + column.astype(jnp.int32)
-    cell = jnp.where(inside, cell, cells)
-
-    # Floats that are not negative order like their bits read as integers: exact on every device.
-    bits = jax.lax.bitcast_convert_type(range_m, jnp.int32)
-    bits = jnp.full(cells, _NOTHING, jnp.int32).at[cell].min(bits, mode="drop").reshape(*batch, *shape)
-    valid = bits != _NOTHING
-    nearest = jnp.where(valid, jax.lax.bitcast_convert_type(bits, jnp.float32), 0)
-    reach = nearest + surface_depth(nearest, valid, occlusion_m)
-
-    # One scatter finds the front pixel nearest to the ray, and in a second table whether a pixel lies
-    # behind: the squared distance from it, in cells, in the upper bits, the pixel's number in the lower ones.
-    number = max(h * w - 1, 1).bit_length()
-    levels = 2 ** (31 - number)
-    off = 2 * (jnp.square(down - row) + jnp.square(across - column))
-    coarse = jnp.clip(off * levels, 0, levels - 1).astype(jnp.int32)
-    key = (coarse << number) + jax.lax.broadcasted_iota(jnp.int32, coarse.shape, coarse.ndim - 1)
-    behind = range_m > reach.reshape(-1).at[cell].get(mode="fill", fill_value=0.0)
-    table = jnp.full(2 * cells, _NOTHING, jnp.int32)
-    target = jnp.where(behind, cell + cells, cell)
-    table = table.at[jnp.where(cell < cells, target, 2 * cells)].min(key, mode="drop")
-    winner = table[:cells].reshape(*batch, rows * columns) & (2**number - 1)
+    known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(range_m)
+    winner, valid, occluded = _winners(range_m, down, across, known, grid, occlusion_m)
 
     def pick(raster: Array) -> Array:
         flat = raster.reshape(*batch, h * w)
@@ -84,8 +58,50 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
         semantic=semantic,
         instance=instance,
         valid=valid,
-        occluded=(table[cells:] != _NOTHING).reshape(valid.shape),
+        occluded=occluded,
     )
+
+
+def _winners(
+    range_m: Float[Array, "*b n"],
+    down: Float[Array, "*b n"],
+    across: Float[Array, "*b n"],
+    known: Bool[Array, "*b n"],
+    grid: PolarGrid,
+    occlusion_m: float,
+) -> tuple[Int[Array, "*b cells"], Bool[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
+    """Of pixels at float rows and columns: the one that stands for each cell, whether there is one, and whether
+    others lie behind its surface."""
+    *batch, n = range_m.shape
+    rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
+    row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
+    inside = known & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    image = jnp.arange(math.prod(batch), dtype=jnp.int32).reshape(*batch, 1)
+    cells = math.prod(batch) * rows * columns
+    cell = (image * rows + row.astype(jnp.int32)) * columns + column.astype(jnp.int32)
+    cell = jnp.where(inside, cell, cells).ravel()
+
+    # Floats that are not negative order like their bits read as integers: exact on every device.
+    bits = jax.lax.bitcast_convert_type(range_m, jnp.int32).ravel()
+    bits = jnp.full(cells, _NOTHING, jnp.int32).at[cell].min(bits, mode="drop").reshape(*batch, *shape)
+    valid = bits != _NOTHING
+    nearest = jnp.where(valid, jax.lax.bitcast_convert_type(bits, jnp.float32), 0)
+    reach = nearest + surface_depth(nearest, valid, occlusion_m)
+
+    # One scatter finds the front pixel nearest to the ray, and in a second table whether a pixel lies behind:
+    # the squared distance from the ray, in cells, in the upper bits, the pixel's number in the lower ones.
+    number = max(n - 1, 1).bit_length()
+    levels = 2 ** (31 - number)
+    off = 2 * (jnp.square(down - row) + jnp.square(across - column))
+    coarse = jnp.clip(off * levels, 0, levels - 1).astype(jnp.int32)
+    pixel = jnp.arange(n, dtype=jnp.int32).reshape((1,) * len(batch) + (n,))
+    key = ((coarse << number) + pixel).ravel()
+    behind = range_m.ravel() > reach.ravel().at[cell].get(mode="fill", fill_value=0.0)
+    target = jnp.where(behind, cell + cells, cell)
+    table = jnp.full(2 * cells, _NOTHING, jnp.int32)
+    table = table.at[jnp.where(cell < cells, target, 2 * cells)].min(key, mode="drop")
+    winner = table[:cells].reshape(*batch, rows * columns) & (2**number - 1)
+    return winner, valid, (table[cells:] != _NOTHING).reshape(valid.shape)
 
 
 def _place(
@@ -98,17 +114,16 @@ def _place(
     """
     slopes, origins = jnp.tan(_extended(grid.elevation_rad)), _extended(grid.origin_m)
     rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
-    row, above, below = jnp.full(z_m.shape, -2.0), rays[0] + 1, rays[-1] - 1
-    for ray in rays:
+    row, above, below = jnp.full(z_m.shape, -2.0), rays[0] + 1, rays[0]
+    for ray, next_ray in zip(rays, [*rays[1:], rays[-1] - 1], strict=True):
         under = z_m < ray
         row += under.astype(row.dtype)
-        above = jnp.where(under, ray, above)
-    for ray in reversed(rays):
-        below = jnp.where(z_m < ray, below, ray)
+        above, below = jnp.where(under, ray, above), jnp.where(under, next_ray, below)
     origin = jnp.full(z_m.shape, grid.origin_m[0])
     for k in range(1, grid.origin_m.shape[0]):
         origin = jnp.where(z_m < (rays[k] + rays[k + 1]) / 2, grid.origin_m[k], origin)
-    return row + (above - z_m) / (above - below), origin
+    # The division comes last because XLA keeps the result of one, and computes a sum again for every use.
+    return (row * (above - below) + (above - z_m)) / (above - below), origin
 
 
 def _extended(beams: Float[Array, " rows"]) -> Float[Array, " rows_and_two"]:
