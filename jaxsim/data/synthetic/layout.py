@@ -107,10 +107,10 @@ def _light(rng: np.random.Generator) -> Light:
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(28, 62))
     sun = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     # A closed cover of cloud takes the sun away and leaves a bright grey sky.
-    strength = 2.6 * (1.0 - 0.9 * max(0.0, (cloud - 0.45) / 0.55))
-    grey = 0.45 + 0.55 * cloud
-    zenith = np.array([0.25, 0.42, 0.78]) * (1 - grey) + np.array([0.72, 0.76, 0.82]) * grey
-    horizon = np.array([0.72, 0.81, 0.92]) * (1 - grey) + np.array([0.86, 0.88, 0.9]) * grey
+    strength = 3.2 * (1.0 - 0.9 * max(0.0, (cloud - 0.45) / 0.55))
+    grey = 0.15 + 0.85 * cloud
+    zenith = np.array([0.13, 0.30, 0.72]) * (1 - grey) + np.array([0.72, 0.76, 0.82]) * grey
+    horizon = np.array([0.62, 0.76, 0.92]) * (1 - grey) + np.array([0.86, 0.88, 0.9]) * grey
     values = {
         "sun": sun,
         "sun_rgb": strength * np.array([1.0, 0.93, 0.82]),
@@ -144,6 +144,13 @@ def _houses(plan: _Plan, *, urban: bool) -> None:
             plan.place((middle, side * (front + back + depth / 2)), model)
         if setback > 2.5:
             _borders(plan, side, float(street.half_width_m) + float(street.pavement_m) + 0.4)
+    for _ in range(14):
+        spot = (float(rng.uniform(-40, 130)), float(rng.choice([-1, 1]) * rng.uniform(34, 70)))
+        if rng.random() < 0.35:
+            model, _ = surroundings.house(rng, length=12.0, floors=int(rng.integers(1, 4)), shops=False)
+            plan.place(spot, model, turn=float(rng.uniform(0, 3)))
+        else:
+            plan.place(spot, surroundings.tree(rng))
     # The street does not end in nothing: something stands at its far end.
     for off in (-34.0, -20.0, -7.0, 6.0, 19.0, 33.0):
         far = TO_M + float(rng.uniform(8, 30))

@@ -149,12 +149,13 @@ def shade(
     """Radiance towards the eye of surfaces seen along unit directions `view`; `mirrored` is the sky in their mirror."""
     facing = dot(view, normal)
     sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
-    above, below = (0.55 + 0.45 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
+    above, below = 0.8 * (0.5 + 0.5 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
     fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
     fresnel = jnp.clip(fresnel, 0.0, 0.8)
     # Low mirrored directions meet the houses opposite, not the horizon.
     away = mirror(view, normal)
-    houses = jnp.clip(1.0 - 3.0 * jnp.maximum(away[2], 0.0), 0.0, 1.0)
+    roofs = 0.12 + 0.35 * smooth_noise(3.0 * away[0], 3.0 * away[1], jnp.int32(7))
+    houses = jnp.clip(1.0 - 6.0 * (away[2] - roofs), 0.0, 1.0)
     glint = jnp.maximum(dot(away, light.sun), 0.0) ** 120 * sunlit
     clear = jnp.exp(-distance_m / light.haze_m)
     out = []
@@ -162,7 +163,7 @@ def shade(
         sky_rgb = 0.5 * (light.zenith_rgb[i] + light.horizon_rgb[i])
         ground = 0.16 * (light.sun_rgb[i] * light.sun[2] + sky_rgb)
         value = rgb[i] * (light.sun_rgb[i] * sun + sky_rgb * above + ground * below)
-        around = mirrored[i] * (1.0 - 0.75 * houses)
+        around = mirrored[i] * (1.0 - 0.8 * houses)
         value = value + fresnel * (around - value) + 4.0 * gloss * glint * light.sun_rgb[i]
         out.append(light.horizon_rgb[i] + (value - light.horizon_rgb[i]) * clear)
     return vector(*out)
@@ -174,4 +175,6 @@ def develop(
 ) -> Float[Array, "3 *r"]:
     """Display values 0..1 of surfaces, and of the sky behind them: exposure, a film's shoulder, sRGB's gamma."""
     value = jnp.where(in_sky[None], behind, radiance)
-    return (1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))) ** (1.0 / 2.2)
+    shown = (1.0 - jnp.exp(-light.exposure * jnp.maximum(value, 0.0))) ** (1.0 / 2.2)
+    # An S-shaped curve, as cameras apply for contrast.
+    return shown + 0.35 * shown * (1.0 - shown) * (2.0 * shown - 1.0)

@@ -49,6 +49,8 @@ class Surface:
     """Paint that returns hardly anything at 905 nm."""
     semantic: Int[Array, "h w"]
     instance: Int[Array, "h w"]
+    bend: Float[Array, "3 h w"]
+    """What to add to the normal of sheet metal, so that flat faces shine as if they were curved."""
 
 
 class Marks(NamedTuple):
@@ -123,6 +125,10 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
     ground_rgb, ground_nir, ground_class = ground
     things = ~(on_ground | in_sky)
     own = things & ~marks.glass & ~marks.trim & ~marks.retro
+    metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
+    half = look["half"]
+    middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
+    bend = jnp.where((metal & things)[None], 0.22 * (hit.at - middle) / half[1][None], 0.0)
     semantic = jnp.where(on_ground, ground_class, look["semantic"][0].astype(jnp.int32))
     return Surface(
         rgb=jnp.where(on_ground[None], ground_rgb, vector(*rgb)),
@@ -133,6 +139,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         absorbing=own & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
         semantic=jnp.where(in_sky, SKY_ID, semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
+        bend=bend,
     )
 
 

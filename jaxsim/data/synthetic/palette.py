@@ -29,14 +29,14 @@ def srgb(code: str) -> Rgb:
 
 # Colour, reflectance, share of the cars, absorbing.
 _CAR_PAINTS = (
-    ("e9e9e6", 0.72, 0.21, 0.0),  # white
-    ("b7babd", 0.52, 0.17, 0.0),  # silver
-    ("6d7176", 0.30, 0.15, 0.0),  # grey
-    ("34373b", 0.17, 0.09, 0.0),  # anthracite
-    ("15161a", 0.04, 0.09, 1.0),  # carbon black
-    ("1b1712", 0.26, 0.06, 0.0),  # black to the eye alone
-    ("8e1a1c", 0.48, 0.08, 0.0),  # red
-    ("22386e", 0.24, 0.08, 0.0),  # blue
+    ("e9e9e6", 0.62, 0.21, 0.0),  # white
+    ("b7babd", 0.50, 0.17, 0.0),  # silver
+    ("6d7176", 0.37, 0.15, 0.0),  # grey
+    ("34373b", 0.24, 0.09, 0.0),  # anthracite
+    ("15161a", 0.05, 0.09, 1.0),  # carbon black
+    ("1f1712", 0.19, 0.05, 0.0),  # black to the eye alone
+    ("8e1a1c", 0.46, 0.08, 0.0),  # red
+    ("22386e", 0.27, 0.08, 0.0),  # blue
     ("3f6fa8", 0.38, 0.03, 0.0),  # light blue
     ("22462f", 0.28, 0.02, 0.0),  # green
     ("b9a27c", 0.56, 0.02, 0.0),  # beige
@@ -77,24 +77,24 @@ def _jitter(rng: np.random.Generator, value: float, spread: float) -> float:
 def car_paint(rng: np.random.Generator) -> Paint:
     share = np.array([p[2] for p in _CAR_PAINTS])
     code, nir, _, absorbing = _CAR_PAINTS[rng.choice(len(_CAR_PAINTS), p=share / share.sum())]
-    return Paint(vary(rng, srgb(code), 0.10), _jitter(rng, nir, 0.07), 0.06, absorbing)
+    return Paint(vary(rng, srgb(code), 0.10), _jitter(rng, nir, 0.05), 0.06, absorbing)
 
 
 def wall(rng: np.random.Generator, *, brick: bool) -> Paint:
     rgb = vary(rng, srgb(str(rng.choice(_BRICKS if brick else _WALLS))), 0.16)
-    base = 0.24 + 0.75 * luminance(rgb) if brick else 0.16 + 0.72 * luminance(rgb)
+    base = 0.26 + 0.7 * luminance(rgb) if brick else 0.30 + 0.36 * luminance(rgb)
     return Paint(rgb, _jitter(rng, base, 0.05))
 
 
 def roof(rng: np.random.Generator) -> Paint:
     rgb = vary(rng, srgb(str(rng.choice(_ROOFS))), 0.15)
-    return Paint(rgb, _jitter(rng, 0.12 + 1.3 * luminance(rgb), 0.07))
+    return Paint(rgb, _jitter(rng, 0.16 + 1.0 * luminance(rgb), 0.05))
 
 
 def cloth(rng: np.random.Generator) -> Paint:
     """Dyes absorb what the eye sees and little at 905 nm."""
     rgb = vary(rng, srgb(str(rng.choice(_CLOTHES))), 0.2)
-    return Paint(rgb, _jitter(rng, 0.30 + 0.5 * luminance(rgb), 0.10))
+    return Paint(rgb, _jitter(rng, 0.30 + 0.4 * luminance(rgb), 0.07))
 
 
 def skin(rng: np.random.Generator) -> Paint:

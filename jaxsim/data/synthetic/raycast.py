@@ -235,9 +235,10 @@ def enter_crown(
     """
     _, _, enter, leave = _span(origin, direction, conic, jnp.float32(1.0))
     x, y, z = (jnp.clip(origin[i] + enter * direction[i], -FAR_M, FAR_M) / LEAF_M for i in range(3))
-    coarse, fine = smooth_noise3(x, y, z), smooth_noise3(3.1 * x, 3.1 * y, 3.1 * z)
+    bough, clump = smooth_noise3(0.35 * x, 0.35 * y, 0.35 * z), smooth_noise3(x, y, z)
+    leaf = smooth_noise3(3.1 * x, 3.1 * y, 3.1 * z)
     # Interpolated noise gathers about 1/2: stretch it over (0, 1).
-    u = jnp.clip(1.6 * (0.6 * coarse + 0.4 * fine - 0.5) + 0.5, 0.02, 0.98)
+    u = jnp.clip(1.9 * (0.4 * bough + 0.35 * clump + 0.25 * leaf - 0.5) + 0.5, 0.01, 0.98)
     unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
     stop = enter - path_m[:, None] * jnp.log(u) * unit
     return jnp.where((stop < leave) & (enter > 0.0), stop, FAR_M)

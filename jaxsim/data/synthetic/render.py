@@ -17,7 +17,7 @@ from jaxsim.data.synthetic.materials import surface
 from jaxsim.data.synthetic.raycast import GROUND, Candidates, Hit, cast, cast_solids
 from jaxsim.data.synthetic.solids import Solids
 from jaxsim.data.synthetic.street import Street
-from jaxsim.data.synthetic.vectors import dot, turned, vector
+from jaxsim.data.synthetic.vectors import dot, turned, unit, vector
 from jaxsim.frame import Array, PolarGrid
 from jaxsim.geometry import directions
 
@@ -119,8 +119,9 @@ def look(
     direction, view, length = _pixel_rays(intrinsics, cam_pose, size=size)
     eye = cam_pose[:3, 3, None, None]
     hit = cast(scene.solids, scene.street, eye, direction, candidates=candidates, tile=CAMERA_TILE)
-    distance_m, pixel_m, normal, away = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
+    distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
+    normal, away = _shine(hit, view, seen.bend)
     radiance = shade(
         light,
         seen.rgb,
@@ -152,12 +153,16 @@ def _pixel_rays(
 
 @jax.jit
 def _footprints(hit: Hit, view: Float[Array, "3 h w"], length: Float[Array, "h w"], *, focal_px: Float[Array, ""]):
-    """Distances, sizes of pixels on the surfaces, normals towards the eye, directions of mirrored rays."""
-    facing = dot(hit.normal, view)
-    normal = jnp.where(facing > 0.0, -1.0, 1.0)[None] * hit.normal
-    # The geometric mean of a pixel's two extents on a slanted surface.
-    pixel_m = hit.distance / focal_px / jnp.sqrt(jnp.maximum(jnp.abs(facing), 0.02))
-    return hit.distance * length, pixel_m, normal, mirror(view, normal)
+    """Distances, and the sizes of pixels on the surfaces: the geometric mean of their two extents."""
+    facing = jnp.maximum(jnp.abs(dot(hit.normal, view)), 0.02)
+    return hit.distance * length, hit.distance / focal_px / jnp.sqrt(facing)
+
+
+@jax.jit
+def _shine(hit: Hit, view: Float[Array, "3 h w"], bend: Float[Array, "3 h w"]):
+    """Normals towards the eye, and the directions of mirrored rays."""
+    normal = unit(jnp.where(dot(hit.normal, view) > 0.0, -1.0, 1.0)[None] * hit.normal + bend)
+    return normal, mirror(view, normal)
 
 
 @jax.jit

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from jaxsim.frame import Array
 
 FACES = 12
-CAPACITY = (384, 768, 384)
+CAPACITY = (384, 1024, 640)
 """Polyhedra, rounds and crowns that a scene has room for: fixed, so that everything compiles once."""
 
 Vector = Sequence[float]

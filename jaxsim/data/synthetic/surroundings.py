@@ -57,7 +57,7 @@ def tree(rng: np.random.Generator) -> Model:
     """A trunk with limbs under a crown of several balls; sometimes a conifer."""
     model, look = Model(), _leaf_look(rng)
     bark = Look(VEGETATION, palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir)
-    height, path = float(rng.uniform(5.0, 11.0)), float(rng.uniform(0.25, 0.5))
+    height, path = float(rng.uniform(5.0, 11.0)), float(rng.uniform(0.7, 1.3))
     if rng.random() < 0.15:
         model.cylinder((0, 0, 0), (0, 0, 0.3 * height), 0.16, bark)
         for share, width in ((0.25, 0.24), (0.45, 0.19), (0.65, 0.13), (0.85, 0.07)):
@@ -68,14 +68,14 @@ def tree(rng: np.random.Generator) -> Model:
     radius = 0.018 * height + 0.05
     model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), radius, bark)
     spread = height * float(rng.uniform(0.17, 0.26))
-    count = int(rng.integers(5, 8))
+    count = int(rng.integers(6, 10))
     turn = rng.uniform(0, 2 * np.pi)
     for i in range(count):
         angle = turn + 2 * np.pi * i / (count - 1)
-        out = 0.0 if i == 0 else spread * rng.uniform(0.6, 1.0)
-        up = height * (0.8 if i == 0 else rng.uniform(0.5, 0.72))
+        out = 0.0 if i == 0 else spread * rng.uniform(0.45, 1.05)
+        up = height * (0.8 if i == 0 else rng.uniform(0.48, 0.8))
         x, y = out * np.cos(angle), out * np.sin(angle)
-        size = spread * rng.uniform(0.65, 0.95)
+        size = spread * rng.uniform(0.5, 0.9)
         model.crown((x, y, up), (size, size, 0.85 * size), look, path_m=path)
         if 0 < i < 4:
             model.cylinder((0, 0, fork), (x * 0.8, y * 0.8, up), 0.4 * radius, bark)

@@ -2,7 +2,7 @@
 
 Letters: rho diffuse reflectance at 905 nm, t incidence angle, r range, b beam; P received power, I intensity.
 
-    P = g_b rho cos(t)^n O(r) exp(-2 alpha r) / r^2        what the receiver gets
+    P = rho cos(t)^n O(r) exp(-2 alpha r) / r^2            what comes back
     I = scale g_b rho cos(t)^n O(r) (r0 / r)^p exp(-2 alpha r) + offset     what firmware reports
     Pr(return) = logistic(ln(P / P_th) / s), less what glass and black paint lose; P_th = rho_th / r_th^2
 
@@ -12,7 +12,8 @@ Retroreflecting sheet saturates the report. Noise is multiplicative and additive
 
 Sources: overlap and its r_d of some metres, Mukupa et al. 2017; exponent n below Lambert's 1 for rough matter, ibid.;
 extinction by Koschmieder, ln 20 / visibility; per-laser gains and their spread, Levinson and Thrun, "Unsupervised
-Calibration for Multi-beam Lasers", and KITTI's own scans, whose lasers differ by far more; detection as a logistic in
+Calibration for Multi-beam Lasers", and KITTI's own scans, of whose lasers some are weaker than their neighbours by
+a factor of three and more; detection as a logistic in
 ln P with its middle at "a target of 10 % at 50 m", HDL-64E data sheet; retroreflection 10^2 and more above a white
 target, tolerant to 40 degrees, HDL-32E and RoboSense manuals; loss on glass and black paint, orders of magnitude.
 """
@@ -37,7 +38,7 @@ from jaxsim.geometry import LidarSpec
 class TrueSensor:
     """Parameters of the sensor's physics and electronics."""
 
-    scale: float = 1.15
+    scale: float = 1.25
     """Reported intensity of a white target, head on, at r0."""
     incidence_exponent: float = 0.45
     """n."""
@@ -49,11 +50,14 @@ class TrueSensor:
     """r0."""
     extinction: float = 5e-4
     """alpha, 1/m: visibility of 6 km."""
-    gain_spread: float = 0.32
+    gain_spread: float = 0.26
     """Standard deviation of ln g_b over the beams."""
-    gain_seed: int = 64
+    weak_share: float = 0.08
+    """Share of the beams whose gain is far below the others'."""
+    weak_gain: float = 0.35
+    gain_seed: int = 7
     """The beams' gains belong to the sensor, not to a scene."""
-    offset: float = -0.012
+    offset: float = -0.025
     threshold_reflectance: float = 0.10
     threshold_m: float = 50.0
     """A target of that reflectance, head on, is seen half of the time at that range."""
@@ -65,8 +69,8 @@ class TrueSensor:
     retro_angle_rad: float = 0.9
     """Sheeting works up to this incidence."""
     retro_gain: float = 300.0
-    noise_relative: float = 0.06
-    noise_floor: float = 0.012
+    noise_relative: float = 0.08
+    noise_floor: float = 0.014
     range_noise_m: float = 0.02
 
 
@@ -98,7 +102,9 @@ def beam_gain(sensor: TrueSensor, rows: int) -> Float[np.ndarray, " rows"]:
     """g_b: the gain of every beam, the same in all scenes."""
     rng = np.random.default_rng([sensor.gain_seed, rows])
     gain = np.exp(rng.normal(0.0, sensor.gain_spread, rows))
-    return (gain / gain.mean()).clip(0.2, 2.2).astype(np.float32)
+    weak = rng.choice(rows, round(sensor.weak_share * rows), replace=False)
+    gain[weak] *= sensor.weak_gain
+    return (gain / gain.mean()).clip(0.15, 2.0).astype(np.float32)
 
 
 @partial(jax.jit, static_argnames=("sensor", "spec"))
@@ -109,8 +115,8 @@ def report(scan: Scan, gain: Float[Array, " rows"], *, sensor: TrueSensor, spec:
     # Leaves and sheets are never met exactly edge on: a beam has a width.
     facing = jnp.maximum(jnp.cos(scan.incidence_rad), 0.01) ** sensor.incidence_exponent
     echo = jnp.where(retro, sensor.retro_gain, scan.reflectance * facing)
-    echo = gain[:, None] * echo * (1.0 - jnp.exp(-((r / sensor.overlap_m) ** 2))) * jnp.exp(-2 * sensor.extinction * r)
-    intensity = sensor.scale * echo * (sensor.reference_m / r) ** sensor.falloff + sensor.offset
+    echo = echo * (1.0 - jnp.exp(-((r / sensor.overlap_m) ** 2))) * jnp.exp(-2 * sensor.extinction * r)
+    intensity = sensor.scale * gain[:, None] * echo * (sensor.reference_m / r) ** sensor.falloff + sensor.offset
     threshold = sensor.threshold_reflectance / sensor.threshold_m**2
     margin = jnp.log(jnp.maximum(echo, 1e-9) / (r * r * threshold))
     lost = jnp.where(scan.glass, sensor.glass_loss, jnp.where(scan.absorbing, sensor.paint_loss, 0.0))

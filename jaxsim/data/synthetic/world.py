@@ -33,7 +33,7 @@ from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, meas
 from jaxsim.frame import Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
 
-FRAMES_PER_DRIVE = 10
+FRAMES_PER_DRIVE = 4
 FRAME_S = 0.1
 PITCH_RAD = 0.004
 KITTI_SIZE = (375, 1242)
@@ -77,7 +77,7 @@ class _Moment:
 class SyntheticWorld:
     """Frames of an HDL-64E-like sensor and KITTI's camera 2 in made-up streets.
 
-    Ten frames, 0.1 s apart, make a drive through one street, which is a scene. Frame i depends on (seed, i) alone.
+    Four frames, 0.1 s apart, make a drive through one street, which is a scene. Frame i depends on (seed, i) alone.
     Semantic ids are Cityscapes'; `image_size` scales the camera's focal length, so that the view stays.
     """
 
