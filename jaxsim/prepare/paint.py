@@ -35,26 +35,28 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
     x, y, z = (xyz[..., k] for k in range(3))
     rho = jnp.sqrt(x * x + y * y)
-    down, height = _place(rho, z, grid)
-    across = column_of(azimuth_of(x, y), grid)
-    range_m = jnp.sqrt(rho * rho + jnp.square(z - height))
-    known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(range_m)
-    winner, valid, occluded = _winners(range_m, down, across, known, grid, occlusion_m)
+    down, across = _row_of(rho, z, grid), column_of(azimuth_of(x, y), grid)
+    away = jnp.sqrt(rho * rho + z * z)
+    known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(away)
+    winner, valid, occluded = _winners(away, down, across, known, grid, occlusion_m)
 
     def pick(raster: Array) -> Array:
         flat = raster.reshape(*batch, h * w)
         values = jnp.take_along_axis(flat, winner, axis=-1, mode="clip").reshape(valid.shape)
         return jnp.where(valid, values, jnp.zeros((), values.dtype))
 
+    rgb = camera_frame.rgb.reshape(*batch, h * w, 3)
+    rgb = jnp.take_along_axis(rgb, winner[..., None], axis=-2, mode="clip")
+    rise = pick(z) - grid.origin_m.reshape((1,) * len(batch) + (-1, 1))
     nothing = jnp.zeros((*batch, h, w), jnp.int32)
     semantic, instance = (
         pick(nothing if labels is None else labels).astype(jnp.int32)
         for labels in (camera_frame.semantic, camera_frame.instance)
     )
     return Painted(
-        range_m=pick(range_m),
+        range_m=jnp.where(valid, jnp.sqrt(jnp.square(pick(rho)) + jnp.square(rise)), 0),
         depth_m=pick(camera_frame.depth_m),
-        rgb=jnp.stack([pick(camera_frame.rgb[..., k]) for k in range(3)], axis=-1).astype(jnp.float32) / 255,
+        rgb=jnp.where(valid[..., None], rgb.reshape(*valid.shape, 3).astype(jnp.float32) / 255, 0),
         semantic=semantic,
         instance=instance,
         valid=valid,
@@ -63,7 +65,7 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
 
 
 def _winners(
-    range_m: Float[Array, "*b n"],
+    away_m: Float[Array, "*b n"],
     down: Float[Array, "*b n"],
     across: Float[Array, "*b n"],
     known: Bool[Array, "*b n"],
@@ -71,8 +73,11 @@ def _winners(
     occlusion_m: float,
 ) -> tuple[Int[Array, "*b cells"], Bool[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
     """Of pixels at float rows and columns: the one that stands for each cell, whether there is one, and whether
-    others lie behind its surface."""
-    *batch, n = range_m.shape
+    others lie behind its surface.
+
+    What lies in front is told by the distance from the origin of `velo`, within a cell as good as from the beam's.
+    """
+    *batch, n = away_m.shape
     rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
     inside = known & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
@@ -82,7 +87,7 @@ def _winners(
     cell = jnp.where(inside, cell, cells).ravel()
 
     # Floats that are not negative order like their bits read as integers: exact on every device.
-    bits = jax.lax.bitcast_convert_type(range_m, jnp.int32).ravel()
+    bits = jax.lax.bitcast_convert_type(away_m, jnp.int32).ravel()
     bits = jnp.full(cells, _NOTHING, jnp.int32).at[cell].min(bits, mode="drop").reshape(*batch, *shape)
     valid = bits != _NOTHING
     nearest = jnp.where(valid, jax.lax.bitcast_convert_type(bits, jnp.float32), 0)
@@ -96,7 +101,7 @@ def _winners(
     coarse = jnp.clip(off * levels, 0, levels - 1).astype(jnp.int32)
     pixel = jnp.arange(n, dtype=jnp.int32).reshape((1,) * len(batch) + (n,))
     key = ((coarse << number) + pixel).ravel()
-    behind = range_m.ravel() > reach.ravel().at[cell].get(mode="fill", fill_value=0.0)
+    behind = away_m.ravel() > reach.ravel().at[cell].get(mode="fill", fill_value=0.0)
     target = jnp.where(behind, cell + cells, cell)
     table = jnp.full(2 * cells, _NOTHING, jnp.int32)
     table = table.at[jnp.where(cell < cells, target, 2 * cells)].min(key, mode="drop")
@@ -104,10 +109,8 @@ def _winners(
     return winner, valid, (table[cells:] != _NOTHING).reshape(valid.shape)
 
 
-def _place(
-    rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarGrid
-) -> tuple[Float[Array, "*b n"], Float[Array, "*b n"]]:
-    """Row as a float, whole on the ray of a beam and linear in height in between, and the nearest beam's origin.
+def _row_of(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarGrid) -> Float[Array, "*b n"]:
+    """Row as a float: whole on the ray of a beam, linear in height in between.
 
     One more ray is thought above and below the grid. Counting the rays above a point needs no angle, no search
     and no look-up; unrolled it is one fused loop.
@@ -115,15 +118,12 @@ def _place(
     slopes, origins = jnp.tan(_extended(grid.elevation_rad)), _extended(grid.origin_m)
     rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
     row, above, below = jnp.full(z_m.shape, -2.0), rays[0] + 1, rays[0]
-    for ray, next_ray in zip(rays, [*rays[1:], rays[-1] - 1], strict=True):
+    for k, (ray, next_ray) in enumerate(zip(rays, [*rays[1:], rays[-1] - 1], strict=True)):
         under = z_m < ray
-        row += under.astype(row.dtype)
+        row = jnp.where(under, k - 1.0, row)
         above, below = jnp.where(under, ray, above), jnp.where(under, next_ray, below)
-    origin = jnp.full(z_m.shape, grid.origin_m[0])
-    for k in range(1, grid.origin_m.shape[0]):
-        origin = jnp.where(z_m < (rays[k] + rays[k + 1]) / 2, grid.origin_m[k], origin)
     # The division comes last because XLA keeps the result of one, and computes a sum again for every use.
-    return (row * (above - below) + (above - z_m)) / (above - below), origin
+    return (row * (above - below) + (above - z_m)) / (above - below)
 
 
 def _extended(beams: Float[Array, " rows"]) -> Float[Array, " rows_and_two"]:
