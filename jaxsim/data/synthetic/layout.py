@@ -48,11 +48,11 @@ class _Plan:
         z = 0.0 if abs(off) < float(self.street.half_width_m) else float(self.street.kerb_m)
         self.things.append(Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest}))
 
-    def clear_of_sides(self, x: float, off: float, margin: float) -> bool:
+    def clear_of_sides(self, x: float, towards: int, margin: float) -> bool:
         """No side street on that side within `margin` of x."""
         side = self.street
         near = np.abs(x - side.side_x_m) < np.maximum(side.side_half_m, 0.0) + margin
-        return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * off > 0)))
+        return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * towards > 0)))
 
 
 def lay_out(seed: int, drive: int) -> Drive:
@@ -103,7 +103,7 @@ def _street(rng: np.random.Generator) -> Street:
 
 
 def _light(rng: np.random.Generator) -> Light:
-    cloud = float(rng.uniform(0.0, 1.0))
+    cloud = float(rng.uniform() ** 1.5)
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(28, 62))
     sun = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     # A closed cover of cloud takes the sun away and leaves a bright grey sky.

@@ -45,7 +45,7 @@ class Shadows:
     """Heights of the shadow map, and how much of the sky is hidden from the ground by what stands on it."""
 
     height_m: Float[Array, "down across"]
-    covered: Float[Array, "down across"]
+    covered: Float[Array, "down2 across2"]
     origin_m: Float[Array, "2"]
     """Where the maps' dense part lies."""
 

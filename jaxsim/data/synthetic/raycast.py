@@ -35,10 +35,10 @@ LEAF_M = 0.22
 class Candidates:
     """Solids that each tile's rays may meet: numbers within their kind, and how many of the list count."""
 
-    polyhedra: Int[Array, "t polyhedra"]
-    rounds: Int[Array, "t rounds"]
-    crowns: Int[Array, "t crowns"]
-    counts: Int[Array, "t 3"]
+    polyhedra: Int[Array, "*t polyhedra"]
+    rounds: Int[Array, "*t rounds"]
+    crowns: Int[Array, "*t crowns"]
+    counts: Int[Array, "*t 3"]
 
 
 @struct.dataclass
@@ -158,6 +158,7 @@ def _nearer(best, enter: Float[Array, "t r"], code: Int[Array, "..."]):
     return jnp.where(wins, enter, distance), jnp.where(wins, code, codes)
 
 
+@jax.jit
 def enter_polyhedron(
     origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], planes: Float[Array, "t faces 4"]
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
@@ -201,6 +202,7 @@ def _span(
     return q, p, jnp.where(met, middle - reach, FAR_M), jnp.where(met, middle + reach, -FAR_M)
 
 
+@jax.jit
 def enter_round(
     origin: Float[Array, "3 t0 r0"],
     direction: Float[Array, "3 t r"],
@@ -223,6 +225,7 @@ def enter_round(
     return jnp.where((enter < leave) & (enter > 0.0) & ~passes, enter, FAR_M)
 
 
+@jax.jit
 def enter_crown(
     origin: Float[Array, "3 t0 r0"],
     direction: Float[Array, "3 t r"],

@@ -72,10 +72,11 @@ def gather(things: Sequence[Thing]) -> Parts:
     )
 
 
-def _look_row(look: Look) -> list[float]:
-    # Colours are drawn, and looked up, in the frame of the thing; axis_z_m waits in the place of its height.
+def _look_row(look: Look) -> Float[np.ndarray, " columns"]:
+    # Patterns are drawn in the frame of the thing; axis_z_m waits in the place of its height.
     numbers = [0.0, 0.0, look.axis_z_m, 1.0, 0.0, *look.half_m, *look.rgb, look.nir, *look.rgb2, look.nir2]
-    return [*numbers, look.pattern, look.seed, look.semantic, 0, look.gloss, look.absorbing, *look.extra]
+    numbers += [look.pattern, look.seed, look.semantic, 0, look.gloss, look.absorbing, *look.extra]
+    return np.array(numbers, np.float64)
 
 
 def along_street(

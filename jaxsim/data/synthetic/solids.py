@@ -23,7 +23,8 @@ FACES = 12
 CAPACITY = (384, 1024, 640)
 """Polyhedra, rounds and crowns that a scene has room for: fixed, so that everything compiles once."""
 
-Vector = Sequence[float]
+Vector = Sequence[float | int] | np.ndarray
+"""Three numbers."""
 
 
 class Pattern(IntEnum):

@@ -13,7 +13,8 @@ def vector(x: Float[Array, "*r"], y: Float[Array, "*r"], z: Float[Array, "*r"]) 
     return jnp.stack([x, y, z])
 
 
-def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *s"]) -> Float[Array, "*r"]:
+    """Scalar product; b may be a single vector."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 

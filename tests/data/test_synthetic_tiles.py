@@ -1,0 +1,68 @@
+"""Lists of candidates must never lack a solid that a ray of the tile meets."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.data.synthetic.layout import Drive, lay_out
+from jaxsim.data.synthetic.raycast import cast_solids
+from jaxsim.data.synthetic.scene import place, poses
+from jaxsim.data.synthetic.solids import Solids
+from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.geometry import directions, full_grid, preset
+
+TILE = (16, 16)
+CAST = jax.jit(cast_solids, static_argnames="tile")
+EYE = np.array([0.0, -1.8, 1.7])
+
+
+@pytest.fixture(scope="module", params=[0, 3])
+def scene(request: pytest.FixtureRequest) -> tuple[Drive, Solids, np.ndarray]:
+    drive = lay_out(9, request.param)
+    pose = poses(drive.things, float(drive.street.curvature), 0.0)
+    solids, corners = place(drive.parts, *pose, np.ones(len(drive.things), np.int64))
+    return drive, solids, corners
+
+
+def everything_agrees(scene: tuple, origin: np.ndarray, direction: np.ndarray, mask: np.ndarray) -> None:
+    drive, solids, _ = scene
+    rays = jnp.asarray(origin, jnp.float32), jnp.asarray(direction, jnp.float32)
+    counts = drive.parts.counts
+    listed, full = (candidates(m, counts) for m in (mask, np.ones_like(mask)))
+    few, all_ = (CAST(solids, *rays, candidates=c, tile=TILE) for c in (listed, full))
+    for one, other in zip(few, all_, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert np.mean(np.asarray(all_[1]) >= 0) > 0.05
+    assert listed.counts.sum() < 0.3 * full.counts.sum()
+
+
+def test_camera_tiles_lack_nothing(scene: tuple) -> None:
+    h, w = 94, 310
+    k = kitti_camera((h, w)).intrinsics
+    u, v = np.meshgrid(np.arange(w), np.arange(h))
+    # cam looks along x of the world: x right, y down, z forward.
+    x, y = (u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1]
+    direction = np.stack([np.ones_like(x), -x, -y])
+    to_cam = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    corners = (scene[2] - EYE) @ to_cam.T
+    borders = (np.arange(0, w + TILE[1], TILE[1]) - 0.5, np.arange(0, h + TILE[0], TILE[0]) - 0.5)
+    mask = pinhole_mask(corners, k, *borders)
+    everything_agrees(scene, EYE[:, None, None], direction, mask)
+
+
+def test_lidar_tiles_lack_nothing(scene: tuple) -> None:
+    grid = full_grid(preset("hdl64e"), 128)
+    mask = polar_mask(scene[2] - EYE, grid, TILE)
+    origin = EYE[:, None, None] + np.stack([0 * grid.origin_m, 0 * grid.origin_m, grid.origin_m])[:, :, None]
+    everything_agrees(scene, origin, np.moveaxis(np.asarray(directions(grid)), -1, 0), mask)
+
+
+def test_sunbeam_tiles_lack_nothing(scene: tuple) -> None:
+    sun = np.array([0.4, -0.5, 0.6])
+    x, y = np.linspace(-10, 60, 65), np.linspace(-30, 30, 49)
+    mask = slanted_mask(scene[2], sun, x[:: TILE[1]], y[:: TILE[0]])
+    ground = np.stack(np.broadcast_arrays(*np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), 0.0))
+    origin = ground + (100 * sun)[:, None, None]
+    everything_agrees(scene, origin, np.broadcast_to(-sun[:, None, None], origin.shape), mask)
