@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.config import InputName, PrepareConfig
+from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Painted
 from jaxsim.geometry import resample
 from jaxsim.prepare.edges import edge_map
@@ -31,7 +31,7 @@ CHANNELS: dict[str, int] = {
 }
 
 
-def input_channels(inputs: tuple[InputName, ...]) -> int:
+def input_channels(inputs: tuple[str, ...]) -> int:
     """Number of channels of these inputs. Raises ValueError for an unknown or repeated one, or for none."""
     unknown = [name for name in inputs if name not in CHANNELS]
     if unknown:
