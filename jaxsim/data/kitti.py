@@ -145,7 +145,8 @@ def _rows(path: Path, xyz_m: np.ndarray, rows: str) -> np.ndarray:
         return recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
-            f'{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation (rows="elevation" in Python)'
+            f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
+            '(rows="elevation" in Python)'
         ) from error
 
 
@@ -165,9 +166,7 @@ def _fitted(path: Path, rows: str) -> LidarSpec:
     if rows == "elevation":  # rows that were told by the nominal table cannot correct it
         return spec
     xyz_m, _ = read_velodyne(path)
-    return fit_beams(
-        xyz_m, _rows(path, xyz_m, rows), lines=spec.rows, name=f"{_SENSOR}, fitted to {path.stem}"
-    )
+    return fit_beams(xyz_m, _rows(path, xyz_m, rows), lines=spec.rows, name=f"{_SENSOR}, fitted to {path.stem}")
 
 
 def _numbers(scans: Path, images: Path) -> list[str]:
@@ -199,9 +198,7 @@ def _drives(root: Path) -> list[Path]:
         )
     dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
     if not dates and ((root / "training").is_dir() or (root / "testing").is_dir()):
-        raise ValueError(
-            f"kitti: {_listing(root)}: this is the object benchmark; use --data.kind kitti_object"
-        )
+        raise ValueError(f"kitti: {_listing(root)}: this is the object benchmark; use --data.kind kitti_object")
     if not dates:
         raise ValueError(f"kitti: no date folder: {_listing(root)}; pass the folder that holds 2011_09_26/")
     drives = sorted(p for date in dates for p in date.iterdir() if (p / "velodyne_points").is_dir())
@@ -251,6 +248,5 @@ def _timestamp(path: Path, number: int) -> float | None:
         return datetime.fromisoformat(lines[number].strip()[:26]).replace(tzinfo=UTC).timestamp()
     except ValueError:
         raise ValueError(
-            f"kitti: {path}, line {number + 1}: {lines[number]!r} is no time such as "
-            "2011-09-26 13:02:25.594360375"
+            f"kitti: {path}, line {number + 1}: {lines[number]!r} is no time such as 2011-09-26 13:02:25.594360375"
         ) from None
