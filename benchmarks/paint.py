@@ -4,6 +4,9 @@
 
 All peers do the same work: pixel to space, nearest beam, column, nearest and farthest range of each cell,
 which surface is in front, and its pixel nearest to the ray. NumPy comes in two forms: ufunc.at and sorting.
+
+numba is level with jaxsim on a CPU (0.9 to 1.0 of its time): it takes a pixel all its way in one loop, where XLA
+keeps row, column and distance of all pixels in memory between its loops.
 """
 
 from __future__ import annotations

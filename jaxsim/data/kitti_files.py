@@ -110,13 +110,10 @@ def read_labels(path: Path) -> Boxes:
     for k, row in enumerate(rows):
         if len(row) != 15:
             raise ValueError(
-                f"kitti: {path}, line {k + 1} has {len(row)} columns; a label has 15 "
-                "(16 is a detector's result)"
+                f"kitti: {path}, line {k + 1} has {len(row)} columns; a label has 15 (16 is a detector's result)"
             )
         if row[0] not in KINDS:
-            raise ValueError(
-                f"kitti: {path}, line {k + 1}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}"
-            )
+            raise ValueError(f"kitti: {path}, line {k + 1}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}")
         try:
             numbers[k] = [float(value) for value in row[1:]]
         except ValueError as error:

@@ -65,9 +65,7 @@ def _read(path: Path) -> Float[Array, "n 5"]:
     points = np.fromfile(path, "<f4").reshape(-1, 5)
     broken = int((~np.isfinite(points).all(axis=1)).sum())
     if broken:
-        raise ValueError(
-            f"nuscenes: {path}: {broken} of {len(points)} points are NaN or infinite; copy it again"
-        )
+        raise ValueError(f"nuscenes: {path}: {broken} of {len(points)} points are NaN or infinite; copy it again")
     ring, lines = points[:, 4], preset(_SENSOR).rows
     if (ring != np.round(ring)).any() or ring.min() < 0 or ring.max() >= lines:
         raise ValueError(

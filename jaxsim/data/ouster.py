@@ -49,9 +49,7 @@ def read_pcap(
         yield _sweep(path, frame, core, intensity=intensity, full_scale=scale, number=whole)
         whole += 1
     if not whole:
-        raise ValueError(
-            f"ouster: {path} has no whole turn, {partial} broken ones; the recording was cut off"
-        )
+        raise ValueError(f"ouster: {path} has no whole turn, {partial} broken ones; the recording was cut off")
 
 
 def _open(path: Path, meta: Path) -> tuple[Any, Any]:
@@ -59,9 +57,7 @@ def _open(path: Path, meta: Path) -> tuple[Any, Any]:
         from ouster.sdk import core
         from ouster.sdk.open_source import open_source
     except ImportError as error:
-        raise ImportError(
-            "ouster: reading .pcap files needs ouster-sdk; pip install jaxsim-lidar[ouster]"
-        ) from error
+        raise ImportError("ouster: reading .pcap files needs ouster-sdk; pip install jaxsim-lidar[ouster]") from error
     if not path.is_file():
         raise ValueError(f"ouster: there is no {path}; pass a .pcap recording")
     if not meta.is_file():
@@ -73,8 +69,7 @@ def _open(path: Path, meta: Path) -> tuple[Any, Any]:
         return open_source(str(path), meta=[str(meta)]), core
     except Exception as error:  # the SDK has no common base for its errors
         raise ValueError(
-            f"ouster: {path} with {meta.name} cannot be read: {error}; pass a .pcap and the .json of "
-            "its sensor"
+            f"ouster: {path} with {meta.name} cannot be read: {error}; pass a .pcap and the .json of its sensor"
         ) from error
 
 
@@ -85,9 +80,7 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
     valid = range_m > 0
     largest = float(value[valid].max(initial=0))
     if largest > full_scale:
-        raise ValueError(
-            f"ouster: {path}: {intensity} reaches {largest:g}, above full_scale={full_scale:g}; raise it"
-        )
+        raise ValueError(f"ouster: {path}: {intensity} reaches {largest:g}, above full_scale={full_scale:g}; raise it")
     grid, first = _grid(info)
     image = PolarImage(
         range_m=np.roll(range_m, -first, axis=1),

@@ -26,7 +26,5 @@ def select(text: str, length: int) -> list[int]:
         chosen.extend(range(first, last + 1))
     repeated = sorted({i for i in chosen if chosen.count(i) > 1})
     if repeated:
-        raise ValueError(
-            f"frames {text!r}: frame {repeated[0]} is named more than once; name each frame once"
-        )
+        raise ValueError(f"frames {text!r}: frame {repeated[0]} is named more than once; name each frame once")
     return chosen

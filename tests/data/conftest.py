@@ -10,9 +10,7 @@ from jaxsim.geometry import preset
 
 P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"
 R0 = "0.9999239 0.00983776 -0.007445048 -0.009869795 0.9999421 -0.004278459 0.007402527 0.004351614 0.9999631"
-VELO_R = (
-    "0.007533745 -0.9999714 -0.000616602 0.01480249 0.0007280733 -0.9998902 0.9998621 0.00752379 0.01480755"
-)
+VELO_R = "0.007533745 -0.9999714 -0.000616602 0.01480249 0.0007280733 -0.9998902 0.9998621 0.00752379 0.01480755"
 VELO_T = "-0.004069766 -0.07631618 -0.2717806"
 CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
 DONT_CARE = "DontCare -1 -1 -10 503.89 169.71 590.61 190.13 -1 -1 -1 -1000 -1000 -1000 -10"
@@ -24,9 +22,7 @@ def scan(columns: int = 360) -> np.ndarray:
     azimuth = np.deg2rad((np.arange(columns) + 0.5) * 360 / columns)
     elevation = spec.elevation_rad[:, None]
     height = np.asarray(spec.origin_m)[:, None]
-    rho = np.minimum(
-        20.0, np.where(elevation < 0, (1.73 + height) / np.tan(-np.minimum(elevation, -1e-3)), 20.0)
-    )
+    rho = np.minimum(20.0, np.where(elevation < 0, (1.73 + height) / np.tan(-np.minimum(elevation, -1e-3)), 20.0))
     z = height + rho * np.tan(elevation)
     points = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z + 0 * azimuth], axis=-1)
     line = np.arange(spec.rows)[:, None] / 100 + 0 * azimuth

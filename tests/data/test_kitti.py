@@ -111,9 +111,7 @@ def test_the_sensor_is_fitted_to_the_first_scan(raw_root):
     hash(spec)
 
 
-@pytest.mark.parametrize(
-    ("kind", "count"), [("kitti_raw", 6), ("kitti_object", 3), ("kitti_object_fovcrop", 1)]
-)
+@pytest.mark.parametrize(("kind", "count"), [("kitti_raw", 6), ("kitti_object", 3), ("kitti_object_fovcrop", 1)])
 def test_real_frames_are_read(samples, kind, count):
     config = DataConfig(kind="kitti_raw" if kind == "kitti_raw" else "kitti_object", root=samples / kind)
     dataset = open_dataset(config)
