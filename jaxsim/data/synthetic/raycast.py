@@ -180,11 +180,17 @@ def enter_polyhedron(
 
 
 def _span(
-    origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], conic: Float[Array, "t 3 4"], weight
+    origin: Float[Array, "3 t0 r0"],
+    direction: Float[Array, "3 t r"],
+    conic: Float[Array, "t 3 4"],
+    weight: Float[Array, "..."],
 ) -> tuple[list, list, Float[Array, "t r"], Float[Array, "t r"]]:
-    """Rays (origin, direction) in the solid's own units, and where they enter and leave its quadric (FAR_M, -FAR_M if they miss it)."""
+    """Rays (origin, direction) in the solid's own units, and where they enter and leave its quadric.
 
-    def own(v, *, shift: bool):
+    Rays that miss it enter at FAR_M and leave at -FAR_M. `weight` of the third axis: 1 for a ball, 0 for a cylinder.
+    """
+
+    def own(v: Float[Array, "3 ..."], *, shift: bool) -> list:
         rows = []
         for i in range(3):
             a, b, c, d = (conic[:, i, j, None] for j in range(4))

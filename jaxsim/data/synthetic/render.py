@@ -91,7 +91,15 @@ def cast_shadows(
     return Shadows(heights, 0.85 * covered, eye_m)
 
 
-def _heights(solids, towards, eye_m, cells, tile, candidates) -> Float[Array, "down across"]:
+def _heights(
+    solids: Solids,
+    towards: Float[Array, "3"],
+    eye_m: Float[Array, "2"],
+    cells: tuple[int, int],
+    tile: tuple[int, int],
+    candidates: Candidates,
+) -> Float[Array, "down across"]:
+    """Height at which each parallel ray towards a cell of the ground is stopped; -1 where it reaches it."""
     x, y = (0.5 * (b[1:] + b[:-1]) for b in map_borders(cells))
     x, y = jnp.asarray(x, jnp.float32) + eye_m[0], jnp.asarray(y, jnp.float32) + eye_m[1]
     ground = vector(*jnp.broadcast_arrays(x[None, :], y[:, None], jnp.zeros(cells, jnp.float32)))

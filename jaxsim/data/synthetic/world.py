@@ -30,7 +30,7 @@ from jaxsim.data.synthetic.render import (
 from jaxsim.data.synthetic.scene import along_street, place, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
-from jaxsim.frame import Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
+from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
 
 FRAMES_PER_DRIVE = 4
@@ -104,13 +104,12 @@ class SyntheticWorld:
         """Renders frame `index`. Raises IndexError outside 0 .. len - 1."""
         moment = self._moment(index)
         view = self._view(moment)
-        noise = jax.random.fold_in(jax.random.key(self.seed + 1), index)
         image = self.measure(index, self._truth(moment))
         return Frame(
             name=self.name_of(index),
             scene=f"synthetic-{self.seed}-drive-{index // FRAMES_PER_DRIVE:05d}",
             camera=CameraFrame(
-                rgb=np.asarray(photograph(view.light, noise)),
+                rgb=np.asarray(photograph(view.light, self._key(index, 0))),
                 camera=self.camera,
                 depth_m=np.where(view.valid, view.depth_m, np.float32(0.0)),
                 depth_valid=view.valid,
@@ -132,8 +131,10 @@ class SyntheticWorld:
 
     def measure(self, index: int, truth: Truth, *, repeat: int = 0) -> PolarImage:
         """The sensor's noisy report; `repeat` 0 is the frame's own, others are further measurements of the moment."""
-        key = jax.random.fold_in(jax.random.fold_in(jax.random.key(self.seed), index), repeat)
-        return _host(measure(truth, key, sensor=self.sensor, spec=self.spec))
+        return _host(measure(truth, self._key(index, 1 + repeat), sensor=self.sensor, spec=self.spec))
+
+    def _key(self, index: int, use: int) -> Array:
+        return jax.random.fold_in(jax.random.fold_in(jax.random.key(self.seed), index), use)
 
     def _moment(self, index: int) -> _Moment:
         if not 0 <= index < len(self):
@@ -224,7 +225,7 @@ def cloud_of(image: PolarImage, spec: LidarSpec, columns: int) -> Cloud:
     """Valid returns in the order of KITTI's files: line by line, each from straight ahead counter-clockwise; host."""
     grid = full_grid(spec, columns)
     # Columns fall in azimuth; counter-clockwise from ahead is leftwards from the middle, then on from the right end.
-    order = np.roll(np.arange(columns)[::-1], -(columns - columns // 2))
+    order = np.roll(np.arange(columns)[::-1], -(columns // 2))
     valid = np.asarray(image.valid)[:, order]
     row, _ = np.nonzero(valid)
     rays = np.asarray(directions(grid))[:, order][valid]

@@ -1,0 +1,118 @@
+"""The true sensor against its formulae in float64, and light against geometry."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.data.synthetic.light import Light, lit, map_borders, map_place
+from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, Scan, cast_shadows
+from jaxsim.data.synthetic.scene import Thing, gather, place, poses
+from jaxsim.data.synthetic.solids import Look, Model
+from jaxsim.data.synthetic.tiles import candidates
+from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
+from jaxsim.frame import PolarImage
+from jaxsim.geometry import preset
+
+SPEC, SENSOR = preset("hdl64e"), TrueSensor()
+SHAPE = (64, 200)
+
+
+@pytest.fixture
+def a_scan() -> Scan:
+    rng = np.random.default_rng(0)
+    chance = rng.random((3, *SHAPE))
+    return Scan(
+        range_m=rng.uniform(0.5, 140, SHAPE).astype(np.float32),
+        valid=rng.random(SHAPE) < 0.9,
+        incidence_rad=rng.uniform(0, 1.55, SHAPE).astype(np.float32),
+        reflectance=rng.uniform(0.02, 0.8, SHAPE).astype(np.float32),
+        glass=chance[0] < 0.1,
+        retro=chance[1] < 0.05,
+        absorbing=chance[2] < 0.1,
+        semantic=np.full(SHAPE, 7, np.int32),
+        instance=np.zeros(SHAPE, np.int32),
+    )
+
+
+def test_the_report_follows_its_formulae(a_scan: Scan) -> None:
+    gain = beam_gain(SENSOR, 64)
+    truth = report(a_scan, gain, sensor=SENSOR, spec=SPEC)
+    r, t = a_scan.range_m.astype(np.float64), a_scan.incidence_rad.astype(np.float64)
+    sheet = a_scan.retro & (t < SENSOR.retro_angle_rad)
+    echo = np.where(sheet, SENSOR.retro_gain, a_scan.reflectance * np.cos(t) ** SENSOR.incidence_exponent)
+    echo = echo * (1 - np.exp(-((r / SENSOR.overlap_m) ** 2))) * np.exp(-2 * SENSOR.extinction * r)
+    falloff = (SENSOR.reference_m / r) ** SENSOR.falloff
+    intensity = SENSOR.scale * gain[:, None] * echo * falloff + SENSOR.offset
+    threshold = SENSOR.threshold_reflectance / SENSOR.threshold_m**2
+    lost = np.where(a_scan.glass, SENSOR.glass_loss, np.where(a_scan.absorbing, SENSOR.paint_loss, 0))
+    chance = (1 - lost) / (1 + (echo / r**2 / threshold) ** (-1 / SENSOR.threshold_spread))
+    met = a_scan.valid & (r > SPEC.min_range_m) & (r < SPEC.max_range_m)
+    np.testing.assert_allclose(truth.image.intensity, np.clip(intensity, 0, 0.99), atol=2e-5)
+    np.testing.assert_allclose(truth.detection, np.where(met, chance, 0), atol=2e-5)
+    np.testing.assert_array_equal(truth.image.valid, met)
+
+
+def test_a_target_of_threshold_reflectance_is_seen_half_of_the_time(a_scan: Scan) -> None:
+    ideal = replace(SENSOR, overlap_m=1e-3, extinction=0.0)
+    plain = a_scan.replace(
+        range_m=np.full(SHAPE, SENSOR.threshold_m, np.float32),
+        incidence_rad=np.zeros(SHAPE, np.float32),
+        reflectance=np.full(SHAPE, SENSOR.threshold_reflectance, np.float32),
+        valid=np.ones(SHAPE, bool),
+        **{name: np.zeros(SHAPE, bool) for name in ("glass", "retro", "absorbing")},
+    )
+    truth = report(plain, beam_gain(ideal, 64), sensor=ideal, spec=SPEC)
+    np.testing.assert_allclose(truth.detection, 0.5, atol=1e-4)
+    seen = measure(truth, jax.random.key(0), sensor=ideal, spec=SPEC)
+    assert np.asarray(seen.valid).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_measurements_scatter_about_the_truth_and_lie_on_the_sensor_s_steps(a_scan: Scan) -> None:
+    level = jnp.full(SHAPE, 0.4, jnp.float32)
+    image = PolarImage(jnp.full(SHAPE, 20.0, jnp.float32), level, jnp.ones(SHAPE, bool))
+    truth = Truth(image, a_scan, jnp.ones(SHAPE, jnp.float32))
+    seen = measure(truth, jax.random.key(1), sensor=SENSOR, spec=SPEC)
+    assert np.asarray(seen.valid).all()
+    error = np.asarray(seen.intensity, np.float64) - 0.4
+    assert error.mean() == pytest.approx(0.0, abs=0.002)
+    expected = np.sqrt((0.4 * SENSOR.noise_relative) ** 2 + SENSOR.noise_floor**2 + 0.01**2 / 12)
+    assert error.std() == pytest.approx(expected, rel=0.05)
+    steps = np.asarray(seen.range_m, np.float64) / SPEC.range_step_m
+    np.testing.assert_allclose(steps, np.round(steps), atol=0.01)
+
+
+def everything(cells: tuple[int, int], counts: tuple[int, int, int]) -> Candidates:
+    return candidates(np.ones((cells[0] // 32, cells[1] // 32, sum(counts)), bool), counts)
+
+
+def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
+    model = Model()
+    model.box((-0.1, -4.0, 0.0), (0.1, 4.0, 3.0), Look(11, (0.5, 0.5, 0.5), 0.4))
+    things = [Thing(model, 10.0, 0.0)]
+    parts = gather(things)
+    solids, _ = place(parts, *poses(things, 0.0, 0.0), np.zeros(1, np.int64))
+    # The sun stands 45 degrees high ahead: the wall's shadow lies 3 m long on the near side.
+    sun = np.array([1.0, 0.0, 1.0], np.float32) / np.float32(np.sqrt(2))
+    lists = {
+        "sunward": everything(SHADOW_CELLS, parts.counts),
+        "upward": everything(COVER_CELLS, parts.counts),
+    }
+    shadows = cast_shadows(solids, sun, np.zeros(2, np.float32), **lists)
+    rgb, number = np.ones(3, np.float32), np.float32(1.0)
+    light = Light(sun, rgb, rgb, rgb, number, number, number, number)
+    x = jnp.asarray([6.0, 7.4, 8.0, 9.5, 10.5, 12.0], jnp.float32)
+    at = jnp.stack([x, jnp.zeros_like(x), jnp.zeros_like(x)])
+    up = jnp.stack([jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x)])
+    np.testing.assert_allclose(lit(shadows, light, at, up), [1, 0, 0, 0, 1, 1], atol=1e-6)
+
+
+def test_map_places_invert_map_borders() -> None:
+    x, y = map_borders(SHADOW_CELLS)
+    centre_x, centre_y = (jnp.asarray(b[10:40], jnp.float32) for b in (x, y))
+    row, column = map_place(centre_x, centre_y, SHADOW_CELLS)
+    np.testing.assert_allclose(row, np.arange(10, 40) - 0.5, atol=0.01)
+    np.testing.assert_allclose(column, np.arange(10, 40) - 0.5, atol=0.01)
