@@ -46,7 +46,7 @@ def main(experiment: Experiment, description: str) -> None:
     to_batch = make_batch(prepare)
 
     # Model: both networks, their optimisers and the averaged generator, one pytree.
-    channels = input_channels(prepare.inputs)
+    channels = input_channels(prepare)
     train_step = make_train_step(experiment, channels)
     state = create_state(experiment, channels, seed=settings.seed)
     predict = make_predict(make_generate(experiment, channels), prepare)

@@ -39,6 +39,8 @@ class PrepareConfig:
 
     inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
     """Channels the network sees. `incidence`, `range` and `row` are not in the paper."""
+    classes: tuple[int, ...] = tuple(range(34))
+    """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
     image_crop: tuple[int, int] = (352, 1216)
     """Rows and columns of the image that are used: bottom and middle, as depth completion crops it."""
     columns: int = 372

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
-from jaxsim.pix2pix.convolution import Padding, conv2d
+from jaxsim.pix2pix.convolution import Padding, conv2d, upsample_conv2d
 from jaxsim.pix2pix.normalisation import SpectralVector, instance_norm, spectral_norm, unit
 
 Array = Any
@@ -23,7 +23,10 @@ INIT_GAIN = 0.02
 
 
 class Conv(nnx.Module):
-    """Convolution with bias; its kernel divided by its largest singular value if `spectral`."""
+    """Convolution with bias; its kernel divided by its largest singular value if `spectral`.
+
+    `upsample` doubles rows and columns first (nearest neighbour, 3 x 3 kernel, reflect padding).
+    """
 
     def __init__(
         self,
@@ -34,9 +37,10 @@ class Conv(nnx.Module):
         stride: int,
         padding: Padding,
         spectral: bool,
+        upsample: bool,
         rngs: nnx.Rngs,
     ):
-        self.stride, self.padding, self.spectral = stride, padding, spectral
+        self.stride, self.padding, self.spectral, self.upsample = stride, padding, spectral, upsample
         shape = (size, size, in_channels, out_channels)
         # Xavier's normal form with gain 0.02, as published; spectral norm makes the scale immaterial.
         deviation = INIT_GAIN * (2 / ((in_channels + out_channels) * size * size)) ** 0.5
@@ -47,11 +51,14 @@ class Conv(nnx.Module):
             self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
 
     def __call__(self, x: Float[Array, "b h w c_in"], *, train: bool) -> Float[Array, "b h_out w_out c_out"]:
-        y = conv2d(x, self.kernel[...], stride=self.stride, padding=self.padding)
+        kernel = self.kernel[...]
+        if self.upsample:
+            y = upsample_conv2d(x, kernel)
+        else:
+            y = conv2d(x, kernel, stride=self.stride, padding=self.padding)
         if self.spectral:
-            sigma, left, right = spectral_norm(
-                self.kernel[...], self.left[...], self.right[...], iterations=int(train)
-            )
+            left, right = self.left[...], self.right[...]
+            sigma, left, right = spectral_norm(kernel, left, right, iterations=int(train))
             if train:
                 self.left[...], self.right[...] = left, right
             # Dividing the output spares a copy of the kernel, which is the larger of the two deep down.
@@ -82,6 +89,7 @@ class ConvBlock(nnx.Module):
         stride: int = 1,
         padding: Padding = "reflect",
         spectral: bool = True,
+        upsample: bool = False,
         norm: bool = True,
         activation: Activation | None = jax.nn.relu,
         rngs: nnx.Rngs,
@@ -93,6 +101,7 @@ class ConvBlock(nnx.Module):
             stride=stride,
             padding=padding,
             spectral=spectral,
+            upsample=upsample,
             rngs=rngs,
         )
         self.norm = InstanceNorm(out_channels) if norm else None

@@ -7,6 +7,7 @@ layer plan of NVlabs/imaginaire `generators/pix2pixHD.py`, `discriminators/multi
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import jax
@@ -15,7 +16,7 @@ from flax import nnx
 from jaxtyping import Float
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
-from jaxsim.pix2pix.convolution import average_pool, halve, upsample
+from jaxsim.pix2pix.convolution import average_pool, halve
 from jaxsim.pix2pix.layers import ConvBlock, ResidualBlock
 
 Array = Any
@@ -39,13 +40,11 @@ class EncoderDecoder(nnx.Module):
         rngs: nnx.Rngs,
     ):
         block = partial(ConvBlock, spectral=spectral, rngs=rngs)
-        steps = list(zip(widths[:-1], widths[1:], strict=True))
+        steps = list(pairwise(widths))
         self.stem = block(in_channels, widths[0], size=7)
         self.down = nnx.List([block(narrow, wide, stride=2) for narrow, wide in steps])
-        self.blocks = nnx.List(
-            [ResidualBlock(widths[-1], spectral=spectral, rngs=rngs) for _ in range(blocks)]
-        )
-        self.up = nnx.List([block(wide, narrow) for narrow, wide in reversed(steps)])
+        self.blocks = nnx.List([ResidualBlock(widths[-1], spectral=spectral, rngs=rngs) for _ in range(blocks)])
+        self.up = nnx.List([block(wide, narrow, upsample=True) for narrow, wide in reversed(steps)])
         head = partial(ConvBlock, size=7, spectral=False, norm=False, activation=jnp.tanh, rngs=rngs)
         self.head = None if out_channels is None else head(widths[0], out_channels)
 
@@ -60,7 +59,7 @@ class EncoderDecoder(nnx.Module):
         for block in self.blocks:
             x = block(x, train=train)
         for block in self.up:
-            x = block(upsample(x), train=train)
+            x = block(x, train=train)
         return x if self.head is None else self.head(x, train=train)
 
 
@@ -70,9 +69,7 @@ class Generator(nnx.Module):
     `spectral=False` gives the network of the averaged generator, whose kernels have the norm folded in.
     """
 
-    def __init__(
-        self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs, *, spectral: bool = True
-    ) -> None:
+    def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs, *, spectral: bool = True) -> None:
         if config.filters % 2**config.enhancers:
             raise ValueError(
                 f"generator.filters is {config.filters}: {config.enhancers} enhancers halve it that often; "
@@ -81,9 +78,7 @@ class Generator(nnx.Module):
         self.multiple = 2 ** (config.downsamples + config.enhancers)
         widths = tuple(min(config.filters * 2**i, config.max_filters) for i in range(config.downsamples + 1))
         part = partial(EncoderDecoder, in_channels, spectral=spectral, rngs=rngs)
-        self.coarse = part(
-            widths, blocks=config.blocks, out_channels=None if config.enhancers else config.out_channels
-        )
+        self.coarse = part(widths, blocks=config.blocks, out_channels=None if config.enhancers else config.out_channels)
         fine = [config.filters // 2 ** (k + 1) for k in range(config.enhancers)]
         self.enhancers = nnx.List(
             [
@@ -118,9 +113,7 @@ class PatchDiscriminator(nnx.Module):
     """One scale: logits of overlapping patches, and the features before them."""
 
     def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
-        block = partial(
-            ConvBlock, padding="zero", activation=partial(jax.nn.leaky_relu, negative_slope=0.2), rngs=rngs
-        )
+        block = partial(ConvBlock, padding="zero", activation=partial(jax.nn.leaky_relu, negative_slope=0.2), rngs=rngs)
         widths = [min(config.filters * 2**i, config.max_filters) for i in range(config.layers + 1)]
         channels = [in_channels, *widths]
         self.features = nnx.List(

@@ -56,8 +56,7 @@ def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
         sigma, _, _ = spectral_norm(parameters["kernel"], vectors["left"], vectors["right"])
         return {**parameters, "kernel": parameters["kernel"] / sigma}
     return {
-        name: fold_spectral_norm(part, vectors[name]) if name in vectors else part
-        for name, part in parameters.items()
+        name: fold_spectral_norm(part, vectors[name]) if name in vectors else part for name, part in parameters.items()
     }
 
 

@@ -69,9 +69,7 @@ def from_published(arrays: Arrays, like: Network) -> Network:
             return array.reshape(channels, kh, kw).transpose(1, 2, 0).reshape(-1)
         return array
 
-    network = Network(
-        jax.tree.map_with_path(adopt, like.parameters), jax.tree.map_with_path(adopt, like.vectors)
-    )
+    network = Network(jax.tree.map_with_path(adopt, like.parameters), jax.tree.map_with_path(adopt, like.vectors))
     if faults:
         raise ValueError(
             "published weights do not fit the configured network: "

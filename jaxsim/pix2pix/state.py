@@ -80,9 +80,7 @@ def generator_definition(config: GeneratorConfig, in_channels: int, *, spectral:
 def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
     """The discriminator without values; it sees the inputs and the image."""
     channels = in_channels + experiment.generator.out_channels
-    return nnx.graphdef(
-        nnx.eval_shape(lambda: Discriminator(experiment.discriminator, channels, nnx.Rngs(0)))
-    )
+    return nnx.graphdef(nnx.eval_shape(lambda: Discriminator(experiment.discriminator, channels, nnx.Rngs(0))))
 
 
 def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:

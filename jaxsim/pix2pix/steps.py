@@ -16,6 +16,7 @@ import optax
 from flax import nnx
 
 from jaxsim.config import Experiment
+from jaxsim.pix2pix.convolution import compiler_options
 from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, reconstruction
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
@@ -73,9 +74,7 @@ def make_train_step(
         loss = weights.gan * (hinge(on_real, "real") + hinge(on_fake, "fake"))
         return loss, network.vectors
 
-    def generator_loss(
-        parameters: Tree, vectors: Tree, judges: Network | None, batch: Batch, vgg: Weights | None
-    ):
+    def generator_loss(parameters: Tree, vectors: Tree, judges: Network | None, batch: Batch, vgg: Weights | None):
         inputs, target = batch["inputs"], batch["target"]
         image, network = generate(Network(parameters, vectors), inputs)
         terms = {}
@@ -125,7 +124,7 @@ def make_train_step(
         )
         return state, metrics
 
-    return partial(jax.jit(train_step, donate_argnums=0), vgg=vgg)
+    return partial(jax.jit(train_step, donate_argnums=0, compiler_options=compiler_options()), vgg=vgg)
 
 
 def _average(experiment: Experiment, ema: Tree, generator: Network, step: Array) -> Tree:

@@ -46,9 +46,7 @@ def load_vgg(path: Path | None) -> Weights:
                     name = f"features.{place}.{part}"
                     found = arrays[name].shape if name in arrays else "missing"
                     if found != shape:
-                        raise ValueError(
-                            f"perceptual loss: {path}: {name} is {found}, not {shape}; {HOW_TO_GET}"
-                        )
+                        raise ValueError(f"perceptual loss: {path}: {name} is {found}, not {shape}; {HOW_TO_GET}")
                     array = arrays[name].astype(np.float32)
                     weights[name] = array.transpose(2, 3, 1, 0) if part == "weight" else array
                 channels = width
@@ -74,9 +72,7 @@ def vgg_features(weights: Weights, image: Float[Array, "b h w k"]) -> list[Float
     return features
 
 
-def perceptual(
-    weights: Weights, image: Float[Array, "b h w k"], target: Float[Array, "b h w k"]
-) -> Float[Array, ""]:
+def perceptual(weights: Weights, image: Float[Array, "b h w k"], target: Float[Array, "b h w k"]) -> Float[Array, ""]:
     """Mean absolute differences of VGG features, weighted 1/32, 1/16, 1/8, 1/4, 1; target held fixed."""
     pairs = zip(vgg_features(weights, image), vgg_features(weights, target), strict=True)
     terms = [jnp.abs(a - jax.lax.stop_gradient(b)).mean() for a, b in pairs]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from jaxsim.prepare.channels import CHANNELS, CLASSES, input_channels, network_inputs
+from jaxsim.prepare.channels import CHANNELS, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth import complete_depth
 from jaxsim.prepare.depth.sparse import sparse_depth
@@ -13,7 +13,6 @@ from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_fra
 
 __all__ = [
     "CHANNELS",
-    "CLASSES",
     "check_view",
     "complete_depth",
     "crop_image",

@@ -14,31 +14,30 @@ from jaxsim.frame import Array, Painted
 from jaxsim.geometry import resample
 from jaxsim.prepare.edges import edge_map
 
-CLASSES = 34
-"""Cityscapes ids 0..33."""
-
 ROW_OCTAVES = 6
 """Waves over the sensor's height: 1, 2, 4 ... 32, the last of about two lines for a sensor of 64."""
 
-CHANNELS: dict[str, int] = {
+CHANNELS: dict[str, int | None] = {
     "rgb": 3,
     "depth": 1,
-    "semantic": CLASSES,
+    "semantic": None,
     "edges": 1,
     "incidence": 1,
     "range": 1,
     "row": 1 + 2 * ROW_OCTAVES,
 }
+"""Channels of each input; None: one a class."""
 
 
-def input_channels(inputs: tuple[str, ...]) -> int:
-    """Number of channels of these inputs. Raises ValueError for an unknown or repeated one, or for none."""
+def input_channels(prepare: PrepareConfig) -> int:
+    """Number of channels of the config's inputs. Raises ValueError for an unknown or repeated one, or for none."""
+    inputs = prepare.inputs
     unknown = [name for name in inputs if name not in CHANNELS]
     if unknown:
         raise ValueError(f"inputs: no channel {unknown[0]!r}; known: {', '.join(CHANNELS)}")
     if not inputs or len(set(inputs)) < len(inputs):
         raise ValueError(f"inputs: {' '.join(inputs) or 'none'}; name at least one, each once")
-    return sum(CHANNELS[name] for name in inputs)
+    return sum(CHANNELS[name] or len(prepare.classes) for name in inputs)
 
 
 @partial(jax.jit, static_argnames="prepare")
@@ -51,11 +50,11 @@ def network_inputs(
 ) -> Float[Array, "*b r c channels"]:
     """Scales a window to the network's size and stacks the channels that `prepare.inputs` names.
 
-    Colours, lengths and angle are scaled to -1..1. Classes are one-hot over the 34 Cityscapes ids, all
-    0 for *don't care*: where the cell is occluded, and where nothing was painted. Edges are 0 or 1, found
+    Colours, lengths and angle are scaled to -1..1. Classes are one-hot over `prepare.classes`, all 0
+    for *don't care*: another class, an occluded cell, and where nothing was painted. Edges are 0 or 1, found
     after the scaling as pix2pixHD does. A cell that nothing was painted on is -1 in colour and lengths.
     """
-    input_channels(prepare.inputs)
+    input_channels(prepare)
     size, lead = prepare.network_size, row.ndim - 2
     painted, incidence_rad, row = resample((painted, incidence_rad, row), size, batch_dims=lead)
     seen = painted.valid
@@ -64,8 +63,9 @@ def network_inputs(
         return jnp.where(seen, 2 * jnp.clip(value / largest, 0, 1) - 1, -1)[..., None]
 
     def semantic() -> Array:
-        labelled = jnp.where(seen & ~painted.occluded, painted.semantic, -1)
-        return jax.nn.one_hot(labelled, CLASSES, dtype=jnp.float32)
+        known = (seen & ~painted.occluded)[..., None]
+        ids = np.asarray(prepare.classes, np.int32)
+        return (known & (painted.semantic[..., None] == ids.reshape((1,) * seen.ndim + (-1,)))).astype(jnp.float32)
 
     make = {
         "rgb": lambda: jnp.where(seen[..., None], 2 * painted.rgb - 1, -1),

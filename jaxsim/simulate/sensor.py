@@ -50,7 +50,7 @@ class LearnedSensor:
     def __init__(self, run: Run, params: Any):
         self.run, self.params = run, params
         prepare = run.experiment.prepare
-        self.generate = make_generate(run.experiment, input_channels(prepare.inputs))
+        self.generate = make_generate(run.experiment, input_channels(prepare))
         self._simulate = jax.jit(partial(simulate_frame, generate=self.generate, prepare=prepare))
 
     @cached_property
@@ -103,6 +103,6 @@ class LearnedSensor:
 def load(folder: Path | str) -> LearnedSensor:
     """The trained sensor of a run folder. Raises ValueError where there is no run, or it has saved nothing yet."""
     run = load_run(folder)
-    channels = input_channels(run.experiment.prepare.inputs)
+    channels = input_channels(run.experiment.prepare)
     like = jax.eval_shape(lambda: ema_generator(create_state(run.experiment, channels, seed=0)))
     return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", like))

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ def config(*inputs, size=SHAPE[1:]):
 def test_every_channel_equals_its_definition():
     painted, angle, row = scene()
     found = np.asarray(network_inputs(painted, angle, row, prepare=config(*ALL)))
-    assert found.shape == (*SHAPE, input_channels(ALL))
+    assert found.shape == (*SHAPE, input_channels(config(*ALL)))
     v = painted.valid
     expected = [
         np.where(v[..., None], 2 * painted.rgb - 1, -1),
@@ -72,6 +74,14 @@ def test_occluded_cells_lose_their_class_and_keep_the_rest():
     assert not found[..., :34].any()
     np.testing.assert_allclose(found[..., 34:37], 2 * painted.rgb - 1, atol=1e-6)
     assert (found[..., 37] > -1).mean() > 0.9
+
+
+def test_only_the_classes_asked_for_have_a_channel():
+    painted, angle, row = scene()
+    chosen = dataclasses.replace(config("semantic"), classes=(26, 7))
+    everything = np.asarray(network_inputs(painted, angle, row, prepare=config("semantic")))
+    assert input_channels(chosen) == 2
+    np.testing.assert_array_equal(network_inputs(painted, angle, row, prepare=chosen), everything[..., [26, 7]])
 
 
 def test_values_that_mean_nothing_are_not_passed_on():
@@ -119,11 +129,11 @@ def test_one_hot_equals_the_published_program(golden):
 
 
 def test_channel_counts_and_unknown_names():
-    assert {name: input_channels((name,)) for name in CHANNELS} == CHANNELS
-    assert input_channels(("rgb", "depth", "semantic", "edges")) == 39  # the paper's
+    assert {name: input_channels(config(name)) for name in CHANNELS} == {**CHANNELS, "semantic": 34}
+    assert input_channels(config("rgb", "depth", "semantic", "edges")) == 39  # the paper's
     with pytest.raises(ValueError, match="no channel 'speed'; known: rgb, depth, semantic"):
-        input_channels(("rgb", "speed"))
+        input_channels(config("rgb", "speed"))
     with pytest.raises(ValueError, match="name at least one, each once"):
-        input_channels(())
+        input_channels(config())
     with pytest.raises(ValueError, match="rgb rgb; name at least one, each once"):
-        input_channels(("rgb", "rgb"))
+        input_channels(config("rgb", "rgb"))
