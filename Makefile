@@ -17,7 +17,13 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/jaxsim demo
+	$(BIN)/python train.py demo
+	$(BIN)/python eval.py runs/demo
+	$(BIN)/jaxsim simulate runs/demo --out runs/demo/simulated
+	@echo; echo "Look at:"
+	@echo "  runs/demo/evaluation/*.png         input | predicted | measured | difference, and scores.md"
+	@echo "  runs/demo/simulated/previews/*.png simulated intensity and clouds"
+	@echo "  runs/demo/simulated/clouds/        KITTI .bin, .pcd, .ply   (polar frames: simulated/polar/)"
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"

@@ -1,0 +1,68 @@
+"""Makes the pictures of the README and the pages: `python docs/make_pictures.py` (after `python train.py`)."""
+
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import jaxsim
+from jaxsim.cloud import points_of
+from jaxsim.data import open_dataset
+from jaxsim.frame import Cloud
+from jaxsim.geometry import polar_to_points
+from jaxsim.prepare import prepare_frame
+from jaxsim.report import beside, draw_cloud, pair_picture, save_picture, strip
+from jaxsim.report.frames import intensity_panel
+from jaxsim.simulate import make_predict
+
+PICTURES = Path(__file__).parent / "pictures"
+RUN = Path("runs/synthetic")
+
+
+def shrunk(picture: np.ndarray, width: int) -> np.ndarray:
+    height = round(len(picture) * width / picture.shape[1])
+    return cv2.resize(np.ascontiguousarray(picture), (width, height), interpolation=cv2.INTER_AREA)
+
+
+def streets() -> None:
+    """Four camera views of the embedded world."""
+    world = open_dataset("synthetic")
+    views = [shrunk(world[i].camera.rgb, 620) for i in (3, 57, 123, 171)]
+    picture = np.concatenate([beside(views[:2]), beside(views[2:])])
+    save_picture(PICTURES / "streets.jpg", picture)
+
+
+def sweep() -> None:
+    """One measured sweep of the embedded world: intensity by line and azimuth, and the cloud."""
+    world = open_dataset("synthetic")
+    frame, truth = world[3], world.truth(3)
+    panel = intensity_panel(np.asarray(truth.image.intensity), np.asarray(truth.detection) > 0.5)
+    ahead = panel[:, panel.shape[1] // 4 : -(panel.shape[1] // 4)]
+    cloud = draw_cloud(points_of(frame.cloud), size=(460, 1240), title="measured cloud, coloured by intensity")
+    picture = np.concatenate([strip([("half a turn of the true sensor, without noise", ahead)], width=1240), cloud])
+    save_picture(PICTURES / "sweep.jpg", picture)
+
+
+def synthetic() -> None:
+    """A validation frame: inputs, prediction, measurement; and the simulated cloud beside the measured one."""
+    sensor = jaxsim.load(RUN)
+    world = open_dataset(sensor.run.experiment.data)
+    pair, grid = prepare_frame(world[160], world.spec, sensor.run.experiment.prepare)
+    predicted = np.asarray(make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair))
+    save_picture(PICTURES / "synthetic.png", shrunk(pair_picture(pair, predicted, title=world.name_of(160)), 1116))
+
+    def view(cloud: Cloud, title: str) -> np.ndarray:
+        points = points_of(cloud)
+        return draw_cloud(points, size=(420, 620), title=f"{title}: {len(points)} points")
+
+    seen = pair.painted.valid
+    simulated = polar_to_points(pair.measured.replace(range_m=pair.painted.range_m, intensity=predicted,
+                                                      valid=seen & (predicted > 0)), grid)  # fmt: skip
+    measured = polar_to_points(pair.measured.replace(valid=pair.measured.valid & seen), grid)
+    save_picture(PICTURES / "clouds.jpg", beside([view(simulated, "simulated"), view(measured, "measured")]))
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or ("streets", "sweep", "synthetic"):
+        globals()[name]()
