@@ -162,7 +162,7 @@ def test_the_readmes_first_lines_make_a_point_cloud(work, monkeypatch):
 
 def test_help_teaches(work):
     text = finish(start(work, "train.py", "--help"))
-    assert "Others:" in text
+    assert "Experiments (configs/):" in text
     assert "--optim.lr" in text
     assert "kitti_raw" in text
 

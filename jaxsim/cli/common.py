@@ -48,7 +48,13 @@ def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
     """
     name, flags = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("synthetic", argv)
     experiment, docstring = configs.load(name)
-    intro = f"Experiment {name}. {docstring}\n\nOthers: {', '.join(n for n in configs.NAMES if n != name)}."
+    others = "\n".join(f"  {n:<12}{configs.load(n)[1].splitlines()[0]}" for n in configs.NAMES)
+    intro = f"""python train.py [EXPERIMENT] [--flags]; the same command again resumes the run.
+
+Experiments (configs/):
+{others}
+
+{name}: {docstring}"""
     default = replace(experiment, run=replace(experiment.run, name=experiment.run.name or name))
     parsed = tyro.cli(type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}")
     return parsed, docstring
