@@ -43,7 +43,7 @@ def main(experiment: Experiment, description: str) -> None:
     validation = prepared(dataset, select(data.validation, len(dataset)), data, prepare)
     train.one_window()
     loader = batches(train, size=optim.batch, seed=settings.seed, flip=optim.flip)
-    to_batch = make_batch(prepare)
+    to_batch = make_batch(prepare, drop_weight=experiment.loss.drop_weight)
 
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)

@@ -94,6 +94,8 @@ class LossConfig:
     vgg_weights: Path | None = None
     reconstruction: float = 0.0
     """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
+    drop_weight: float = 1.0
+    """Weight, in the reconstruction term, of a cell that did not come back, beside 1 of one that did."""
 
 
 @dataclass(frozen=True)
