@@ -10,10 +10,7 @@ from jaxtyping import install_import_hook
 
 # frame.py is left out: its structs are also built by tree operations, with leaves that are no arrays.
 install_import_hook(
-    [
-        f"jaxsim.{stage}"
-        for stage in ("geometry", "data", "prepare", "pix2pix", "cloud", "metrics", "simulate")
-    ],
+    [f"jaxsim.{stage}" for stage in ("geometry", "data", "prepare", "pix2pix", "cloud", "metrics", "simulate")],
     "beartype.beartype",
 )
 
@@ -30,9 +27,7 @@ SAMPLES = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / 
 def samples() -> Path:
     """Real sensor frames and golden vectors; tests that need them are skipped where they are not."""
     if not SAMPLES.is_dir():
-        pytest.skip(
-            f"no sample data at {SAMPLES}; set JAXSIM_SAMPLE_DATA to the folder that holds kitti_raw/"
-        )
+        pytest.skip(f"no sample data at {SAMPLES}; set JAXSIM_SAMPLE_DATA to the folder that holds kitti_raw/")
     return SAMPLES
 
 

@@ -56,9 +56,7 @@ def work(tmp_path_factory) -> Path:
 
 def test_a_run_holds_what_is_needed_to_use_and_to_judge_it(work):
     run = work / "runs" / "demo"
-    assert {"config.json", "checkpoints", "metrics.jsonl", "figures", "card.md"} <= {
-        p.name for p in run.iterdir()
-    }
+    assert {"config.json", "checkpoints", "metrics.jsonl", "figures", "card.md"} <= {p.name for p in run.iterdir()}
     assert cv2.imread(str(run / "figures" / "step_000006.png")) is not None
     assert (6, "validation/mae") in metrics(run)
 

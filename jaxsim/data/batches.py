@@ -32,9 +32,7 @@ def batches(pairs: Sequence[Pair], *, size: int, seed: int, flip: bool = False) 
     import grain
 
     if len(pairs) < size:
-        raise ValueError(
-            f"batches: {len(pairs)} training frames cannot fill a batch of {size}; lower --optim.batch"
-        )
+        raise ValueError(f"batches: {len(pairs)} training frames cannot fill a batch of {size}; lower --optim.batch")
     dataset = grain.MapDataset.source(pairs).seed(seed).shuffle().repeat()
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)

@@ -34,15 +34,11 @@ def read_grid(folder: Path) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
     """The grid of a folder and what it says of its frames. Raises ValueError where the file is not a grid."""
     path = Path(folder) / "grid.json"
     if not path.is_file():
-        raise ValueError(
-            f"polar frames: no grid.json in {folder}; a folder of polar frames has one beside NAME.npz"
-        )
+        raise ValueError(f"polar frames: no grid.json in {folder}; a folder of polar frames has one beside NAME.npz")
     content = json.loads(path.read_text())
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
-        raise ValueError(
-            f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)"
-        )
+        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
     elevation = np.asarray(content["elevation"], np.float32)
     origin = np.asarray(content.get("origin", np.zeros(len(elevation))), np.float32)
     grid = PolarGrid(np.asarray(content["azimuth"], np.float32), elevation, origin)
@@ -70,9 +66,7 @@ def read_frame(folder: Path, name: str) -> tuple[PolarImage, dict[str, np.ndarra
         arrays = dict(archive)
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        raise ValueError(
-            f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}"
-        )
+        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
     range_m, intensity = (np.asarray(arrays.pop(key), np.float32) for key in REQUIRED)
     if range_m.shape != intensity.shape:
         raise ValueError(
@@ -81,7 +75,9 @@ def read_frame(folder: Path, name: str) -> tuple[PolarImage, dict[str, np.ndarra
     if not np.isfinite(range_m).all() or (range_m < 0).any():
         raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
     if not np.isfinite(intensity).all() or intensity.min(initial=0) < 0 or intensity.max(initial=0) > 1:
+        low, high = intensity.min(), intensity.max()
         raise ValueError(
-            f"polar frames: {path}: intensity spans {intensity.min():g}..{intensity.max():g}; it must lie in 0..1 (divide by your sensor's scale)"
+            f"polar frames: {path}: intensity spans {low:g}..{high:g}; it must lie in 0..1 "
+            "(divide by your sensor's scale)"
         )
     return PolarImage(range_m, intensity, range_m > 0), arrays

@@ -35,7 +35,7 @@ def test_what_is_written_is_read_and_no_return_becomes_the_mask(tmp_path):
 
 
 def test_missing_grid_says_what_a_folder_of_polar_frames_has(tmp_path):
-    with pytest.raises(ValueError, match="no grid.json"):
+    with pytest.raises(ValueError, match=r"no grid\.json"):
         read_grid(tmp_path)
 
 
