@@ -13,10 +13,14 @@ from jaxsim.config import (
 
 experiment = Experiment(
     data=DataConfig(kind="kitti_raw", train="0-3", validation="4-5"),
-    prepare=PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic"),
-    generator=GeneratorConfig(filters=16, blocks=3, downsamples=3, enhancer_blocks=2),
+    prepare=PrepareConfig(
+        inputs=("rgb", "depth", "incidence", "row"),
+        depth="ip_basic",
+        network_size=(88, 744),  # two cells a laser line and column: the enhancer then works at the window's own size
+    ),
+    generator=GeneratorConfig(filters=16, blocks=3, downsamples=2, enhancer_blocks=3),
     discriminator=DiscriminatorConfig(filters=16, max_filters=128),
-    loss=LossConfig(gan=1.0, feature_matching=10.0, perceptual=0.0, reconstruction=100.0),
-    optim=OptimConfig(lr=1e-3, batch=4, steps=400, decay_from=0.5, flip=False, ema_start=100, ema_decay=0.99),
-    run=RunConfig(name="kitti_raw", save_every=100, picture_every=100),
+    loss=LossConfig(gan=1.0, feature_matching=2.0, perceptual=0.0, reconstruction=200.0, drop_weight=0.5),
+    optim=OptimConfig(lr=1e-3, batch=2, steps=800, decay_from=0.5, ema_start=100, ema_decay=0.99),
+    run=RunConfig(name="kitti_raw", save_every=200, picture_every=200),
 )

@@ -16,7 +16,7 @@ experiment = Experiment(
     prepare=PrepareConfig(
         inputs=("rgb", "depth", "semantic", "edges", "incidence", "row"),
         classes=(7, 8, 11, 17, 20, 21, 22, 24, 25, 26, 27, 33),
-        network_size=(88, 744),
+        network_size=(88, 744),  # two cells a laser line and column: the enhancer then works at the window's own size
     ),
     generator=GeneratorConfig(filters=16, blocks=3, downsamples=2, enhancer_blocks=3),
     discriminator=DiscriminatorConfig(filters=16, max_filters=128),
