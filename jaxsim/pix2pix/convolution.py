@@ -1,21 +1,24 @@
 """Convolutions of (b, h, w, c) arrays with kernels (kh, kw, c_in, c_out), padded by half the kernel.
 
-On accelerators every convolution is XLA's own. On a CPU (chosen when a function is traced) three of XLA's
+On accelerators every convolution is XLA's own. On a CPU (chosen when a function is traced) four of XLA's
 forms lose by factors, and another form of the same sums is taken; `benchmarks/pix2pixhd.py` measures them:
 
 - an unpadded convolution of several images: it gets one column of zero padding, and the column is cut off;
 - few cells and many channels (the middle of the generator): a product of patches with the kernel, whose
   gradients are products too and need no transposed copy of the kernel;
+- a weight gradient at stride 2: products of the gradient with shifted cells, item by item;
 - nearest up-sampling before a 3 x 3 kernel: the four cells that stem from one see 2 x 2 cells with sums of
   kernel rows and columns, which is 2.25 times less work.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Float
 
@@ -37,18 +40,38 @@ def conv2d(
     The padding is explicit: XLA's SAME would put it on one side only at stride 2 and shift the grid.
     """
     rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
-    mode = "reflect" if padding == "reflect" else "constant"
-    pads = ((0, 0), (rows, rows), (columns, columns), (0, 0))
-    if not _on_cpu():
-        if padding == "zero":
-            return _convolve(x, kernel, stride, ((rows, rows), (columns, columns)))
-        return _convolve(jnp.pad(x, pads, mode=mode), kernel, stride, ((0, 0), (0, 0)))
-    cells = x.shape[0] * (x.shape[1] // stride) * (x.shape[2] // stride)
-    if cells <= 2 * kernel.shape[3]:
-        return _patch_product(jnp.pad(x, pads, mode=mode), kernel, stride)
-    if padding == "zero":
+    if padding == "reflect":
+        x = _reflect_pad(x, rows, columns)
+    elif _on_cpu():
+        x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)))
+    else:
         return _convolve(x, kernel, stride, ((rows, rows), (columns, columns)))
-    return _convolve_unpadded(jnp.pad(x, pads, mode=mode), kernel, stride)
+    return _convolve_unpadded(x, kernel, stride)
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(1, 2))
+def _reflect_pad(x: Array, rows: int, columns: int) -> Array:
+    """x mirrored at its outermost cells, which are not repeated."""
+    # Looked up rather than reversed and joined: half the time on a CPU.
+    for axis, n in ((1, rows), (2, columns)):
+        if n:
+            size = x.shape[axis]
+            place = np.pad(np.arange(size), n, mode="reflect")
+            x = jnp.take(x, place, axis=axis, mode="clip")
+    return x
+
+
+def _reflect_forward(x: Array, rows: int, columns: int) -> tuple[Array, None]:
+    return _reflect_pad(x, rows, columns), None
+
+
+def _reflect_backward(rows: int, columns: int, _: None, gradient: Array) -> tuple[Array]:
+    shape = (gradient.shape[0], gradient.shape[1] - 2 * rows, gradient.shape[2] - 2 * columns, gradient.shape[3])
+    pads = ((0, 0), (rows, rows), (columns, columns), (0, 0))
+    return jax.linear_transpose(partial(jnp.pad, pad_width=pads, mode="reflect"), jnp.zeros(shape))(gradient)
+
+
+_reflect_pad.defvjp(_reflect_forward, _reflect_backward)
 
 
 def upsample_conv2d(
@@ -69,8 +92,7 @@ def upsample_conv2d(
         by_column = (jnp.stack([left, middle + right], 1), jnp.stack([left + middle, right], 1))
         for q, quarter in enumerate(by_column):
             part = x[:, p : p + h + 1, q : q + w + 1]
-            deep = b * h * w <= 2 * kernel.shape[3]
-            phases.append(_patch_product(part, quarter, 1) if deep else _convolve_unpadded(part, quarter, 1))
+            phases.append(_convolve_unpadded(part, quarter, 1))
     y = jnp.stack(phases, axis=3).reshape(b, h, w, 2, 2, -1)
     return y.transpose(0, 1, 3, 2, 4, 5).reshape(b, 2 * h, 2 * w, -1)
 
@@ -126,25 +148,63 @@ def _convolve(x: Array, kernel: Array, stride: int, padding: Any) -> Array:
 
 
 def _convolve_unpadded(x: Array, kernel: Array, stride: int) -> Array:
-    """Convolution of the cells that are there, as one of padded cells."""
-    columns = (x.shape[2] - kernel.shape[1]) // stride + 1
-    return _convolve(x, kernel, stride, ((0, 0), (0, stride)))[:, :, :columns]
+    """Convolution of the cells that are there, in the form that the backend does best."""
+    kh, kw, _, wide = kernel.shape
+    b, h, w, _ = x.shape
+    rows, columns = (h - kh) // stride + 1, (w - kw) // stride + 1
+    if not _on_cpu():
+        return _convolve(x, kernel, stride, ((0, 0), (0, 0)))
+    if b * rows * columns <= 2 * wide:
+        return _patch_product(x, kernel, stride)
+    if stride > 1:
+        return _convolve_strided(x, kernel, stride)
+    return _convolve(x, kernel, stride, ((0, 0), (0, 1)))[:, :, :columns]
+
+
+@partial(jax.custom_vjp, nondiff_argnums=(2,))
+def _convolve_strided(x: Array, kernel: Array, stride: int) -> Array:
+    return _convolve(x, kernel, stride, ((0, 0), (0, 0)))
+
+
+def _strided_forward(x: Array, kernel: Array, stride: int) -> tuple[Array, tuple[Array, Array]]:
+    return _convolve_strided(x, kernel, stride), (x, kernel)
+
+
+def _strided_backward(stride: int, saved: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    x, kernel = saved
+    kh, kw, _, _ = kernel.shape
+    _, rows, columns, _ = gradient.shape
+
+    def add_item(total: Array, item: tuple[Array, Array]) -> tuple[Array, None]:
+        cells, slope = item
+        taps = [
+            lax.dot_general(slope, part[0], (((0, 1), (0, 1)), ((), ())))
+            for part in _taps(cells[None], kh, kw, (rows, columns), stride)
+        ]
+        return total + jnp.stack(taps), None
+
+    start = jnp.zeros((kh * kw, kernel.shape[3], kernel.shape[2]), kernel.dtype)
+    total, _ = lax.scan(add_item, start, (x, gradient))
+    (back,) = jax.linear_transpose(lambda x: _convolve(x, kernel, stride, ((0, 0), (0, 0))), x)(gradient)
+    return back, total.swapaxes(1, 2).reshape(kernel.shape)
+
+
+_convolve_strided.defvjp(_strided_forward, _strided_backward)
+
+
+def _taps(x: Array, kh: int, kw: int, size: tuple[int, int], stride: int) -> list[Array]:
+    """The cells that each kernel element meets, in the kernel's order."""
+    b, _, _, c = x.shape
+    down, right = ((n - 1) * stride + 1 for n in size)
+    strides = (1, stride, stride, 1)
+    return [lax.slice(x, (0, i, j, 0), (b, i + down, j + right, c), strides) for i in range(kh) for j in range(kw)]
 
 
 def _patch_product(x: Array, kernel: Array, stride: int) -> Array:
     """Convolution of the cells that are there, as one matrix product."""
-    kh, kw, _, wide = kernel.shape
-    b, h, w, c = x.shape
+    kh, kw, c, wide = kernel.shape
+    b, h, w, _ = x.shape
     rows, columns = (h - kh) // stride + 1, (w - kw) // stride + 1
-    cells = [
-        lax.slice(
-            x,
-            (0, i, j, 0),
-            (b, i + (rows - 1) * stride + 1, j + (columns - 1) * stride + 1, c),
-            (1, stride, stride, 1),
-        )
-        for i in range(kh)
-        for j in range(kw)
-    ]
-    patches = jnp.concatenate(cells, axis=-1).reshape(b * rows * columns, kh * kw * c)
+    taps = _taps(x, kh, kw, (rows, columns), stride)
+    patches = jnp.concatenate(taps, axis=-1).reshape(b * rows * columns, kh * kw * c)
     return (patches @ kernel.reshape(kh * kw * c, wide)).reshape(b, rows, columns, wide)

@@ -14,7 +14,7 @@ from flax import nnx
 from jaxtyping import Float
 
 from jaxsim.pix2pix.convolution import Padding, conv2d, upsample_conv2d
-from jaxsim.pix2pix.normalisation import SpectralVector, instance_norm, spectral_norm, unit
+from jaxsim.pix2pix.normalisation import INSTANCE_EPS, SpectralVector, instance_norm, spectral_norm, unit
 
 Array = Any
 Activation = Callable[[Array], Array]
@@ -23,7 +23,7 @@ INIT_GAIN = 0.02
 
 
 class Conv(nnx.Module):
-    """Convolution with bias; its kernel divided by its largest singular value if `spectral`.
+    """Convolution whose kernel is divided by its largest singular value if `spectral`.
 
     `upsample` doubles rows and columns first (nearest neighbour, 3 x 3 kernel, reflect padding).
     """
@@ -50,20 +50,30 @@ class Conv(nnx.Module):
             self.left = SpectralVector(unit(jax.random.normal(rngs.params(), (out_channels,))))
             self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
 
-    def __call__(self, x: Float[Array, "b h w c_in"], *, train: bool) -> Float[Array, "b h_out w_out c_out"]:
+    def __call__(
+        self, *parts: Float[Array, "b h w _"], train: bool
+    ) -> tuple[Float[Array, "b h_out w_out c_out"], Float[Array, ""] | float]:
+        """y and s: the layer's value is y / s + bias. The channels of the parts follow one another.
+
+        Dividing what comes out spares a copy of the kernel, which is the larger of the two deep down; and
+        the y of parts and kernel that did not change is the same in the next pass, though s is not.
+        """
         kernel = self.kernel[...]
-        if self.upsample:
-            y = upsample_conv2d(x, kernel)
-        else:
-            y = conv2d(x, kernel, stride=self.stride, padding=self.padding)
-        if self.spectral:
-            left, right = self.left[...], self.right[...]
-            sigma, left, right = spectral_norm(kernel, left, right, iterations=int(train))
-            if train:
-                self.left[...], self.right[...] = left, right
-            # Dividing the output spares a copy of the kernel, which is the larger of the two deep down.
-            y = y / sigma
-        return y + self.bias[...][None, None, None]
+        y, start = 0.0, 0
+        for part in parts:
+            of_part = kernel[:, :, start : start + part.shape[-1]]
+            start += part.shape[-1]
+            if self.upsample:
+                y += upsample_conv2d(part, of_part)
+            else:
+                y += conv2d(part, of_part, stride=self.stride, padding=self.padding)
+        if not self.spectral:
+            return y, 1.0
+        left, right = self.left[...], self.right[...]
+        sigma, left, right = spectral_norm(kernel, left, right, iterations=int(train))
+        if train:
+            self.left[...], self.right[...] = left, right
+        return y, sigma
 
 
 class InstanceNorm(nnx.Module):
@@ -73,12 +83,19 @@ class InstanceNorm(nnx.Module):
         self.scale = nnx.Param(jnp.ones(channels))
         self.shift = nnx.Param(jnp.zeros(channels))
 
-    def __call__(self, x: Float[Array, "b h w c"]) -> Float[Array, "b h w c"]:
-        return instance_norm(x, self.scale[...], self.shift[...])
+    def __call__(self, x: Float[Array, "b h w c"], divisor: Float[Array, ""] | float) -> Float[Array, "b h w c"]:
+        """The norm of x / divisor, which only the smallest variances and the sign tell from that of x."""
+        divisor = jnp.asarray(divisor, x.dtype)
+        eps = INSTANCE_EPS * divisor * divisor
+        return instance_norm(x, self.scale[...] * jnp.sign(divisor), self.shift[...], eps)
 
 
 class ConvBlock(nnx.Module):
-    """Convolution, instance norm (if `norm`), activation (None: none)."""
+    """Convolution, instance norm (if `norm`), activation (None: none).
+
+    With a norm the convolution's bias is there, as published, but has no effect: the norm takes the mean away.
+    So it is not added, and its gradient is 0 rather than rounding noise, which Adam would blow up.
+    """
 
     def __init__(
         self,
@@ -107,10 +124,12 @@ class ConvBlock(nnx.Module):
         self.norm = InstanceNorm(out_channels) if norm else None
         self.activation = activation
 
-    def __call__(self, x: Float[Array, "b h w c_in"], *, train: bool) -> Float[Array, "b h_out w_out c_out"]:
-        x = self.conv(x, train=train)
-        if self.norm is not None:
-            x = self.norm(x)
+    def __call__(self, *parts: Float[Array, "b h w _"], train: bool) -> Float[Array, "b h_out w_out c_out"]:
+        x, divisor = self.conv(*parts, train=train)
+        if self.norm is None:
+            x = x / divisor + self.conv.bias[...][None, None, None]
+        else:
+            x = self.norm(x, divisor)
         return x if self.activation is None else self.activation(x)
 
 

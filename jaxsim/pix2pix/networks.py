@@ -125,13 +125,13 @@ class PatchDiscriminator(nnx.Module):
         self.logits = ConvBlock(widths[-1], 1, padding="zero", norm=False, activation=None, rngs=rngs)
 
     def __call__(
-        self, x: Float[Array, "b h w c"], *, train: bool
+        self, inputs: Float[Array, "b h w c"], image: Float[Array, "b h w k"], *, train: bool
     ) -> tuple[Float[Array, "b h_out w_out 1"], list[Float[Array, "b _h _w _c"]]]:
-        features = []
-        for layer in self.features:
-            x = layer(x, train=train)
-            features.append(x)
-        return self.logits(x, train=train), features
+        # The parts stay apart: the larger one is the same for every image and wants no gradient.
+        features = [self.features[0](inputs, image, train=train)]
+        for layer in self.features[1:]:
+            features.append(layer(features[-1], train=train))
+        return self.logits(features[-1], train=train), features
 
 
 class Discriminator(nnx.Module):
@@ -144,15 +144,16 @@ class Discriminator(nnx.Module):
         self, inputs: Float[Array, "b h w c"], image: Float[Array, "b h w k"], *, train: bool = False
     ) -> list[tuple[Float[Array, "b _h _w 1"], list[Float[Array, "b _h _w _c"]]]]:
         """Logits and features of each scale, the finest first."""
-        x = jnp.concatenate([inputs, image], axis=-1)
+        _, rows, columns, _ = image.shape
         multiple = 2 ** (len(self.scales) - 1)
-        if x.shape[1] % multiple or x.shape[2] % multiple:
+        if rows % multiple or columns % multiple:
             raise ValueError(
-                f"discriminator: images have {x.shape[1]} x {x.shape[2]} cells; {len(self.scales)} scales need "
+                f"discriminator: images have {rows} x {columns} cells; {len(self.scales)} scales need "
                 f"multiples of {multiple}: change prepare.network_size, or use fewer scales"
             )
         results = []
         for i, scale in enumerate(self.scales):
-            x = halve(x) if i else x
-            results.append(scale(x, train=train))
+            if i:
+                inputs, image = halve(inputs), halve(image)
+            results.append(scale(inputs, image, train=train))
         return results

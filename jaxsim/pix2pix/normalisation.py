@@ -60,12 +60,47 @@ def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
     }
 
 
+@jax.custom_vjp
 def instance_norm(
-    x: Float[Array, "b h w c"], scale: Float[Array, " c"], shift: Float[Array, " c"]
+    x: Float[Array, "b h w c"],
+    scale: Float[Array, " c"],
+    shift: Float[Array, " c"],
+    eps: Float[Array, ""],
 ) -> Float[Array, "b h w c"]:
-    """(x - mean) / sqrt(variance + 1e-5) over rows and columns (biased variance), times scale, plus shift."""
-    mean = x.mean((1, 2), keepdims=True)
+    """(x - mean) / sqrt(variance + eps) over rows and columns (biased variance), times scale, plus shift."""
+    return _instance_norm(x, scale, shift, eps)[0]
+
+
+def _instance_norm(x: Array, scale: Array, shift: Array, eps: Array) -> tuple[Array, tuple[Array, ...]]:
+    cells = x.shape[1] * x.shape[2]
+    mean = _sum_cells(x) / cells
     centred = x - mean
-    variance = (centred * centred).mean((1, 2), keepdims=True)
-    gain = jax.lax.rsqrt(variance + INSTANCE_EPS) * scale[None, None, None]
-    return centred * gain + shift[None, None, None]
+    rate = jax.lax.rsqrt(_sum_cells(centred * centred) / cells + eps)
+    gain = rate * scale[None, None, None]
+    return centred * gain + shift[None, None, None], (x, mean, rate, scale)
+
+
+def _instance_norm_gradient(saved: tuple[Array, ...], gradient: Array) -> tuple[Array, ...]:
+    """By hand: two sums over cells, where automatic differentiation takes five."""
+    x, mean, rate, scale = saved
+    cells = x.shape[1] * x.shape[2]
+    normalised = (x - mean) * rate
+    flat = _sum_cells(gradient)
+    along = _sum_cells(gradient * normalised)
+    scale = scale[None, None, None]
+    back = scale * rate * (gradient - (flat + normalised * along) / cells)
+    back_eps = -0.5 * (rate * rate * scale * along).sum()
+    return back, along.sum((0, 1, 2)), flat.sum((0, 1, 2)), back_eps
+
+
+instance_norm.defvjp(_instance_norm, _instance_norm_gradient)
+
+
+def _sum_cells(x: Array) -> Array:
+    """Sum over rows and columns, kept as axes of one."""
+    b, h, w, c = x.shape
+    if jax.default_backend() != "cpu":
+        return x.sum((1, 2), keepdims=True)
+    # As a product with ones: XLA's own reduction of leading axes is 5 to 10 times slower on a CPU.
+    ones = jnp.ones((b, 1, h * w), x.dtype)
+    return jax.lax.dot_general(ones, x.reshape(b, h * w, c), (((2,), (1,)), ((0,), (0,))))[:, None]
