@@ -1,0 +1,49 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data import open_dataset
+from jaxsim.simulate.prepared import cache_folder, prepared
+
+PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
+
+
+def test_pairs_are_shared_by_settings_that_do_not_change_them_and_by_no_others():
+    data = DataConfig()
+    folder = cache_folder(data, PREPARE)
+    assert folder == cache_folder(replace(data, train="7"), replace(PREPARE, inputs=("row",), network_size=(32, 64)))
+    others = [
+        cache_folder(replace(data, seed=1), PREPARE),
+        cache_folder(data, replace(PREPARE, columns=65)),
+        cache_folder(data, replace(PREPARE, denoise="non_local_means")),
+        cache_folder(replace(data, kind="kitti_raw", root=Path("a")), PREPARE),
+        cache_folder(data, replace(PREPARE, inputs=("rgb", "semantic"))),
+    ]
+    assert len({folder, *others}) == 6
+
+
+def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
+    data = DataConfig(cache=tmp_path)
+    world = open_dataset("synthetic")
+    first = prepared(world, [3], data, PREPARE)
+    stamp = first.files[0].stat().st_mtime_ns
+    again = prepared(world, [3], data, PREPARE)
+    assert again.files[0].stat().st_mtime_ns == stamp
+    assert again.names == [world.name_of(3)]
+    pair, grid = again[0], again.one_window()
+    assert pair.target.shape == (len(grid.elevation_rad), 64)
+    assert pair.painted.valid.mean() > 0.8
+    both = pair.painted.valid & pair.measured.valid
+    assert np.median(np.abs(pair.painted.range_m - pair.measured.range_m)[both]) < 0.1
+
+
+def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_were_made(samples, tmp_path):
+    data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
+    plain = replace(PREPARE, depth="ip_basic")
+    frames = open_dataset(data)
+    assert len(prepared(frames, [0], data, plain)) == 1
+    with pytest.raises(ValueError, match="need class labels"):
+        prepared(frames, [0], data, replace(plain, inputs=("rgb", "semantic")))
