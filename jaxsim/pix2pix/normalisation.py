@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from jaxsim.pix2pix.convolution import on_cpu
+
 Array = Any
 Tree = Any
 
@@ -99,7 +101,7 @@ instance_norm.defvjp(_instance_norm, _instance_norm_gradient)
 def _sum_cells(x: Array) -> Array:
     """Sum over rows and columns, kept as axes of one."""
     b, h, w, c = x.shape
-    if jax.default_backend() != "cpu":
+    if not on_cpu():
         return x.sum((1, 2), keepdims=True)
     # As a product with ones: XLA's own reduction of leading axes is 5 to 10 times slower on a CPU.
     ones = jnp.ones((b, 1, h * w), x.dtype)

@@ -16,7 +16,8 @@ import optax
 from flax import nnx
 
 from jaxsim.config import Experiment
-from jaxsim.pix2pix.convolution import compiler_options
+from jaxsim.pix2pix.convolution import on_cpu
+from jaxsim.pix2pix.convolution_cpu import compiler_options
 from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, reconstruction
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
@@ -124,7 +125,9 @@ def make_train_step(
         )
         return state, metrics
 
-    return partial(jax.jit(train_step, donate_argnums=0, compiler_options=compiler_options()), vgg=vgg)
+    return partial(
+        jax.jit(train_step, donate_argnums=0, compiler_options=compiler_options() if on_cpu() else None), vgg=vgg
+    )
 
 
 def _average(experiment: Experiment, ema: Tree, generator: Network, step: Array) -> Tree:
