@@ -6,7 +6,7 @@ from configs.synthetic import experiment as synthetic
 
 experiment = replace(
     synthetic,
-    data=replace(synthetic.data, train="0-79", validation="160-167"),
+    data=replace(synthetic.data, train="0-319:4", validation="1280-1287"),
     optim=replace(synthetic.optim, steps=400),
     run=replace(synthetic.run, name="demo"),
 )

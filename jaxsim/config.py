@@ -22,7 +22,7 @@ class DataConfig:
     root: Path | None = None
     """Folder of the data set: the one that holds `2011_09_26/` (raw) or `training/` (object)."""
     train: str = "0-159"
-    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`."""
+    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth."""
     validation: str = "160-199"
     """Frame numbers that training never sees."""
     seed: int = 0

@@ -8,6 +8,7 @@ from jaxsim.data.select import select
 def test_ranges_and_single_numbers_keep_their_order():
     assert select("0-3,7", 8) == [0, 1, 2, 3, 7]
     assert select(" 5 , 1 - 2", 6) == [5, 1, 2]
+    assert select("0-9:4,3", 10) == [0, 4, 8, 3]
 
 
 @given(st.sets(st.integers(0, 50), min_size=1))
