@@ -34,8 +34,7 @@ def _blur(x: Array, window: Array) -> Array:
         pad[axis] = (half, half)
         padded = jnp.pad(x, pad)
         x = sum(
-            w * jax.lax.slice_in_dim(padded, k, k + x.shape[axis], axis=axis % x.ndim)
-            for k, w in enumerate(window)
+            w * jax.lax.slice_in_dim(padded, k, k + x.shape[axis], axis=axis % x.ndim) for k, w in enumerate(window)
         )
     return x
 
@@ -106,9 +105,7 @@ def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
     s = {key: float(value) for key, value in sums.items()}
     n, seen = int(s["cells"]), int(s["seen"])
     if n == 0:
-        raise ValueError(
-            "paired: no cell is both seen by the camera and returned; check calibration and range limits"
-        )
+        raise ValueError("paired: no cell is both seen by the camera and returned; check calibration and range limits")
     mse = s["squared"] / n
     union = s["drop_guesses"] + s["drop_truths"] - s["drop_hits"]
     nothing = float("nan")

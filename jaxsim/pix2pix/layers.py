@@ -40,7 +40,8 @@ class Conv(nnx.Module):
         upsample: bool,
         rngs: nnx.Rngs,
     ):
-        self.stride, self.padding, self.spectral, self.upsample = stride, padding, spectral, upsample
+        self.stride, self.spectral, self.upsample = stride, spectral, upsample
+        self.padding: Padding = padding
         shape = (size, size, in_channels, out_channels)
         # Xavier's normal form with gain 0.02, as published; spectral norm makes the scale immaterial.
         deviation = INIT_GAIN * (2 / ((in_channels + out_channels) * size * size)) ** 0.5
@@ -126,10 +127,7 @@ class ConvBlock(nnx.Module):
 
     def __call__(self, *parts: Float[Array, "b h w _"], train: bool) -> Float[Array, "b h_out w_out c_out"]:
         x, divisor = self.conv(*parts, train=train)
-        if self.norm is None:
-            x = x / divisor + self.conv.bias[...][None, None, None]
-        else:
-            x = self.norm(x, divisor)
+        x = x / divisor + self.conv.bias[...][None, None, None] if self.norm is None else self.norm(x, divisor)
         return x if self.activation is None else self.activation(x)
 
 

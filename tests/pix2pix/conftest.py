@@ -83,7 +83,6 @@ def labels_and_image(published) -> tuple[np.ndarray, np.ndarray]:
 
 def draw_vgg(seed: int) -> dict[str, np.ndarray]:
     """VGG-19 by the rule of the golden README, in published names and layouts."""
-    from jaxsim.pix2pix.vgg import BLOCKS
 
     shapes, channels = {}, 3
     for block, places in enumerate(BLOCKS):

@@ -61,9 +61,7 @@ def test_singular_vectors_advance_as_published(passes, published, stage):
     vectors = {k: v for k, v in published("spectral_norm_vectors").items() if k.startswith(stage + ".")}
     assert len(vectors) == sum(name.endswith(("_u", "_v")) for name in ours)
     for name, value in vectors.items():
-        np.testing.assert_allclose(
-            ours[name.removeprefix(stage + ".")], value, rtol=0, atol=1e-6, err_msg=name
-        )
+        np.testing.assert_allclose(ours[name.removeprefix(stage + ".")], value, rtol=0, atol=1e-6, err_msg=name)
 
 
 @pytest.mark.parametrize("image", ["fake", "real"])

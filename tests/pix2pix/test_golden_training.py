@@ -106,9 +106,7 @@ def test_first_gradients_equal_the_published_ones(iterations, published):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_weights_and_singular_vectors_equal_the_published_ones(
-    iterations, published, labels_and_image, tolerance, n
-):
+def test_weights_and_singular_vectors_equal_the_published_ones(iterations, published, labels_and_image, tolerance, n):
     arrays, ours = published("training_step"), tensors(iterations[n - 1][0])
     # Kernel parts of classes that item 2 lacks have a true gradient of 0 too. Of the enhancer's first layer
     # only the sum was kept, so it cannot be compared without them.
