@@ -21,6 +21,6 @@ experiment = Experiment(
     generator=GeneratorConfig(filters=16, blocks=3, downsamples=2, enhancer_blocks=3),
     discriminator=DiscriminatorConfig(filters=16, max_filters=128),
     loss=LossConfig(gan=1.0, feature_matching=2.0, perceptual=0.0, reconstruction=200.0, drop_weight=0.5),
-    optim=OptimConfig(flip=True, lr=1e-3, batch=2, steps=1500, decay_from=0.5, ema_start=100, ema_decay=0.99),
+    optim=OptimConfig(flip=True, lr=1e-3, batch=2, steps=1200, decay_from=0.5, ema_start=100, ema_decay=0.99),
     run=RunConfig(name="synthetic", save_every=200, picture_every=200),
 )
