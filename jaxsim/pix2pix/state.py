@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -85,27 +86,27 @@ def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
 
 def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:
     """A fresh state; the same for the same seed."""
+    return _create(experiment, in_channels, jax.random.key(seed))
 
-    @jax.jit
-    def create(key: Array) -> TrainState:
-        key_g, key_d = jax.random.split(key)
-        _, generator = split(Generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
-        adam = optimiser(experiment.optim)
-        discriminator, discriminator_optim = None, None
-        if uses_discriminator(experiment):
-            channels = in_channels + experiment.generator.out_channels
-            _, discriminator = split(Discriminator(experiment.discriminator, channels, nnx.Rngs(key_d)))
-            discriminator_optim = adam.init(discriminator.parameters)
-        return TrainState(
-            step=jnp.zeros((), jnp.int32),
-            generator=generator,
-            generator_optim=adam.init(generator.parameters),
-            discriminator=discriminator,
-            discriminator_optim=discriminator_optim,
-            ema=fold_spectral_norm(generator.parameters, generator.vectors),
-        )
 
-    return create(jax.random.key(seed))
+@partial(jax.jit, static_argnums=(0, 1))
+def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
+    key_g, key_d = jax.random.split(key)
+    _, generator = split(Generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
+    adam = optimiser(experiment.optim)
+    discriminator, discriminator_optim = None, None
+    if uses_discriminator(experiment):
+        channels = in_channels + experiment.generator.out_channels
+        _, discriminator = split(Discriminator(experiment.discriminator, channels, nnx.Rngs(key_d)))
+        discriminator_optim = adam.init(discriminator.parameters)
+    return TrainState(
+        step=jnp.zeros((), jnp.int32),
+        generator=generator,
+        generator_optim=adam.init(generator.parameters),
+        discriminator=discriminator,
+        discriminator_optim=discriminator_optim,
+        ema=fold_spectral_norm(generator.parameters, generator.vectors),
+    )
 
 
 def ema_generator(state: TrainState) -> Tree:

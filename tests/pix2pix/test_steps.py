@@ -1,0 +1,158 @@
+"""The training step as a whole: what it moves, what it leaves out, and that it repeats itself."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
+
+from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
+from jaxsim.pix2pix.state import create_state, ema_generator, learning_rate
+from jaxsim.pix2pix.steps import make_generate, make_train_step
+
+CHANNELS = 3
+GAN = Experiment(
+    generator=GeneratorConfig(filters=4, downsamples=1, blocks=1, enhancer_blocks=1),
+    discriminator=DiscriminatorConfig(scales=1, filters=4, max_filters=8, layers=1),
+    loss=LossConfig(gan=1.0, feature_matching=10.0, reconstruction=5.0),
+    optim=OptimConfig(ema_start=2),
+)
+ERROR_ALONE = replace(GAN, loss=LossConfig(gan=0.0, feature_matching=10.0, reconstruction=1.0))
+
+
+@pytest.fixture(autouse=True)
+def standard_promotion():
+    """optax raises floats to integers, which strict promotion forbids."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+@pytest.fixture(scope="module")
+def batch():
+    random = np.random.default_rng(0)
+    draw = lambda channels: random.uniform(-1, 1, (2, 8, 16, channels)).astype(np.float32)  # noqa: E731
+    weight = random.uniform(0, 1, (2, 8, 16)).astype(np.float32)
+    return {"inputs": draw(CHANNELS), "target": draw(1), "weight": weight}
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """Compiled once for the file."""
+    with jax.numpy_dtype_promotion("standard"):
+        return {e: make_train_step(e, CHANNELS) for e in (GAN, ERROR_ALONE)}
+
+
+def run(step, experiment, batch, *, seed=0, count=3):
+    state, history = create_state(experiment, CHANNELS, seed=seed), []
+    for _ in range(count):
+        state, metrics = step(state, batch)
+        history.append((jax.tree.map(np.asarray, state), jax.tree.map(np.asarray, metrics)))
+    return history
+
+
+def equal(a, b) -> bool:
+    return all(jax.tree.leaves(jax.tree.map(np.array_equal, a, b)))
+
+
+def test_same_seed_gives_the_same_numbers_and_another_seed_others(steps, batch):
+    first, again, other = (run(steps[GAN], GAN, batch, seed=seed)[-1] for seed in (0, 0, 1))
+    assert equal(first, again)
+    assert not equal(first[0].generator, other[0].generator)
+
+
+def test_every_term_in_use_is_reported(steps, batch):
+    _, metrics = run(steps[GAN], GAN, batch, count=1)[0]
+    terms = {"gan", "feature_matching", "reconstruction", "generator", "discriminator"}
+    assert set(metrics) == {f"loss/{term}" for term in terms} | {
+        "lr",
+        "grad_norm/generator",
+        "grad_norm/discriminator",
+        "finite",
+    }
+    weighted = metrics["loss/gan"] + 10 * metrics["loss/feature_matching"] + 5 * metrics["loss/reconstruction"]
+    np.testing.assert_allclose(metrics["loss/generator"], weighted, rtol=1e-5)
+    assert metrics["finite"]
+
+
+def test_without_the_gan_there_is_no_discriminator_at_all(steps, batch):
+    state, metrics = run(steps[ERROR_ALONE], ERROR_ALONE, batch)[-1]
+    assert state.discriminator is None
+    assert state.discriminator_optim is None
+    assert {name for name in metrics if name.startswith("loss/")} == {"loss/reconstruction", "loss/generator"}
+
+
+def test_error_alone_falls(steps, batch):
+    history = run(steps[ERROR_ALONE], ERROR_ALONE, batch, count=15)
+    assert history[-1][1]["loss/reconstruction"] < history[0][1]["loss/reconstruction"]
+
+
+def test_cells_without_weight_do_not_count(steps, batch):
+    changed = batch["target"].copy()
+    changed[:, :4] = 0.9
+    weight = batch["weight"].copy()
+    weight[:, :4] = 0
+    one, other = (
+        run(steps[ERROR_ALONE], ERROR_ALONE, batch | {"weight": weight, "target": target})[-1]
+        for target in (batch["target"], changed)
+    )
+    assert equal(one, other)
+
+
+def test_a_value_that_is_not_finite_is_told(steps, batch):
+    broken = batch | {"inputs": np.full_like(batch["inputs"], np.nan)}
+    assert not run(steps[ERROR_ALONE], ERROR_ALONE, broken, count=1)[0][1]["finite"]
+
+
+def test_average_copies_up_to_its_start_and_lags_from_then_on(steps, batch):
+    history = run(steps[GAN], GAN, batch)
+    head = lambda tree: tree["enhancers"][0]["head"]["conv"]["kernel"]  # noqa: E731
+    for k in (0, 1):
+        state = history[k][0]
+        np.testing.assert_array_equal(head(ema_generator(state)), head(state.generator.parameters))
+    before, after = (history[k][0] for k in (1, 2))
+    expected = 0.999 * head(before.ema) + 0.001 * head(after.generator.parameters)
+    np.testing.assert_allclose(head(after.ema), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_generate_gives_an_image_of_the_averaged_generator(batch):
+    generate = make_generate(GAN, CHANNELS)
+    parameters = ema_generator(create_state(GAN, CHANNELS, seed=0))
+    image = generate(parameters, batch["inputs"])
+    assert image.shape == (2, 8, 16, 1)
+    inside = jax.jit(lambda p, x: generate(p, x))(parameters, batch["inputs"])
+    np.testing.assert_allclose(inside, image, atol=1e-6)
+
+
+@pytest.mark.parametrize(("step", "rate"), [(0, 2e-4), (49, 2e-4), (50, 2e-4), (75, 1e-4), (100, 0.0)])
+def test_learning_rate_is_constant_then_falls_linearly(step, rate):
+    config = OptimConfig(lr=2e-4, steps=100, decay_from=0.5)
+    np.testing.assert_allclose(learning_rate(config, jnp.int32(step)), rate, rtol=1e-5, atol=1e-12)
+    assert learning_rate(OptimConfig(lr=2e-4, steps=100), jnp.int32(step)) == np.float32(2e-4)
+
+
+def test_devices_that_share_a_batch_agree_with_one(steps, batch):
+    if jax.device_count() < 2:
+        pytest.skip("one device only")
+    mesh = jax.make_mesh((2,), ("data",), axis_types=(AxisType.Auto,))
+    shared = jax.device_put(batch, NamedSharding(mesh, PartitionSpec("data")))
+    whole = NamedSharding(mesh, PartitionSpec())
+    _, alone = steps[GAN](create_state(GAN, CHANNELS, seed=0), batch)
+    _, together = steps[GAN](jax.device_put(create_state(GAN, CHANNELS, seed=0), whole), shared)
+    for name, value in alone.items():
+        np.testing.assert_allclose(together[name], value, rtol=1e-4, atol=1e-6, err_msg=name)
+
+
+def test_missing_weights_say_what_to_fetch_and_where_it_goes(tmp_path):
+    experiment = replace(GAN, loss=LossConfig(perceptual=10.0, vgg_weights=tmp_path / "vgg19.npz"))
+    with pytest.raises(FileNotFoundError, match=r"vgg19-dcbb9e9d\.pth.*--loss\.vgg-weights"):
+        make_train_step(experiment, CHANNELS)
+    np.savez(tmp_path / "vgg19.npz", **{"features.0.weight": np.zeros((64, 1, 3, 3), np.float32)})
+    with pytest.raises(ValueError, match=r"features\.0\.weight is \(64, 1, 3, 3\), not \(64, 3, 3, 3\)"):
+        make_train_step(experiment, CHANNELS)
+
+
+def test_no_loss_at_all_is_refused():
+    with pytest.raises(ValueError, match="every loss term has weight 0"):
+        make_train_step(replace(GAN, loss=LossConfig(gan=0.0)), CHANNELS)
