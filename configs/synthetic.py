@@ -1,4 +1,11 @@
-"""The embedded world, on a laptop CPU: no files, no GPU."""
+"""The embedded world, on a laptop CPU: no files, no GPU.
+
+    python train.py
+    python eval.py runs/synthetic
+
+On two cores that other work shared: 18 minutes. Intensity MAE 0.0685 on 40 frames of unseen streets; per-class mean
+0.1123, per-row mean 0.1220, previous frame 0.0791.
+"""
 
 from jaxsim.config import (
     DataConfig,
