@@ -30,7 +30,7 @@ def close(ours, published, name: str, tolerance: float) -> None:
 @pytest.fixture(scope="module", params=["float32", pytest.param("float64", marks=pytest.mark.slow)])
 def tolerance(request) -> float:
     """float64 shows that the algorithm is the same; in float32 a ReLU near 0 may switch in three steps."""
-    return {"float32": 3e-4, "float64": 5e-5}[request.param]
+    return {"float32": 3e-4, "float64": 1e-5}[request.param]
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,10 @@ def test_weights_and_singular_vectors_equal_the_published_ones(iterations, publi
             channels = present if name == "G.global_model.0.layers.conv.weight_orig" else slice(None)
             value = arrays[f"after{n}.{name}"]
             index = (slice(None), channels) if value.ndim == 4 else ...
-            close(ours[name][index], value[index], name, 1e-4 if n == 1 else tolerance)
+            # Singular vectors of the first layers feel the parts that noise moved.
+            first = "global_model.0.layers.conv" in name or "layer0.0.layers.conv" in name
+            late = max(tolerance, 1e-4) if first else tolerance
+            close(ours[name][index], value[index], name, min(tolerance, 1e-4) if n == 1 else late)
 
 
 def test_averaged_generator_equals_the_published_one(iterations, published, tolerance):
