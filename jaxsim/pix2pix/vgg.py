@@ -24,7 +24,7 @@ MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 HOW_TO_GET = (
     "fetch torchvision's VGG-19 (https://download.pytorch.org/models/vgg19-dcbb9e9d.pth) on a machine with "
     "PyTorch, convert it with `import torch, numpy; numpy.savez('vgg19.npz', **{k: v.numpy() for k, v in "
-    "torch.load('vgg19-dcbb9e9d.pth').items() if k.startswith('features')})`, "
+    "torch.load('vgg19-dcbb9e9d.pth', weights_only=True).items() if k.startswith('features')})`, "
     "and pass --loss.vgg-weights vgg19.npz; or leave the term out with --loss.perceptual 0"
 )
 
@@ -35,7 +35,8 @@ def load_vgg(path: Path | None) -> Weights:
     Raises FileNotFoundError where there is no file, ValueError where an array is missing or misshapen.
     """
     if path is None or not path.is_file():
-        raise FileNotFoundError(f"perceptual loss: no VGG-19 weights at {path}; {HOW_TO_GET}")
+        missing = "it needs VGG-19 weights" if path is None else f"no VGG-19 weights at {path}"
+        raise FileNotFoundError(f"perceptual loss: {missing}; {HOW_TO_GET}")
     weights: Weights = {}
     with np.load(path) as arrays:
         channels = 3
