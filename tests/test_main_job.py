@@ -72,7 +72,7 @@ def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
     process.send_signal(signal.SIGKILL)
     process.communicate()
     output = finish(start(work, "train.py", "synthetic", *TINY, "--run.name=killed"))
-    assert "resuming" in output or "steps done" in output
+    assert "resuming" in output
     assert metrics(run) == metrics(work / "runs" / "demo")
 
 
@@ -127,7 +127,7 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work)
     assert image.range_m.shape == (len(grid.elevation_rad), 64)
     assert set(more) == {"semantic", "instance", "rgb"}
     points = np.fromfile(work / "sim" / "clouds" / f"{name}.bin", "<f4").reshape(-1, 4)
-    assert len(points) == image.valid.sum()
+    assert len(points) == image.valid.sum() > 0
     np.testing.assert_allclose(
         np.sort(np.linalg.norm(points[:, :3] - [0, 0, 0], axis=1)),
         np.sort(image.range_m[image.valid]),
@@ -142,7 +142,7 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work)
     assert before == {p: p.stat().st_mtime_ns for p in before}
 
 
-def test_the_readmes_first_lines_make_a_point_cloud(work, monkeypatch):
+def test_the_readmes_first_lines_make_a_point_cloud(work):
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
@@ -155,7 +155,7 @@ def test_the_readmes_first_lines_make_a_point_cloud(work, monkeypatch):
         timeout=300,
     )
     assert result.returncode == 0, result.stderr
-    assert int(result.stdout.split()[-1]) >= 0
+    assert int(result.stdout.split()[-1]) > 0
 
 
 def test_help_teaches(work):
