@@ -1,0 +1,180 @@
+"""What effects act on: the rays of simulated frames, from what they hit to what the sensor says of it.
+
+Shapes: a `Scan` holds whole frames (f frames, r rows, c columns); `Rays` are any choice of its rays, shape
+`*n`. An effect is written once and serves both: all rays of a scan to simulate, a thinned set to fit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.frame import PolarGrid
+
+Array = Any
+
+REFERENCE_M = 10.0
+"""Range at which power and intensity agree."""
+FLOOR = 1e-4
+"""Intensities are kept above this before their logarithm is taken."""
+NEVER = -30.0
+"""Logarithm of a probability that is as good as 0."""
+
+
+@struct.dataclass
+class Scan:
+    """Simulated frames on one grid: what the ray model knows. Where `hit` is False the other rasters mean nothing."""
+
+    grid: PolarGrid
+    range_m: Float[Array, "f r c"]
+    hit: Bool[Array, "f r c"]
+    intensity: Float[Array, "f r c"]
+    incidence_rad: Float[Array, "f r c"]
+    semantic: Int[Array, "f r c"]
+    """Cityscapes ids; 0 where the simulator gives none."""
+    instance: Int[Array, "f r c"]
+    rgb: Float[Array, "f r c 3"]
+    """0..1; 0 where the simulator gives none."""
+    phase: Float[Array, "f r c"]
+    """When the ray was fired, 0 first to 1 last of its scan."""
+    glare_m: Float[Array, "f r c"]
+    """Range of the nearest very bright target (signs, or intensity 0.9 and more) by angle."""
+    glare_rad: Float[Array, "f r c"]
+    """Angle to it; pi where the frame has none."""
+    time_s: Float[Array, " f"]
+    speed_mps: Float[Array, " f"]
+    heading_rad: Float[Array, " f"]
+
+
+@struct.dataclass
+class Rays:
+    """Rays with the surface that each meets and, edited by effect after effect, what becomes of it."""
+
+    # Which ray
+    frame: Int[Array, "*n"]
+    row: Int[Array, "*n"]
+    column: Int[Array, "*n"]
+    azimuth_rad: Float[Array, "*n"]
+    """Nominal: the direction under which the reading is written."""
+    elevation_rad: Float[Array, "*n"]
+    phase: Float[Array, "*n"]
+    time_s: Float[Array, "*n"]
+    speed_mps: Float[Array, "*n"]
+    heading_rad: Float[Array, "*n"]
+
+    # What it meets; effects of geometry meet something else
+    hit: Bool[Array, "*n"]
+    range_m: Float[Array, "*n"]
+    incidence_rad: Float[Array, "*n"]
+    semantic: Int[Array, "*n"]
+    instance: Int[Array, "*n"]
+    rgb: Float[Array, "*n 3"]
+    beside_m: Float[Array, "*n 4"]
+    """Ranges of the neighbours left, right, up, down; infinite where they hit nothing, the ray's own past the border."""
+    glare_m: Float[Array, "*n"]
+    glare_rad: Float[Array, "*n"]
+
+    # What becomes of it
+    log_intensity: Float[Array, "*n"]
+    log_power: Float[Array, "*n"]
+    """Received; at REFERENCE_M it equals the reported intensity."""
+    log_keep: Float[Array, "*n"]
+    """Of the probability that the surface's echo is reported, 0 = certain."""
+    column_loss: Float[Array, "*n"]
+    """Probability that the ray's whole column is lost."""
+    reading_m: Float[Array, "*n"]
+    """Expected range, before noise and rounding."""
+    noise_m: Float[Array, "*n"]
+    """Standard deviation of the range that effects add."""
+    between: Float[Array, "*n"]
+    """Probability that the reading lies between `reading_m` and `between_m`, evenly."""
+    between_m: Float[Array, "*n"]
+    ghost: Float[Array, "*n"]
+    """Probability that the reading is `ghost_m` instead."""
+    ghost_m: Float[Array, "*n"]
+    clutter: Float[Array, "*n"]
+    """Probability of an early false return; its range has density r**clutter_power exp(-r / clutter_scale_m)
+    from `clutter_from_m` to the surface (or `CLUTTER_REACH_M`)."""
+    clutter_power: Float[Array, "*n"]
+    clutter_scale_m: Float[Array, "*n"]
+    clutter_from_m: Float[Array, "*n"]
+    clutter_log_intensity: Float[Array, "*n"]
+    intensity_step: Float[Array, ""]
+    """Reported intensity is rounded to multiples; 0 not at all."""
+    intensity_top: Float[Array, ""]
+    """Reported intensity ends here."""
+    range_step_m: Float[Array, ""]
+
+
+CLUTTER_REACH_M = 100.0
+
+
+def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:
+    """Ranges left, right, up and down of every ray. A full turn closes; other borders repeat the ray itself."""
+    r = jnp.where(scan.hit, scan.range_m, jnp.inf)
+    azimuth = scan.grid.azimuth_rad
+    step = jnp.abs(azimuth[1] - azimuth[0])
+    full = jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
+    left, right = jnp.roll(r, 1, axis=2), jnp.roll(r, -1, axis=2)
+    left = left.at[:, :, 0].set(jnp.where(full, left[:, :, 0], r[:, :, 0]))
+    right = right.at[:, :, -1].set(jnp.where(full, right[:, :, -1], r[:, :, -1]))
+    up = jnp.concatenate([r[:, :1], r[:, :-1]], axis=1)
+    down = jnp.concatenate([r[:, 1:], r[:, -1:]], axis=1)
+    return jnp.stack([left, right, up, down], axis=-1)
+
+
+@jax.jit
+def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> Rays:
+    """The rays at these places of a scan, as the ray model predicts them: every hit returns, nothing is noisy."""
+    at = (frame, row, column)
+    r, hit = scan.range_m[at], scan.hit[at]
+    log_intensity = jnp.log(jnp.maximum(scan.intensity[at], FLOOR))
+    zero, one = jnp.zeros_like(r), jnp.ones_like(r)
+    return Rays(
+        frame=frame,
+        row=row,
+        column=column,
+        azimuth_rad=scan.grid.azimuth_rad[column],
+        elevation_rad=scan.grid.elevation_rad[row],
+        phase=scan.phase[at],
+        time_s=scan.time_s[frame],
+        speed_mps=scan.speed_mps[frame],
+        heading_rad=scan.heading_rad[frame],
+        hit=hit,
+        range_m=r,
+        incidence_rad=scan.incidence_rad[at],
+        semantic=scan.semantic[at],
+        instance=scan.instance[at],
+        rgb=scan.rgb[at],
+        beside_m=neighbours_m(scan)[at],
+        glare_m=scan.glare_m[at],
+        glare_rad=scan.glare_rad[at],
+        log_intensity=log_intensity,
+        log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, 0.1) / REFERENCE_M),
+        log_keep=zero,
+        column_loss=zero,
+        reading_m=r,
+        noise_m=zero,
+        between=zero,
+        between_m=r,
+        ghost=zero,
+        ghost_m=r,
+        clutter=zero,
+        clutter_power=zero,
+        clutter_scale_m=one,
+        clutter_from_m=0.5 * one,
+        clutter_log_intensity=jnp.log(0.05) * one,
+        intensity_step=jnp.zeros((), r.dtype),
+        intensity_top=jnp.ones((), r.dtype),
+        range_step_m=jnp.zeros((), r.dtype),
+    )
+
+
+def all_rays(scan: Scan) -> Rays:
+    """Every ray of a scan, shape (f, r, c)."""
+    f, r, c = jnp.meshgrid(*(jnp.arange(n, dtype=jnp.int32) for n in scan.range_m.shape), indexing="ij")
+    return rays_at(scan, f, r, c)
