@@ -107,8 +107,6 @@ class Pair:
     painted: Painted
     incidence_rad: Float[Array, "*b rows columns"]
     """Angle between ray and surface normal of the painted range; pi/2 where it cannot be told."""
-    edges: Bool[Array, "*b rows columns"]
-    """Borders between classes or instances."""
     row: Float[Array, "*b rows columns"]
     """Laser line as a fraction of the sensor's lines, 0 top, 1 bottom."""
     target: Float[Array, "*b rows columns"]

@@ -18,7 +18,6 @@ from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, 
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth import complete_depth
 from jaxsim.prepare.depth.sparse import sparse_depth
-from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.paint import paint
 
 _POINTS = 2**15  # clouds are padded to a multiple, so that kernels are compiled once and not for every frame
@@ -47,7 +46,6 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     pair = Pair(
         painted=painted,
         incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
-        edges=np.asarray(edge_map(painted.semantic, painted.instance)),
         row=np.broadcast_to(place[:, None], painted.valid.shape).copy(),
         target=denoise(measured.intensity, measured.valid, config.denoise),
         measured=measured,
