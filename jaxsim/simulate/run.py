@@ -1,4 +1,4 @@
-"""A run's folder: config.json, checkpoints/, metrics.jsonl, figures/, card.md.
+"""A run's folder: config.json, checkpoints/, metrics.jsonl, figures/, card.md; .lock while it is trained.
 
 Everything that is needed to use the trained sensor again lies in it, without the repository that made it.
 """
@@ -20,6 +20,7 @@ from jaxsim.atomic import replacing
 from jaxsim.config import Experiment
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import LidarSpec
+from jaxsim.simulate.lock import hold
 
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -70,10 +71,11 @@ FREE = ("data.cache", "optim.steps", "run.log_every", "run.save_every", "run.pic
 
 
 def start_run(folder: Path, run: Run) -> None:
-    """Makes the run's folder, or checks that the folder holds this very run.
+    """Makes the run's folder, or checks that the folder holds this very run; keeps it for this process.
 
-    Raises ValueError where it holds another, naming the flags that differ.
+    Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
+    hold(folder)
     if (folder / "config.json").is_file():
         was, now = (TypeAdapter(Experiment).dump_python(r.experiment, mode="json") for r in (load_run(folder), run))
         other = [d for d in _differences(was, now) if d.split()[0][2:] not in FREE]

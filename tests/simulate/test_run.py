@@ -1,4 +1,8 @@
 import dataclasses
+import fcntl
+import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -43,3 +47,43 @@ def test_settings_of_another_version_are_refused_with_the_field(tmp_path):
     path.write_text(path.read_text().replace('"batch": 8', '"batch": "many"'))
     with pytest.raises(ValueError, match=r"experiment\.optim\.batch"):
         load_run(tmp_path)
+
+
+TRAINER = """
+import sys
+from pathlib import Path
+from jaxsim.simulate import load_run, start_run
+
+start_run(Path(sys.argv[1]), load_run(sys.argv[2]))
+print("started", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_folder_in_training_is_refused_until_its_process_is_gone(tmp_path):
+    start_run(tmp_path / "template", run())
+    command = [sys.executable, "-c", TRAINER, tmp_path / "run", tmp_path / "template"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        try:
+            assert other.stdout.readline() == "started\n"
+            with pytest.raises(ValueError, match=rf"pid {other.pid} on .* another --run\.name"):
+                start_run(tmp_path / "run", run())
+            assert load_run(tmp_path / "run") == run()
+        finally:
+            other.kill()
+    start_run(tmp_path / "run", run())
+
+
+def test_a_folder_that_was_deleted_is_locked_anew(tmp_path):
+    start_run(tmp_path / "run", run())
+    shutil.rmtree(tmp_path / "run")
+    start_run(tmp_path / "run", run())
+    with (tmp_path / "run" / ".lock").open() as file, pytest.raises(BlockingIOError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_without_locks_a_warning_says_so(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with pytest.warns(UserWarning, match="cannot be locked .*no other process"):
+        start_run(tmp_path, run())
+    assert load_run(tmp_path) == run()

@@ -1,0 +1,54 @@
+"""One process at a time trains in a run's folder: two would write over each other's checkpoints and metrics."""
+
+from __future__ import annotations
+
+import os
+import socket
+import warnings
+from pathlib import Path
+
+_held: dict[tuple[int, int], int] = {}
+"""Open lock files of this process, by device and inode: the lock lasts as long as its file is open."""
+
+
+def hold(folder: Path) -> None:
+    """Keeps a folder (made if need be) for this process until it ends, by a lock on `folder/.lock`.
+
+    The system itself lets go of the lock however the process ends, so a killed run resumes at once. Holding a
+    folder again in the same process is fine. Raises ValueError where another process holds it. Where there are
+    no such locks (Windows, some network drives) nothing is locked, and a warning says so.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ModuleNotFoundError:
+        _warn(folder, "this platform has no fcntl")
+        return
+    file = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
+    status = os.fstat(file)
+    key = (status.st_dev, status.st_ino)
+    if key in _held:
+        os.close(file)
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        owner = os.read(file, 200).decode(errors="replace").strip()
+        os.close(file)
+        raise ValueError(
+            f"run: another process ({owner or 'it left no number'}) is training in {folder}, and two would spoil "
+            "each other's files; wait until it ends, stop it, or give this one another --run.name"
+        ) from None
+    except OSError as error:
+        os.close(file)
+        _warn(folder, str(error))
+        return
+    os.ftruncate(file, 0)
+    os.write(file, f"pid {os.getpid()} on {socket.gethostname()}\n".encode())
+    _held[key] = file
+
+
+def _warn(folder: Path, why: str) -> None:
+    warnings.warn(
+        f"run: {folder} cannot be locked ({why}); see to it yourself that no other process trains in it", stacklevel=4
+    )
