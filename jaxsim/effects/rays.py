@@ -66,6 +66,12 @@ class Rays:
     speed_mps: Float[Array, "*n"]
     heading_rad: Float[Array, "*n"]
 
+    # Where it truly goes; effects of geometry turn and move it, one after the other
+    turned_rad: Float[Array, "*n 2"]
+    """True minus nominal azimuth and elevation."""
+    moved_m: Float[Array, "*n 3"]
+    """True minus nominal origin, in `velo`."""
+
     # What it meets; effects of geometry meet something else
     hit: Bool[Array, "*n"]
     range_m: Float[Array, "*n"]
@@ -74,9 +80,12 @@ class Rays:
     instance: Int[Array, "*n"]
     rgb: Float[Array, "*n 3"]
     beside_m: Float[Array, "*n 4"]
-    """Ranges of the neighbours left, right, up, down; infinite where they hit nothing, the ray's own past the border."""
+    """Ranges of the neighbours left, right, up, down; infinite where they hit nothing, the own one past the border."""
     glare_m: Float[Array, "*n"]
     glare_rad: Float[Array, "*n"]
+
+    met_log_intensity: Float[Array, "*n"]
+    """The simulator's own intensity of the surface met."""
 
     # What becomes of it
     log_intensity: Float[Array, "*n"]
@@ -144,6 +153,8 @@ def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: 
         time_s=scan.time_s[frame],
         speed_mps=scan.speed_mps[frame],
         heading_rad=scan.heading_rad[frame],
+        turned_rad=jnp.zeros((*r.shape, 2), r.dtype),
+        moved_m=jnp.zeros((*r.shape, 3), r.dtype),
         hit=hit,
         range_m=r,
         incidence_rad=scan.incidence_rad[at],
@@ -153,6 +164,7 @@ def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: 
         beside_m=neighbours_m(scan)[at],
         glare_m=scan.glare_m[at],
         glare_rad=scan.glare_rad[at],
+        met_log_intensity=log_intensity,
         log_intensity=log_intensity,
         log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, 0.1) / REFERENCE_M),
         log_keep=zero,

@@ -1,0 +1,72 @@
+"""The few ways in which effects change rays, and the safe functions that their formulas share.
+
+Everything here has finite derivatives for every ray, also where nothing is hit or the surface is seen edge on.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from jaxsim.effects.rays import Array, Rays
+
+LEAST_COSINE = 0.02
+MOST_PROBABLE = 0.999
+
+
+def cosine(rays: Rays) -> Float[Array, "*n"]:
+    """Of the incidence angle, kept above 0.02."""
+    return jnp.maximum(jnp.cos(rays.incidence_rad), LEAST_COSINE)
+
+
+def tangent(rays: Rays) -> Float[Array, "*n"]:
+    """Of the incidence angle, at most 50."""
+    return jnp.sin(rays.incidence_rad) / cosine(rays)
+
+
+def wrapped(angle_rad: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """The angle brought to -pi..pi."""
+    return angle_rad - 2 * jnp.pi * jnp.round(angle_rad / (2 * jnp.pi))
+
+
+def bump(angle_rad: Float[Array, "*n"], width_rad: Float[Array, ""]) -> Float[Array, "*n"]:
+    """exp(-(angle / width)**2 / 2) of an angle taken modulo a turn."""
+    return jnp.exp(-0.5 * jnp.square(wrapped(angle_rad) / width_rad))
+
+
+def brighten(rays: Rays, nats: Float[Array, "*n"]) -> Rays:
+    """More light: power and intensity alike."""
+    return rays.replace(log_intensity=rays.log_intensity + nats, log_power=rays.log_power + nats)
+
+
+def add_intensity(rays: Rays, more: Float[Array, "*n"], floor: float) -> Rays:
+    """Adds to the reported intensity, in units of intensity; it stays above `floor`, or what it was if that is less."""
+    inverse = jnp.exp(jnp.minimum(-rays.log_intensity, 40.0))
+    least = jnp.minimum(floor * inverse, 1.0) - 1.0
+    return rays.replace(log_intensity=rays.log_intensity + jnp.log1p(jnp.maximum(more * inverse, least)))
+
+
+def lose(rays: Rays, probability: Float[Array, "*n"]) -> Rays:
+    """The surface's echo is lost with a probability, independently of other losses."""
+    return rays.replace(log_keep=rays.log_keep + jnp.log1p(-jnp.clip(probability, 0.0, MOST_PROBABLE)))
+
+
+def misread(rays: Rays, error_m: Float[Array, "*n"]) -> Rays:
+    """Adds to the reading of rays that hit."""
+    return rays.replace(reading_m=rays.reading_m + jnp.where(rays.hit, error_m, jnp.zeros_like(error_m)))
+
+
+def either(first: Float[Array, "*n"], second: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Probability of one or the other of two independent things."""
+    return first + second - first * second
+
+
+def of_class(values: Float[Array, " classes"], rays: Rays) -> Float[Array, "*n"]:
+    """Each ray's entry of a table over Cityscapes ids."""
+    return values[jnp.clip(rays.semantic, 0, values.shape[0] - 1)]
+
+
+def is_one_of(rays: Rays, classes: tuple[int, ...]) -> Float[Array, "*n"]:
+    """1 where the ray meets one of these classes, else 0."""
+    table = jnp.zeros(34, jnp.float32).at[jnp.asarray(classes)].set(1.0)
+    return of_class(table, rays)

@@ -1,0 +1,38 @@
+"""Weak echoes are not detected."""
+
+from __future__ import annotations
+
+import jax
+
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Keeps an echo with a logistic probability in the log of its power."""
+    keep = jax.nn.log_sigmoid((rays.log_power - p["threshold"]) / p["width"])
+    return rays.replace(log_keep=rays.log_keep + keep)
+
+
+EFFECT = Effect(
+    name="snr_dropout",
+    stage="detection",
+    title="echoes below a power are lost",
+    formula="keep *= σ((ln P − threshold) / width)",
+    parameters={
+        "threshold": Parameter(-20.0, -20.0, 0.0, "ln P", "log power at which half the echoes are lost", scale=4.0),
+        "width": Parameter(0.4, 0.1, 1.5, "nats", "softness of the threshold", scale=0.3),
+    },
+    channels=("drop",),
+    betrays="One curve of loss over predicted power holds for all classes, ranges and angles.",
+    covariates=("power", "range"),
+    look_alikes={
+        "material_dropout": "compare classes at equal power",
+        "range_gate": "a gate cuts at one range whatever the power",
+        "atmospheric_extinction": "extinction dims the intensity too",
+        "specular_lobe": "mirror loss is of vehicles alone",
+    },
+    source="10 % target at maximum range, as in NVIDIA's lidar model; LISA thresholds at 0.9 / r_max²",
+    apply=apply,
+    starts=tuple({"threshold": t} for t in (-10.0, -8.0, -7.0, -6.0, -5.0, -4.0, -3.0)),
+)
