@@ -62,20 +62,22 @@ class Simulate:
 
         # Batches: the last is filled up, so that one compiled program serves all.
         grid, _ = sensor.window
-        start = time.monotonic()
+        begun, batches_s = time.monotonic(), []
         drawn = len(positions) - len(todo)
         bar = tqdm(total=len(positions), initial=drawn, unit="frame", desc="simulating")
         for first in range(0, len(todo), self.batch):
             frames = [dataset[p] for p in todo[first : first + self.batch]]
-            image, painted = simulate_batch(sensor, frames, self.batch)
+            image, painted, seconds = simulate_batch(sensor, frames, self.batch)
+            batches_s.append(seconds)
             self.announce(grid, frames)
             for k, frame in enumerate(frames):
                 self.write(frame.name, *take((image, painted), k), grid=grid, draw=drawn < self.previews)
                 drawn += 1
             bar.update(len(frames))
         bar.close()
-        rate = f"{len(todo) / (time.monotonic() - start):.2f} frames/s" if todo else "nothing to do"
-        print(f"{len(todo)} frames simulated ({rate}), {len(positions) - len(todo)} were there: {self.out}")
+        print(f"{len(todo)} frames simulated, {len(positions) - len(todo)} were there: {self.out}")
+        if todo:
+            print(speed(batches_s, self.batch, total_s=time.monotonic() - begun))
 
     def files(self, name: str) -> list[Path]:
         """All files of a frame that must be there; the polar frame is written last."""
@@ -119,13 +121,28 @@ class Simulate:
 
 
 def take(tree: Any, k: int) -> Any:
-    """Item k of a batch, on the host."""
-    return jax.tree.map(lambda leaf: np.asarray(leaf[k]), tree)
+    """Item k of a batch."""
+    return jax.tree.map(lambda leaf: leaf[k], tree)
 
 
-def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted]:
-    """Simulates frames together on the run's window, filled up to `size`."""
+def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted, float]:
+    """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
+    from dense views to results."""
     views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
-    return sensor.simulate_view(batch)
+    begun = time.monotonic()
+    image, painted = jax.device_get(sensor.simulate_view(batch))
+    return image, painted, time.monotonic() - begun
+
+
+def speed(batches_s: Sequence[float], size: int, *, total_s: float) -> str:
+    """Tells how fast the simulation is, and how long the command took with all else that it does.
+
+    The first batch is left out, for it waits for the compiler. The last counts as full: it was computed so.
+    """
+    total = f"{total_s:.1f} s in all, with loading, compiling and writing"
+    if len(batches_s) < 2:
+        return f"{total}; the simulation's own speed shows from the second batch on (a smaller --batch, more --frames)"
+    rate = size * (len(batches_s) - 1) / sum(batches_s[1:])
+    return f"simulation alone {rate:.2f} frames/s (after the first batch); {total}"
