@@ -52,7 +52,9 @@ class PrepareConfig:
     denoise: Literal["none", "non_local_means"] = "none"
     """Denoiser of the target intensity."""
     occlusion_m: float = 1.0
-    """Camera pixels of one cell that differ by more than this, and by a tenth of their range, mark it occluded."""
+    """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
+    the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next
+    column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
     max_range_m: float = 120.0
     """Depth and range channels are scaled by this."""
 
