@@ -1,0 +1,19 @@
+"""Sealed cases for discovery: streets in which effects are hidden, by physics that shares nothing with the finder.
+
+make_case(folder, effect=..., severity=..., seed=..., nuisance=...) -> Key; list_effects(), list_outside(),
+list_combinations(size, count, seed). NumPy and SciPy only; nothing of the package under test is imported.
+"""
+
+from .case import Key, case_name, key_path, make_case
+from .catalogue import list_combinations, list_effects, list_outside, unit_of
+
+__all__ = [
+    "Key",
+    "case_name",
+    "key_path",
+    "list_combinations",
+    "list_effects",
+    "list_outside",
+    "make_case",
+    "unit_of",
+]

@@ -1,0 +1,125 @@
+"""What can be hidden: every effect of the catalogue, kinds from outside it, combinations; and how large a unit is."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .electronics import ELECTRONICS
+from .light import LIGHT
+from .outside import OUTSIDE
+from .plan import Effect
+
+EFFECTS: dict[str, Effect] = {**LIGHT, **ELECTRONICS}
+UNITS_FILE = Path(__file__).with_name("units.json")
+STAGE_ORDER = {name: n for n, name in enumerate(EFFECTS)}
+
+# Members of a family act on the same covariate of the same channel; a combination takes at most one of each.
+FAMILIES = {
+    "angle": ("incidence_cosine", "oren_nayar", "specular_lobe", "gamma_response", "intensity_offset", "saturation"),
+    "distance": ("range_falloff", "atmospheric_extinction", "near_range_overlap", "focal_compensation", "range_gate"),
+    "beam": ("beam_gain",),
+    "pose": ("extrinsic_rotation", "extrinsic_translation", "beam_elevation_error", "motion_distortion"),
+    "ranging": ("beam_range_bias", "range_scale", "range_walk", "incidence_range_bias", "range_noise"),
+    "edge": ("mixed_pixels", "edge_dropout", "blooming"),
+    "clutter": ("fog_backscatter", "precipitation_clutter", "interference"),
+    "sector": ("window_contamination", "sector_occlusion", "ambient_light"),
+    "chance": ("random_dropout", "packet_loss", "material_dropout", "snr_dropout"),
+    "lattice": ("intensity_quantization",),
+    "grid": ("range_quantization",),
+    "time": ("emitter_drift",),
+    "bright": ("retroreflection",),
+}
+
+
+class Choice(NamedTuple):
+    """What a case hides: names from the catalogue, or one from outside, or nothing."""
+
+    effects: tuple[str, ...] = ()
+    outside: str | None = None
+
+
+def list_effects() -> list[str]:
+    """Names of the catalogue, in physical order."""
+    return list(EFFECTS)
+
+
+def list_outside() -> list[str]:
+    """Names of the kinds that the catalogue lacks (without the 'outside:' that `choose` wants before them)."""
+    return list(OUTSIDE)
+
+
+def list_combinations(size: int, count: int, seed: int) -> list[tuple[str, ...]]:
+    """`count` different sets of `size` effects that differ physically: no two of one family, pairs balanced."""
+    rng = np.random.default_rng([seed, size])
+    used = dict.fromkeys(EFFECTS, 0)
+    out: list[tuple[str, ...]] = []
+    families = list(FAMILIES.values())
+    possible = np.prod([len(f) for f in families[:size]]) if size <= len(families) else 0
+    if not possible:
+        raise ValueError(
+            f"no combination of {size} effects: there are {len(families)} families, of which each gives one"
+        )
+    for _ in itertools.count():
+        picked = []
+        for family in rng.permutation(len(families))[:size]:
+            rare = min(used[n] for n in families[family])
+            picked.append(str(rng.choice([n for n in families[family] if used[n] == rare])))
+        names = tuple(sorted(picked, key=STAGE_ORDER.__getitem__))
+        if names not in out:
+            out.append(names)
+            for n in names:
+                used[n] += 1
+        if len(out) == count:
+            return out
+    return out
+
+
+def choose(effect: str | list[str] | tuple[str, ...] | None, rng: np.random.Generator) -> Choice:
+    """Read 'none', NAME, 'A+B', 'outside:NAME', 'random' (0.2 none, 0.6 one, 0.1 two, 0.1 outside) or a list of names.
+
+    Raises:
+        ValueError: a name is not known; the message lists the known ones.
+    """
+    if effect is None or effect == "none" or effect == [] or effect == ():
+        return Choice()
+    if effect == "random":
+        draw = rng.random()
+        if draw < 0.2:
+            return Choice()
+        if draw < 0.8:
+            return Choice((str(rng.choice(list(EFFECTS))),))
+        if draw < 0.9:
+            return Choice(list_combinations(2, 1, int(rng.integers(1 << 31)))[0])
+        return Choice(outside=str(rng.choice(list(OUTSIDE))))
+    if isinstance(effect, str) and effect.startswith("outside:"):
+        name = effect.removeprefix("outside:")
+        if name not in OUTSIDE:
+            raise ValueError(f"outside:{name} is not known; choose one of {', '.join(OUTSIDE)}")
+        return Choice(outside=name)
+    names = tuple(effect.split("+")) if isinstance(effect, str) else tuple(effect)
+    for name in names:
+        if name not in EFFECTS:
+            known = ", ".join(EFFECTS)
+            raise ValueError(f"effect {name!r} is not known; choose none, random, outside:NAME or one of {known}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"an effect is given twice in {'+'.join(names)}; give each once")
+    return Choice(tuple(sorted(names, key=STAGE_ORDER.__getitem__)))
+
+
+def unit_of(name: str) -> float:
+    """Amount of the effect at severity 1: the committed table's, the minimal relevant size where that has no row."""
+    if UNITS_FILE.exists():
+        row = json.loads(UNITS_FILE.read_text())["units"].get(name)
+        if row:
+            return float(row["unit"])
+    return EFFECTS[name].floor
+
+
+def amount_of(name: str, severity: float) -> float:
+    """Severity times the unit, up to what the effect can bear."""
+    return min(severity * unit_of(name), EFFECTS[name].cap)
