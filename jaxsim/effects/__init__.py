@@ -2,10 +2,14 @@
 
 from jaxsim.effects import (
     atmospheric_extinction,
+    beam_elevation_error,
     beam_gain,
     beam_range_bias,
+    extrinsic_rotation,
+    extrinsic_translation,
     incidence_cosine,
     material_dropout,
+    motion_distortion,
     oren_nayar,
     random_dropout,
     range_falloff,
@@ -16,6 +20,11 @@ from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Paramete
 from jaxsim.effects.rays import Rays, Scan, all_rays, rays_at
 
 EFFECTS: dict[str, Effect] = {
+    # geometry
+    "extrinsic_rotation": extrinsic_rotation.EFFECT,
+    "extrinsic_translation": extrinsic_translation.EFFECT,
+    "beam_elevation_error": beam_elevation_error.EFFECT,
+    "motion_distortion": motion_distortion.EFFECT,
     # surface
     "incidence_cosine": incidence_cosine.EFFECT,
     "oren_nayar": oren_nayar.EFFECT,

@@ -44,7 +44,7 @@ class Scan:
     glare_m: Float[Array, "f r c"]
     """Range of the nearest very bright target (signs, or intensity 0.9 and more) by angle."""
     glare_rad: Float[Array, "f r c"]
-    """Angle to it; pi where the frame has none."""
+    """Angle to it; pi where there is none within 0.3 rad."""
     time_s: Float[Array, " f"]
     speed_mps: Float[Array, " f"]
     heading_rad: Float[Array, " f"]
@@ -122,12 +122,17 @@ class Rays:
 CLUTTER_REACH_M = 100.0
 
 
+def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
+    """Whether the last column is followed by the first."""
+    azimuth = grid.azimuth_rad
+    step = jnp.abs(azimuth[1] - azimuth[0])
+    return jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
+
+
 def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:
     """Ranges left, right, up and down of every ray. A full turn closes; other borders repeat the ray itself."""
     r = jnp.where(scan.hit, scan.range_m, jnp.inf)
-    azimuth = scan.grid.azimuth_rad
-    step = jnp.abs(azimuth[1] - azimuth[0])
-    full = jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
+    full = spans_turn(scan.grid)
     left, right = jnp.roll(r, 1, axis=2), jnp.roll(r, -1, axis=2)
     left = left.at[:, :, 0].set(jnp.where(full, left[:, :, 0], r[:, :, 0]))
     right = right.at[:, :, -1].set(jnp.where(full, right[:, :, -1], r[:, :, -1]))

@@ -1,0 +1,226 @@
+"""What rays meet that do not go where their readings are written: the simulated range image, cast again.
+
+Letters: q = 1/r of a cell, linear in the ray's direction on a plane; e, a elevation and azimuth of its centre;
+u, v slopes of the surface, so that q (1, u, v) is the plane's normal over its distance, in the basis of the
+cell's ray, its left and its up. A ray from origin o (to the beam's own) in direction d meets that plane at
+t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevations' spacing.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.effects.edits import wrapped
+from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan, spans_turn
+
+BORDER = 2.0
+"""Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
+FAR_M = 200.0
+"""Where a ray that meets nothing is looked up after its origin moved."""
+_SAME = 1e-3
+"""Relative error of a range below which a neighbour continues the plane."""
+_ROUGH = 0.03
+"""Above it no neighbour continues the surface, which is then taken to face the ray."""
+
+
+@struct.dataclass
+class _Surface:
+    """The cells that rays meet and the planes through them."""
+
+    row: Int[Array, "*n"]
+    column: Int[Array, "*n"]
+    hit: Bool[Array, "*n"]
+    range_m: Float[Array, "*n"]
+    beside_m: Float[Array, "*n 4"]
+    u: Float[Array, "*n"]
+    v: Float[Array, "*n"]
+
+
+def recast(
+    rays: Rays,
+    scan: Scan,
+    *,
+    turn_rad: tuple[Float[Array, "*n"], Float[Array, "*n"]] | None = None,
+    move_m: tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]] | None = None,
+    passes: int = 3,
+) -> Rays:
+    """Turns rays further (azimuth, elevation) and moves their origins (x, y, z in `velo`), and meets the new surface.
+
+    Differentiable within a cell. The cell is looked up `passes` times, each time where the ray met the last one's
+    plane; one is enough where no origin ever moved. Intensity follows the change of angle within the cell by
+    Lambert's law.
+    """
+    turned, moved = rays.turned_rad, rays.moved_m
+    if turn_rad is not None:
+        turned = turned + jnp.stack(turn_rad, axis=-1)
+    if move_m is not None:
+        moved = moved + jnp.stack(move_m, axis=-1)
+    row, column, inside = _look_up(rays, scan, turned, moved, jnp.full(rays.range_m.shape, jnp.inf))
+    for _ in range(passes - 1):
+        met, _ = _meet(rays, scan, _surface(scan, rays.frame, row, column), turned, moved)
+        row, column, inside = _look_up(rays, scan, turned, moved, met)
+    surface = _surface(scan, rays.frame, row, column)
+    here = inside[..., None]
+    met, cosine = _meet(
+        rays,
+        scan,
+        surface,
+        jnp.where(here, turned, jnp.zeros_like(turned)),
+        jnp.where(here, moved, jnp.zeros_like(moved)),
+    )
+    return _place(rays, scan, surface, met, cosine).replace(turned_rad=turned, moved_m=moved)
+
+
+def _look_up(
+    rays: Rays, scan: Scan, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"], met_m: Float[Array, "*n"]
+) -> tuple[Int[Array, "*n"], Int[Array, "*n"], Bool[Array, "*n"]]:
+    """The cell in whose direction the rays are at range `met_m`, and whether it lies in the image (else the own)."""
+    grid = scan.grid
+    rows, columns = scan.range_m.shape[1:]
+    # In a frame whose x axis has the nominal azimuth.
+    sine, cosine = jnp.sin(rays.azimuth_rad), jnp.cos(rays.azimuth_rad)
+    elevation = rays.elevation_rad + turned[..., 1]
+    near = 1 / jnp.maximum(met_m, 0.1)
+    x = jnp.cos(elevation) * jnp.cos(turned[..., 0]) + near * (moved[..., 0] * cosine + moved[..., 1] * sine)
+    y = jnp.cos(elevation) * jnp.sin(turned[..., 0]) + near * (moved[..., 1] * cosine - moved[..., 0] * sine)
+    z = jnp.sin(elevation) + near * moved[..., 2]
+    step = (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
+    across = rays.column.astype(jnp.float32) - jnp.arctan2(y, x) / step
+    down = _row_of(jnp.arctan2(z, jnp.sqrt(x * x + y * y)), grid.elevation_rad)
+    full = spans_turn(grid)
+    inside = (jnp.abs(down - (rows - 1) / 2) <= (rows - 1) / 2 + BORDER) & (
+        full | (jnp.abs(across - (columns - 1) / 2) <= (columns - 1) / 2 + BORDER)
+    )
+    row = jnp.clip(jnp.round(down).astype(jnp.int32), 0, rows - 1)
+    column = _column(jnp.round(across).astype(jnp.int32), columns, full)
+    return jnp.where(inside, row, rays.row), jnp.where(inside, column, rays.column), inside
+
+
+def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"]) -> Float[Array, "*n"]:
+    """Row as a float, linear between beams and beyond them."""
+    count = beams_rad.shape[0]
+    beyond = 4.0 * BORDER
+    first = beams_rad[:1] + beyond * (beams_rad[:1] - beams_rad[1:2])
+    last = beams_rad[-1:] + beyond * (beams_rad[-1:] - beams_rad[-2:-1])
+    rows = jnp.concatenate(
+        [jnp.array([-beyond]), jnp.arange(count, dtype=jnp.float32), jnp.array([count - 1 + beyond])]
+    )
+    beams = jnp.concatenate([first, beams_rad, last])
+    return jnp.interp(-elevation_rad, -beams, rows)
+
+
+def _column(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:
+    return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
+
+
+def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> _Surface:
+    """The cells with slopes from those neighbours that continue their plane.
+
+    To each side the next cell gives a slope and the one after tells whether it is the same plane's. Weights as in
+    WENO schemes: a corner takes the slope of its own side, a lone pole none.
+    """
+    rows, columns = scan.range_m.shape[1:]
+    azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
+    full = spans_turn(scan.grid)
+    hit = scan.hit[frame, row, column]
+    r = jnp.where(hit, scan.range_m[frame, row, column], 1.0)
+    e = elevation[row]
+
+    def other(down: int, right: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Of a cell near by: r over its range, its angles from here, whether it is one, its range."""
+        i, j = jnp.clip(row + down, 0, rows - 1), _column(column + right, columns, full)
+        own = (i == row) & (j == column)
+        there = scan.hit[frame, i, j]
+        far = jnp.where(there, scan.range_m[frame, i, j], jnp.inf)
+        safe = jnp.where(there, far, 1.0)
+        return r / safe, wrapped(azimuth[j] - azimuth[column]), elevation[i] - e, there & hit & ~own, far
+
+    def slope(side: tuple[int, int], of: str, v: Array) -> tuple[Array, Array, Array]:
+        """Slope to one side, its weight, and the range of the next cell there."""
+        ratio, da, de, valid, far = other(*side)
+        ratio2, da2, de2, valid2, _ = other(2 * side[0], 2 * side[1])
+        valid2 = valid2 & ((da2 != da) | (de2 != de))
+
+        def parts(da: Array, de: Array) -> tuple[Array, Array]:
+            if of == "v":
+                return jnp.cos(de), jnp.sin(de)
+            versine = 2 * jnp.square(jnp.sin(da / 2))
+            return 1 - versine * jnp.cos(e) * (jnp.cos(e) - v * jnp.sin(e)), jnp.cos(e) * jnp.sin(da)
+
+        even, odd = parts(da, de)
+        value = (ratio - even) / jnp.where(valid, odd, 1.0)
+        even2, odd2 = parts(da2, de2)
+        rough = jnp.where(valid2, ratio2 - even2 - value * odd2, ratio - even)
+        weight = 1 / jnp.square(rough * rough + _SAME**2)
+        return jnp.where(valid, value, 0.0), jnp.where(valid, weight, 0.0), far
+
+    flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
+    zero = jnp.zeros_like(r)
+    up, up_weight, up_m = slope((-1, 0), "v", zero)
+    down, down_weight, down_m = slope((1, 0), "v", zero)
+    v = (up * up_weight + down * down_weight) / (up_weight + down_weight + flat)
+    left, left_weight, left_m = slope((0, -1), "u", v)
+    right, right_weight, right_m = slope((0, 1), "u", v)
+    u = (left * left_weight + right * right_weight) / (left_weight + right_weight + flat)
+    range_m = jnp.where(hit, r, 0.0)
+    return _Surface(row, column, hit, range_m, jnp.stack([left_m, right_m, up_m, down_m], axis=-1), u, v)
+
+
+def _meet(
+    rays: Rays, scan: Scan, surface: _Surface, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"]
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Range at which the rays meet the planes (FAR_M where nothing is hit), and the cosine of incidence over the
+    cell's."""
+    grid, s = scan.grid, surface
+    a, e = grid.azimuth_rad[s.column], grid.elevation_rad[s.row]
+    elevation = rays.elevation_rad + turned[..., 1]
+    turn = wrapped(rays.azimuth_rad - a + turned[..., 0])
+    rise = rays.elevation_rad - e + turned[..., 1]
+    # Direction in the basis of the cell's ray; written with differences so that it is exact where there are none.
+    versine = 2 * jnp.square(jnp.sin(turn / 2)) * jnp.cos(elevation)
+    d = (
+        jnp.cos(rise) - versine * jnp.cos(e),
+        jnp.cos(elevation) * jnp.sin(turn),
+        jnp.sin(rise) + versine * jnp.sin(e),
+    )
+    x, y = moved[..., 0], moved[..., 1]
+    z = moved[..., 2] + grid.origin_m[rays.row] - grid.origin_m[s.row]
+    ahead, left = x * jnp.cos(a) + y * jnp.sin(a), y * jnp.cos(a) - x * jnp.sin(a)
+    o = (ahead * jnp.cos(e) + z * jnp.sin(e), left, z * jnp.cos(e) - ahead * jnp.sin(e))
+    towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], 0.3, 3.0)
+    safe = jnp.where(s.hit, s.range_m, 1.0)
+    share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, 0.3, 3.0)
+    return jnp.where(s.hit, safe * share, FAR_M), towards
+
+
+def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], cosine: Float[Array, "*n"]) -> Rays:
+    """The rays on their new surface. What earlier effects did to power, intensity and reading stays on them."""
+    at = (rays.frame, s.row, s.column)
+    range_m = jnp.where(s.hit, met_m, 0.0)
+    angle = scan.incidence_rad[at]
+    # First order in the cosine; the arccosine has no derivative head on.
+    angle = jnp.clip(angle - (cosine - 1) * jnp.cos(angle) / jnp.maximum(jnp.sin(angle), 0.1), 0.0, 1.5708)
+    met = jnp.log(jnp.maximum(scan.intensity[at], FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
+    brighter = met - rays.met_log_intensity
+    spread = 2 * jnp.log(_held(range_m) / _held(rays.range_m))
+    return rays.replace(
+        hit=s.hit,
+        range_m=range_m,
+        incidence_rad=jnp.where(s.hit, angle, scan.incidence_rad[at]),
+        semantic=scan.semantic[at],
+        instance=scan.instance[at],
+        rgb=scan.rgb[at],
+        beside_m=s.beside_m,
+        glare_m=scan.glare_m[at],
+        glare_rad=scan.glare_rad[at],
+        met_log_intensity=met,
+        log_intensity=rays.log_intensity + brighter,
+        log_power=rays.log_power + brighter - spread,
+        reading_m=rays.reading_m + range_m - rays.range_m,
+    )
+
+
+def _held(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    return jnp.maximum(range_m, 0.1) / REFERENCE_M

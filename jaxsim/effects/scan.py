@@ -1,0 +1,157 @@
+"""Simulated frames, as they are read from files, to the `Scan` that effects act on (host memory)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsim.effects.effect import CLASSES
+from jaxsim.effects.rays import Scan, spans_turn
+from jaxsim.frame import Array, PolarGrid, PolarImage
+from jaxsim.geometry import incidence
+
+BRIGHT = 0.9
+"""Intensity from which a surface blooms."""
+SIGN = 20
+"""Cityscapes id of traffic signs."""
+GLARE_REACH_RAD = 0.3
+
+
+def scan_of(
+    grid: PolarGrid,
+    images: Sequence[PolarImage],
+    more: Sequence[Mapping[str, np.ndarray]] | None = None,
+    about: Sequence[Mapping[str, Any]] | None = None,
+) -> Scan:
+    """The scan of simulated frames on one grid.
+
+    `more` holds each frame's further rasters by the names of the polar-frame format (incidence rad, semantic,
+    instance, rgb 0..255, time s within the scan), `about` what its grid.json says (time s, speed m/s, heading rad).
+    What is missing: incidence comes from the range image, the place within the scan from the column, the rest is 0.
+    Frame times count from the first frame's. Raises ValueError for frames that do not fit the grid or hold
+    impossible values.
+    """
+    if not images:
+        raise ValueError("scan_of: no frames; give one simulated frame or more")
+    more, about = more or [{}] * len(images), about or [{}] * len(images)
+    if not len(images) == len(more) == len(about):
+        raise ValueError(
+            f"scan_of: {len(images)} images, {len(more)} x further rasters, {len(about)} x about; one each"
+        )
+    grid = PolarGrid(*(np.asarray(x, np.float32) for x in (grid.azimuth_rad, grid.elevation_rad, grid.origin_m)))
+    frames = [_frame(grid, k, image, rasters) for k, (image, rasters) in enumerate(zip(images, more, strict=True))]
+    stacked = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
+    time_s = _per_frame(about, "time", np.float64)
+    return Scan(
+        grid=grid,
+        **stacked,
+        # Seconds since 1970 do not fit into float32.
+        time_s=(time_s - time_s.min()).astype(np.float32),
+        speed_mps=_per_frame(about, "speed", np.float32),
+        heading_rad=_per_frame(about, "heading", np.float32),
+    )
+
+
+def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.ndarray:
+    given = [entry.get(key) for entry in about]
+    if any(value is None for value in given) and any(value is not None for value in given):
+        raise ValueError(f"scan_of: {key} is given for some frames and not for others; give it for all or none")
+    values = np.array([0.0 if value is None else value for value in given], dtype)
+    if not np.isfinite(values).all():
+        raise ValueError(f"scan_of: {key} must be finite, got {values.tolist()}")
+    return values
+
+
+def _frame(grid: PolarGrid, number: int, image: PolarImage, more: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """One frame's rasters by the names of `Scan`."""
+    shape = (len(grid.elevation_rad), len(grid.azimuth_rad))
+    rasters = {"range": image.range_m, "intensity": image.intensity, "valid": image.valid, **more}
+    for name, raster in rasters.items():
+        if np.shape(raster)[:2] != shape:
+            raise ValueError(f"scan_of: frame {number}: {name} is {np.shape(raster)}, the grid {shape}")
+    hit = np.asarray(image.valid) & (np.asarray(image.range_m) > 0)
+    range_m = np.where(hit, image.range_m, 0).astype(np.float32)
+    intensity = np.where(hit, image.intensity, 0).astype(np.float32)
+    semantic = np.asarray(more.get("semantic", np.zeros(shape)), np.int32)
+    if semantic.min() < 0 or semantic.max() >= CLASSES:
+        raise ValueError(
+            f"scan_of: frame {number}: semantic spans {semantic.min()}..{semantic.max()}; it must hold Cityscapes ids "
+            f"0..{CLASSES - 1}, 0 where the class is not known"
+        )
+    glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BRIGHT) | (semantic == SIGN)))
+    return {
+        "range_m": range_m,
+        "hit": hit,
+        "intensity": intensity,
+        "incidence_rad": _incidence(grid, number, range_m, hit, more.get("incidence")),
+        "semantic": semantic,
+        "instance": np.asarray(more.get("instance", np.zeros(shape)), np.int32),
+        "rgb": np.asarray(more.get("rgb", np.zeros((*shape, 3))), np.float32) / 255,
+        "phase": _phase(shape, hit, more.get("time")),
+        "glare_m": glare_m,
+        "glare_rad": glare_rad,
+    }
+
+
+def _incidence(
+    grid: PolarGrid, number: int, range_m: np.ndarray, hit: np.ndarray, given: np.ndarray | None
+) -> Float[np.ndarray, "r c"]:
+    if given is None:
+        angle, known = (np.asarray(x) for x in incidence(range_m, hit, grid))
+        # A cell without neighbours, on a pole or at a border, may face anywhere.
+        return np.where(known, angle, np.median(angle[known]) if known.any() else 0).astype(np.float32)
+    angle = np.asarray(given, np.float32)
+    seen = angle[hit]
+    if seen.size and not (np.isfinite(seen).all() and seen.min() >= 0 and seen.max() <= np.pi / 2 + 1e-3):
+        raise ValueError(
+            f"scan_of: frame {number}: incidence spans {seen.min():g}..{seen.max():g}; it must be the angle between "
+            "ray and surface normal in radians, 0 head on to pi/2"
+        )
+    return np.where(hit, angle, 0).astype(np.float32)
+
+
+def _phase(shape: tuple[int, int], hit: np.ndarray, time_s: np.ndarray | None) -> Float[np.ndarray, "r c"]:
+    """Place within the scan: by the files' times from first to last, else by column from left to right."""
+    if time_s is not None:
+        t = np.asarray(time_s, np.float64)
+        known = hit & np.isfinite(t)
+        if known.any() and np.ptp(t[known]) > 0:
+            first, last = t[known].min(), t[known].max()
+            return np.clip((np.nan_to_num(t) - first) / (last - first), 0, 1).astype(np.float32)
+    rows, columns = shape
+    return np.tile(((np.arange(columns) + 0.5) / columns).astype(np.float32), (rows, 1))
+
+
+def nearest_glare(
+    grid: PolarGrid, range_m: Float[Array, "r c"], bright: Bool[Array, "r c"]
+) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "r c"]]:
+    """Range of the nearest bright target by angle and the angle to it; pi where there is none within 0.3 rad.
+
+    Exact and separable: first the nearest bright row of each column, then the nearest such column.
+    """
+    rows, columns = range_m.shape
+    best = np.full((rows, columns), GLARE_REACH_RAD**2)
+    target_m, found = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
+    if not bright.any():
+        return target_m, np.full((rows, columns), np.pi, np.float32)
+    elevation = np.asarray(grid.elevation_rad, np.float64)
+    apart = np.square(elevation[:, None] - elevation[None, :])
+    lit = np.flatnonzero(bright.any(axis=0))
+    cost = np.where(bright[None, :, lit], apart[:, :, None], np.inf)
+    row = cost.argmin(axis=1)
+    cost, lit_m = cost.min(axis=1), range_m[row, lit[None, :]]
+    step = abs(float(grid.azimuth_rad[0]) - float(grid.azimuth_rad[-1])) / (columns - 1)
+    reach = min(int(GLARE_REACH_RAD / step), (columns - 1) // 2)
+    closed = bool(spans_turn(grid))
+    for offset in range(-reach, reach + 1):
+        inside = np.ones(len(lit), bool) if closed else (lit + offset >= 0) & (lit + offset < columns)
+        to = (lit[inside] + offset) % columns
+        square = cost[:, inside] + np.square(offset * step * np.cos(elevation))[:, None]
+        nearer = square < best[:, to]
+        best[:, to] = np.where(nearer, square, best[:, to])
+        target_m[:, to] = np.where(nearer, lit_m[:, inside], target_m[:, to])
+        found[:, to] |= nearer
+    return target_m, np.where(found, np.sqrt(best), np.pi).astype(np.float32)
