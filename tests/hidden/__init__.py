@@ -1,11 +1,13 @@
 """Sealed cases for discovery: streets in which effects are hidden, by physics that shares nothing with the finder.
 
-make_case(folder, effect=..., severity=..., seed=..., nuisance=...) -> Key; list_effects(), list_outside(),
-list_combinations(size, count, seed). NumPy and SciPy only; nothing of the package under test is imported.
+make_case(folder, effect=..., severity=..., seed=..., nuisance=...) -> Key; score(key, verdict) -> dict;
+list_effects(), list_outside(), list_combinations(size, count, seed). NumPy and SciPy only; nothing of the package
+under test is imported.
 """
 
 from .case import Key, case_name, key_path, make_case
 from .catalogue import list_combinations, list_effects, list_outside, unit_of
+from .score import score, score_case
 
 __all__ = [
     "Key",
@@ -15,5 +17,7 @@ __all__ = [
     "list_effects",
     "list_outside",
     "make_case",
+    "score",
+    "score_case",
     "unit_of",
 ]

@@ -8,6 +8,8 @@ import sys
 from .case import key_path, make_case
 from .catalogue import EFFECTS, OUTSIDE
 from .nuisance import LEVELS
+from .score import describe, score_case
+from .units import write_table
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -29,12 +31,21 @@ def main(argv: list[str] | None = None) -> int:
     make.add_argument("--frames", type=int, default=1, help="frames a scene")
     make.add_argument("--rows", type=int, default=48)
     make.add_argument("--columns", type=int, default=384)
+    judge = commands.add_parser("score", help="hold DIR/out/verdict.json against the key; writes score.json beside it")
+    judge.add_argument("folder", metavar="DIR", help="case folder")
+    judge.add_argument("--verdict", help="the answer, if not DIR/out/verdict.json")
+    commands.add_parser("units", help="compute units.json anew: the size of severity 1 of every effect (minutes)")
     args = parser.parse_args(argv)
     try:
         if args.command == "make":
             options = {k: v for k, v in vars(args).items() if k not in ("command", "folder")}
             key = make_case(args.folder, **options)
             print(f"case {key.case}: {args.folder}/measured, {args.folder}/simulated; key {key_path(args.folder)}")
+        elif args.command == "score":
+            print(describe(score_case(args.folder, args.verdict)))
+        else:
+            for name, row in write_table()["units"].items():
+                print(f"{name:28s} {row['unit']:<9g} by {row['by']:6s} oracle {row['oracle']:<9g} {row['amount']}")
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 1

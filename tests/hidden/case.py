@@ -190,7 +190,7 @@ def plant(
     if choice.outside is None:
         return plans, (entries, None)
     kind = OUTSIDE[choice.outside]
-    amount = min(severity * kind.unit, kind.cap)
+    amount = amount_of(choice.outside, severity)
     plans.append(kind.make(amount, stream(setting.entropy, "effect", choice.outside), about))
     outside = {
         "name": choice.outside,

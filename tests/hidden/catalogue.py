@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import json
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from .electronics import ELECTRONICS
 from .light import LIGHT
 from .outside import OUTSIDE
-from .plan import Effect
+from .plan import Effect, Maker
 
 EFFECTS: dict[str, Effect] = {**LIGHT, **ELECTRONICS}
 UNITS_FILE = Path(__file__).with_name("units.json")
@@ -54,17 +54,16 @@ def list_outside() -> list[str]:
 
 
 def list_combinations(size: int, count: int, seed: int) -> list[tuple[str, ...]]:
-    """`count` different sets of `size` effects that differ physically: no two of one family, pairs balanced."""
+    """`count` different sets of `size` effects that differ physically: no two of one family, rare ones first.
+
+    Raises:
+        ValueError: there are not so many.
+    """
     rng = np.random.default_rng([seed, size])
     used = dict.fromkeys(EFFECTS, 0)
     out: list[tuple[str, ...]] = []
     families = list(FAMILIES.values())
-    possible = np.prod([len(f) for f in families[:size]]) if size <= len(families) else 0
-    if not possible:
-        raise ValueError(
-            f"no combination of {size} effects: there are {len(families)} families, of which each gives one"
-        )
-    for _ in itertools.count():
+    for _ in range(200 * count if size <= len(families) else 0):
         picked = []
         for family in rng.permutation(len(families))[:size]:
             rare = min(used[n] for n in families[family])
@@ -76,7 +75,7 @@ def list_combinations(size: int, count: int, seed: int) -> list[tuple[str, ...]]
                 used[n] += 1
         if len(out) == count:
             return out
-    return out
+    raise ValueError(f"{count} combinations of {size} effects are too many; ask for fewer ({len(families)} families)")
 
 
 def choose(effect: str | list[str] | tuple[str, ...] | None, rng: np.random.Generator) -> Choice:
@@ -111,15 +110,31 @@ def choose(effect: str | list[str] | tuple[str, ...] | None, rng: np.random.Gene
     return Choice(tuple(sorted(names, key=STAGE_ORDER.__getitem__)))
 
 
+def floor_of(name: str) -> float:
+    """Smallest amount that matters to an engineer; of an effect or a kind from outside."""
+    return EFFECTS[name].floor if name in EFFECTS else OUTSIDE[name].floor
+
+
+def cap_of(name: str) -> float:
+    """Largest amount that makes sense."""
+    return EFFECTS[name].cap if name in EFFECTS else OUTSIDE[name].cap
+
+
+def maker_of(name: str) -> Maker:
+    return EFFECTS[name].make if name in EFFECTS else OUTSIDE[name].make
+
+
 def unit_of(name: str) -> float:
-    """Amount of the effect at severity 1: the committed table's, the minimal relevant size where that has no row."""
-    if UNITS_FILE.exists():
-        row = json.loads(UNITS_FILE.read_text())["units"].get(name)
-        if row:
-            return float(row["unit"])
-    return EFFECTS[name].floor
+    """Amount at severity 1: the committed table's; the minimal relevant size where that has no row."""
+    row = _table().get(name)
+    return float(row["unit"]) if row else floor_of(name)
+
+
+@cache
+def _table() -> dict[str, dict]:
+    return json.loads(UNITS_FILE.read_text())["units"] if UNITS_FILE.exists() else {}
 
 
 def amount_of(name: str, severity: float) -> float:
     """Severity times the unit, up to what the effect can bear."""
-    return min(severity * unit_of(name), EFFECTS[name].cap)
+    return min(severity * unit_of(name), cap_of(name))

@@ -12,7 +12,7 @@ from .plan import Maker, Plan, at, sign_of
 
 
 class Outside(NamedTuple):
-    """A kind from outside: channel, acceptable covariates, nearest catalogue entries, size at severity 1."""
+    """A kind from outside: channel, acceptable covariates, nearest catalogue entries, minimal relevant size."""
 
     make: Maker
     channel: str
@@ -20,7 +20,7 @@ class Outside(NamedTuple):
     character: str
     near: tuple[str, ...]
     amount: str
-    unit: float
+    floor: float
     cap: float = np.inf
 
 
