@@ -1,23 +1,48 @@
 """What light, optics and electronics do: one file, one effect; `EFFECTS` lists them in physical order."""
 
 from jaxsim.effects import (
+    ambient_light,
     atmospheric_extinction,
     beam_elevation_error,
     beam_gain,
     beam_range_bias,
+    blooming,
+    edge_dropout,
+    emitter_drift,
     extrinsic_rotation,
     extrinsic_translation,
+    focal_compensation,
+    fog_backscatter,
+    gamma_response,
     incidence_cosine,
+    incidence_range_bias,
+    intensity_offset,
+    intensity_quantization,
+    interference,
     material_dropout,
+    mixed_pixels,
     motion_distortion,
+    near_range_overlap,
     oren_nayar,
+    packet_loss,
+    precipitation_clutter,
     random_dropout,
     range_falloff,
+    range_gate,
+    range_noise,
+    range_quantization,
     range_scale,
+    range_walk,
+    retroreflection,
+    saturation,
+    sector_occlusion,
     snr_dropout,
+    specular_lobe,
+    window_contamination,
 )
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Parameter
 from jaxsim.effects.rays import Rays, Scan, all_rays, rays_at
+from jaxsim.effects.scan import scan_of
 
 EFFECTS: dict[str, Effect] = {
     # geometry
@@ -28,18 +53,42 @@ EFFECTS: dict[str, Effect] = {
     # surface
     "incidence_cosine": incidence_cosine.EFFECT,
     "oren_nayar": oren_nayar.EFFECT,
+    "specular_lobe": specular_lobe.EFFECT,
+    "retroreflection": retroreflection.EFFECT,
     # path
     "range_falloff": range_falloff.EFFECT,
     "atmospheric_extinction": atmospheric_extinction.EFFECT,
+    "near_range_overlap": near_range_overlap.EFFECT,
+    "window_contamination": window_contamination.EFFECT,
+    "blooming": blooming.EFFECT,
+    "fog_backscatter": fog_backscatter.EFFECT,
+    "precipitation_clutter": precipitation_clutter.EFFECT,
+    "interference": interference.EFFECT,
     # receiver
+    "focal_compensation": focal_compensation.EFFECT,
     "beam_gain": beam_gain.EFFECT,
+    "emitter_drift": emitter_drift.EFFECT,
+    "gamma_response": gamma_response.EFFECT,
+    "intensity_offset": intensity_offset.EFFECT,
+    "saturation": saturation.EFFECT,
+    "intensity_quantization": intensity_quantization.EFFECT,
     # detection
     "snr_dropout": snr_dropout.EFFECT,
     "random_dropout": random_dropout.EFFECT,
     "material_dropout": material_dropout.EFFECT,
+    "edge_dropout": edge_dropout.EFFECT,
+    "range_gate": range_gate.EFFECT,
+    "sector_occlusion": sector_occlusion.EFFECT,
+    "packet_loss": packet_loss.EFFECT,
+    "ambient_light": ambient_light.EFFECT,
     # ranging
+    "range_noise": range_noise.EFFECT,
+    "range_walk": range_walk.EFFECT,
+    "incidence_range_bias": incidence_range_bias.EFFECT,
     "range_scale": range_scale.EFFECT,
     "beam_range_bias": beam_range_bias.EFFECT,
+    "mixed_pixels": mixed_pixels.EFFECT,
+    "range_quantization": range_quantization.EFFECT,
 }
 """Every effect by name. Within a stage, too, the order is that of the light and the signal."""
 
@@ -63,4 +112,5 @@ __all__ = [
     "all_rays",
     "get_effect",
     "rays_at",
+    "scan_of",
 ]

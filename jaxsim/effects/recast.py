@@ -8,6 +8,9 @@ t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevation
 
 from __future__ import annotations
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
@@ -57,10 +60,15 @@ def recast(
         turned = turned + jnp.stack(turn_rad, axis=-1)
     if move_m is not None:
         moved = moved + jnp.stack(move_m, axis=-1)
-    row, column, inside = _look_up(rays, scan, turned, moved, jnp.full(rays.range_m.shape, jnp.inf))
-    for _ in range(passes - 1):
-        met, _ = _meet(rays, scan, _surface(scan, rays.frame, row, column), turned, moved)
-        row, column, inside = _look_up(rays, scan, turned, moved, met)
+    # Which cell is met has no derivative.
+    held_turn, held_move = jax.lax.stop_gradient(turned), jax.lax.stop_gradient(moved)
+
+    def again(_: Any, cell: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        met, _ = _meet(rays, scan, _surface(scan, rays.frame, *cell[:2]), held_turn, held_move)
+        return _look_up(rays, scan, held_turn, held_move, met)
+
+    cell = _look_up(rays, scan, held_turn, held_move, jnp.full(rays.range_m.shape, jnp.inf))
+    row, column, inside = jax.lax.fori_loop(1, passes, again, cell) if passes > 1 else cell
     surface = _surface(scan, rays.frame, row, column)
     here = inside[..., None]
     met, cosine = _meet(

@@ -1,0 +1,38 @@
+"""The sun blinds the receiver in its direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jaxsim.effects.edits import bump, lose
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Loses echoes around a direction of the world."""
+    away = rays.azimuth_rad + rays.heading_rad - p["heading_rad"]
+    return lose(rays, p["strength"] * bump(away, p["width_rad"]))
+
+
+EFFECT = Effect(
+    name="ambient_light",
+    stage="detection",
+    title="sunlight hides echoes in its direction",
+    formula="keep *= 1 − strength · exp(−½((az + vehicle heading − heading)/width)²)",
+    parameters={
+        "strength": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost towards the sun", scale=0.3),
+        "heading_rad": Parameter(0.0, -np.pi, np.pi, "rad", "direction in the world", scale=1.5),
+        "width_rad": Parameter(0.5, 0.1, 1.2, "rad", "standard width of the sector", scale=0.25),
+    },
+    channels=("drop",),
+    betrays="Returns are missing in a sector that stays in the world as the car turns; intensities are as they were.",
+    covariates=("heading", "azimuth"),
+    look_alikes={
+        "window_contamination": "dirt turns with the car and dims; needs frames of several headings",
+        "sector_occlusion": "a bracket turns with the car and blocks all",
+    },
+    source="background light raises the threshold; 100 klx in full sun",
+    apply=apply,
+    starts=tuple({"strength": 0.2, "heading_rad": round(a, 3)} for a in np.linspace(-np.pi, np.pi, 13)[:-1].tolist()),
+)

@@ -1,0 +1,36 @@
+"""Fog itself returns light."""
+
+from __future__ import annotations
+
+from jaxsim.effects.clutter import add_clutter
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Adds early returns at a range that is typical of the fog's density."""
+    return add_clutter(rays, p["probability"], power=2.0, scale_m=p["scale_m"], from_m=0.5, intensity=p["intensity"])
+
+
+EFFECT = Effect(
+    name="fog_backscatter",
+    stage="path",
+    title="fog returns light of its own",
+    formula="early return with a probability, range density ∝ r² exp(−r/scale) on (0.5 m, surface)",
+    parameters={
+        "probability": Parameter(0.0, 0.0, 0.9, "", "share of rays with a return from the fog", scale=0.1),
+        "scale_m": Parameter(2.0, 0.5, 10.0, "m", "a third of the mean range", scale=1.5),
+        "intensity": Parameter(0.05, 0.005, 0.5, "", "reported for them", scale=0.05),
+    },
+    channels=("range", "intensity"),
+    betrays="Weak returns in a ring of a few metres around the sensor, in front of whatever is there.",
+    covariates=("range", "intensity"),
+    look_alikes={
+        "precipitation_clutter": "rain is densest at the sensor and thins out; fog has a ring",
+        "interference": "interference is uniform in range",
+        "mixed_pixels": "mixed readings need a depth step",
+    },
+    source="MartinHahner/LiDAR_fog_sim (soft target response); always with atmospheric_extinction",
+    apply=apply,
+    starts=({"probability": 0.03}, {"probability": 0.03, "scale_m": 5.0}),
+)

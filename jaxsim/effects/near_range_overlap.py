@@ -1,0 +1,42 @@
+"""Close by, the receiver does not see all of the lit spot."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from jaxsim.effects.edits import brighten
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+_LEAST = 1e-4
+_MOST = 60.0
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Multiplies power and intensity by 1 - exp(-(r / distance)²)."""
+    square = jnp.square(rays.range_m / jnp.maximum(p["distance_m"], 1e-2))
+    seen = jnp.log1p(-jnp.exp(-jnp.clip(square, _LEAST, _MOST)))
+    return brighten(rays, jnp.where(rays.hit, seen, jnp.zeros_like(seen)))
+
+
+EFFECT = Effect(
+    name="near_range_overlap",
+    stage="path",
+    title="close by, transmitter and receiver do not look at the same spot",
+    formula="I, P *= 1 − exp(−(r/distance)²)",
+    parameters={
+        "distance_m": Parameter(0.0, 0.0, 12.0, "m", "range at which 63 % of the light is seen", scale=3.0),
+    },
+    channels=("intensity",),
+    betrays="Intensity is missing at the smallest ranges, of all classes and beams, and nowhere else.",
+    covariates=("range",),
+    look_alikes={
+        "focal_compensation": "a compensation differs from beam to beam",
+        "range_falloff": "falloff goes on at long range",
+        "beam_gain": "near by, a row is a range; compare other surfaces in the same rows",
+        "saturation": "saturation spares dark surfaces",
+    },
+    source="bistatic overlap; SysCV/LiDAR_snow_sim (simulation.py); Mukupa et al. 2017 (1..6 m)",
+    apply=apply,
+    starts=({"distance_m": 2.0}, {"distance_m": 4.0}, {"distance_m": 8.0}),
+)

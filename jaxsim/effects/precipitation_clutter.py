@@ -1,0 +1,36 @@
+"""Rain drops and snow flakes return light."""
+
+from __future__ import annotations
+
+from jaxsim.effects.clutter import add_clutter
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Adds early returns that thin out with the square of range and with extinction."""
+    return add_clutter(rays, p["probability"], power=-2.0, scale_m=p["scale_m"], from_m=1.5, intensity=p["intensity"])
+
+
+EFFECT = Effect(
+    name="precipitation_clutter",
+    stage="path",
+    title="drops and flakes return light",
+    formula="early return with a probability, range density ∝ r⁻² exp(−r/scale) on (1.5 m, surface)",
+    parameters={
+        "probability": Parameter(0.0, 0.0, 0.9, "", "share of rays with a return from a drop", scale=0.1),
+        "scale_m": Parameter(20.0, 2.0, 200.0, "m", "range at which extinction thins them out", scale=15.0),
+        "intensity": Parameter(0.05, 0.005, 0.5, "", "reported for them", scale=0.05),
+    },
+    channels=("range", "intensity"),
+    betrays="Scattered weak returns in front of surfaces, most of them at the shortest ranges.",
+    covariates=("range", "intensity"),
+    look_alikes={
+        "fog_backscatter": "fog has a ring at some metres, rain is densest at the sensor",
+        "interference": "interference is uniform in range and not always weak",
+        "mixed_pixels": "mixed readings need a depth step",
+    },
+    source="LISA (atmos_models.py); SysCV/LiDAR_snow_sim",
+    apply=apply,
+    starts=({"probability": 0.03},),
+)

@@ -1,0 +1,36 @@
+"""The receiver clips strong echoes."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import Array, Rays, Scan
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Ends the reported intensity at the ceiling; at a ceiling of 1 nothing is cut that the report does not cut."""
+    cut = jnp.minimum(rays.log_intensity, jnp.log(p["ceiling"]))
+    return rays.replace(
+        log_intensity=jnp.where(p["ceiling"] < 1, cut, rays.log_intensity),
+        intensity_top=jnp.minimum(rays.intensity_top, p["ceiling"]),
+    )
+
+
+EFFECT = Effect(
+    name="saturation",
+    stage="receiver",
+    title="the intensity ends at a ceiling",
+    formula="I = min(I, ceiling)",
+    parameters={"ceiling": Parameter(1.0, 0.1, 1.0, "", "largest intensity reported", scale=0.3)},
+    channels=("intensity",),
+    betrays="Intensities pile up at one value; bright classes alone lose their contrast.",
+    covariates=("intensity",),
+    look_alikes={
+        "gamma_response": "gamma bends dark surfaces too and piles nothing up",
+        "retroreflection": "compare white paint with signs",
+    },
+    source="per-beam maximum intensity 220..255 of the HDL-64E calibration",
+    apply=apply,
+    starts=tuple({"ceiling": c} for c in (0.9, 0.7, 0.5, 0.35, 0.2)),
+)

@@ -1,0 +1,46 @@
+"""A bracket or roof box stands before the sensor."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsim.effects.edits import wrapped
+from jaxsim.effects.effect import Effect, Parameter
+from jaxsim.effects.rays import NEVER, Array, Rays, Scan
+
+SOFT_RAD = 0.01
+"""The echo's probability falls over this angle within the sector, so that its borders have a derivative."""
+
+
+def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Loses all echoes of a sector of azimuth."""
+    inside = p["width_rad"] / 2 - jnp.abs(wrapped(rays.azimuth_rad - p["azimuth_rad"]))
+    return rays.replace(log_keep=rays.log_keep + NEVER * jnp.clip(inside / SOFT_RAD, 0.0, 1.0))
+
+
+EFFECT = Effect(
+    name="sector_occlusion",
+    stage="detection",
+    title="a part of the car hides a sector",
+    formula="keep = 0 where |az − azimuth| < width / 2",
+    parameters={
+        "azimuth_rad": Parameter(0.0, -np.pi, np.pi, "rad", "middle of the sector, 0 forward", scale=1.5),
+        "width_rad": Parameter(0.0, 0.0, 1.5, "rad", "full width of the sector", scale=0.2),
+    },
+    channels=("drop",),
+    betrays="Nothing returns from one sector of azimuth, the same in every frame, with sharp borders.",
+    covariates=("azimuth", "column"),
+    look_alikes={
+        "window_contamination": "dirt dims, has soft borders and lets strong echoes through",
+        "packet_loss": "lost packets differ from frame to frame",
+        "ambient_light": "the sun stays in the world as the car turns",
+    },
+    source="occlusion by the ego vehicle",
+    apply=apply,
+    starts=tuple(
+        {"azimuth_rad": round(a, 3), "width_rad": w}
+        for w in (0.1, 0.5)
+        for a in np.linspace(-np.pi, np.pi, 25)[:-1].tolist()
+    ),
+)
