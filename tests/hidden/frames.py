@@ -76,6 +76,7 @@ class State:
     rgb: np.ndarray
     round_m: float = 0.0
     early: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)  # probability, range, I
+    outshine: bool = False  # early returns win against nearer surfaces too (strongest echo)
 
     def random(self, what: str) -> np.random.Generator:
         return stream(self.entropy, "state", what, self.moment.frame)
@@ -290,7 +291,7 @@ def read_out(state: State, nuisance: Nuisance) -> dict[str, np.ndarray]:
     intensity = np.clip(state.intensity, 0, 1)
     for number, (probability, early_m, early_i) in enumerate(state.early):
         there = state.random(f"early{number}").random(state.hit.shape) < probability
-        there &= (early_m < np.where(returned, r, np.inf)) & (early_m > 0.3)
+        there &= ((early_m < np.where(returned, r, np.inf)) | state.outshine) & (early_m > 0.3)
         r, intensity = np.where(there, early_m, r), np.where(there, early_i, intensity)
         returned = returned | there
     if state.round_m > 0:

@@ -191,6 +191,7 @@ def blooming(amount: float, rng: np.random.Generator, about: About) -> Plan:
         target = s.hit & np.isin(s.semantic, (20,))
         near = s.random("bloom").normal(0, 0.015, s.hit.shape)
         s.early.append((np.where(target, 0, p * best), r + near, i))
+        s.outshine = True
 
     return at("path", hook, probability=p, radius_rad=float(radius))
 

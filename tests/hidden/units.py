@@ -86,7 +86,7 @@ def _returns(a: State, b: State) -> float:
     hit = a.hit & b.hit
     total = _information(b.drop[hit], a.drop[hit])
     for probability, early_m, _ in b.early:
-        ahead = early_m < np.where(b.hit, b.range_m, 200) - 0.5
+        ahead = (early_m < np.where(b.hit, b.range_m, 200) - 0.5) | b.outshine
         p = np.where(ahead, probability, 0)
         p = p[p > 1e-6]
         total += _information(p, np.full(p.shape, EARLY_RATE))

@@ -181,18 +181,13 @@ def cast(world: World, origin: np.ndarray, direction: np.ndarray, reach_m: float
 
 def _covered(solid: Solid, eye: np.ndarray, spread: float, azimuth: np.ndarray) -> list[slice]:
     """Slices of the sorted azimuths that the solid's outline can cover, seen from within `spread` of `eye`."""
+    gap = _distance_to(solid.footprint, eye)
+    if gap < spread + 0.5:
+        return [slice(0, len(azimuth))]
     away = solid.footprint - eye
     toward = away.mean(0)
-    far = np.hypot(*toward)
-    radius = np.hypot(*(solid.footprint - solid.footprint.mean(0)).T).max() + spread
-    near = np.hypot(*away.T).min()
-    if far <= radius + 0.5 or near < 2 * spread + 0.5:
-        inside = _distance_to(solid.footprint, eye) < spread + 0.5
-        if inside:
-            return [slice(0, len(azimuth))]
     middle = np.arctan2(toward[1], toward[0])
     turn = np.angle(np.exp(1j * (np.arctan2(away[:, 1], away[:, 0]) - middle)))
-    gap = _distance_to(solid.footprint, eye)
     slack = np.arcsin(min(1.0, spread / max(gap, 1e-6))) + 1e-3
     low, high = middle + turn.min() - slack, middle + turn.max() + slack
     if high - low >= 2 * np.pi:
