@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import frames as f
-from .catalogue import EFFECTS, OUTSIDE, Choice, amount_of, choose
+from .catalogue import COVARIATES, EFFECTS, OUTSIDE, Choice, amount_of, choose
 from .laws import About
 from .nuisance import Nuisance, Surfaces, draw_nuisance, stream
 from .plan import Plan
@@ -25,8 +25,9 @@ SIMULATED = MEASURED | {"incidence": np.float32, "semantic": np.uint8, "instance
 class Key:
     """What a case hides; written beside the case folder, for the scorer alone.
 
-    effects: [{name, channels, parameters in the catalogue's terms, amount, severity, capped}]; outside: {name, channel,
-    covariates, character, near, amount} or None; nuisance: what any finder has to live with.
+    effects: [{name, channels, covariates (where it shows), parameters in the catalogue's terms, amount, severity,
+    capped}]; outside: {name, channel, covariates, character, near, amount} or None; nuisance: what any finder has to
+    live with.
     """
 
     case: str
@@ -181,6 +182,7 @@ def plant(
             {
                 "name": name,
                 "channels": list(EFFECTS[name].channels),
+                "covariates": list(COVARIATES[name]),
                 "parameters": plan.parameters,
                 "amount": amount,
                 "severity": severity,

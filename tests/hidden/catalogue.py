@@ -35,6 +35,51 @@ FAMILIES = {
     "bright": ("retroreflection",),
 }
 
+# Where the disagreement may rightly be said to lie, for the scorer.
+RANGES, ANGLES = ("range", "power"), ("incidence",)
+BEAMS, TURNS, EDGES = ("row", "elevation"), ("azimuth", "column", "heading"), ("step", "edge", "depth_step")
+LEVELS, KINDS, TIMES = ("intensity", "power", "reflectance"), ("class", "semantic", "instance"), ("time", "frame")
+COVARIATES: dict[str, tuple[str, ...]] = {
+    "extrinsic_rotation": (*BEAMS, *TURNS, *EDGES, "range"),
+    "extrinsic_translation": (*BEAMS, *TURNS, *EDGES, "range", *ANGLES),
+    "beam_elevation_error": BEAMS,
+    "motion_distortion": ("speed", *TURNS, *EDGES, "time"),
+    "incidence_cosine": ANGLES,
+    "oren_nayar": ANGLES,
+    "specular_lobe": (*ANGLES, *KINDS),
+    "retroreflection": (*KINDS, *ANGLES),
+    "range_falloff": RANGES,
+    "atmospheric_extinction": RANGES,
+    "near_range_overlap": (*RANGES, *BEAMS),
+    "window_contamination": TURNS,
+    "blooming": (*EDGES, *KINDS, *LEVELS),
+    "fog_backscatter": ("range",),
+    "precipitation_clutter": ("range",),
+    "interference": ("range",),
+    "focal_compensation": (*BEAMS, *RANGES),
+    "beam_gain": BEAMS,
+    "emitter_drift": TIMES,
+    "gamma_response": (*LEVELS, *ANGLES, *KINDS),
+    "intensity_offset": (*LEVELS, *ANGLES, *KINDS),
+    "saturation": (*LEVELS, *KINDS, *ANGLES),
+    "intensity_quantization": LEVELS,
+    "snr_dropout": (*LEVELS, *RANGES, *ANGLES),
+    "random_dropout": (),
+    "material_dropout": KINDS,
+    "edge_dropout": EDGES,
+    "range_gate": RANGES,
+    "sector_occlusion": TURNS,
+    "packet_loss": ("column", *TIMES, "azimuth"),
+    "ambient_light": (*TURNS, *TIMES),
+    "range_noise": (*LEVELS, *RANGES),
+    "range_walk": LEVELS,
+    "incidence_range_bias": (*ANGLES, "range"),
+    "range_scale": ("range",),
+    "beam_range_bias": BEAMS,
+    "mixed_pixels": EDGES,
+    "range_quantization": ("range",),
+}
+
 
 class Choice(NamedTuple):
     """What a case hides: names from the catalogue, or one from outside, or nothing."""

@@ -26,7 +26,8 @@ def score(key: Key | dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
         named: an effect of the catalogue was claimed; first_right; in_set: every hidden name is a claimed one or a
             look-alike of one; set_size: mean of 1 + look-alikes; exact; precision, recall, f1 of the claimed names;
         channel_right, covariate_right: of `unexplained` for outside cases, else None;
-        where_right: for outside cases, some entry of `where` of the channel has an acceptable covariate;
+        where_right: one of the first five entries of `where` has a channel and an acceptable covariate of what is
+            hidden (None where nothing is hidden, or it has no covariate);
         parameters: [{effect, parameter, truth, value, inside, relative_error}] of rightly named effects; `inside` is
             the share of a vector's entries within their intervals.
 
@@ -69,9 +70,13 @@ def score(key: Key | dict[str, Any], verdict: dict[str, Any]) -> dict[str, Any]:
     if outside:
         out["channel_right"] = unexplained.get("channel") == outside["channel"]
         out["covariate_right"] = bool(_words(unexplained.get("covariate")) & set(outside["covariates"]))
+    places = [([outside["channel"]], outside["covariates"])] if outside else []
+    places += [(e["channels"], e["covariates"]) for e in key["effects"] if e.get("covariates")]
+    if places:
         out["where_right"] = any(
-            w.get("channel") == outside["channel"] and bool(_words(w.get("covariate")) & set(outside["covariates"]))
+            w.get("channel") in channels and bool(_words(w.get("covariate")) & set(covariates))
             for w in verdict.get("where", [])[:5]
+            for channels, covariates in places
         )
     out["right"] = {
         "none": verdict["verdict"] == "none",
@@ -114,7 +119,8 @@ def describe(result: dict[str, Any]) -> str:
     if result["kind"] in ("single", "combination"):
         lines.append(
             f"  name first: {_yes(result['first_right'])}; in set: {_yes(result['in_set'])}"
-            f" (mean size {result['set_size'] or 0:.1f}); exact set: {_yes(result['exact'])}"
+            f" (mean size {result['set_size'] or 0:.1f}); exact set: {_yes(result['exact'])};"
+            f" covariate: {_yes(result['where_right'])}"
         )
     if result["kind"] == "outside":
         lines.append(f"  channel: {_yes(result['channel_right'])}; covariate: {_yes(result['covariate_right'])}")

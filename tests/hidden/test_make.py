@@ -9,7 +9,7 @@ import pytest
 
 from . import list_combinations, list_effects, list_outside, make_case
 from .case import key_path, look_at, make_setting, measure, plant, predict
-from .catalogue import EFFECTS, Choice, amount_of, choose, unit_of
+from .catalogue import COVARIATES, EFFECTS, FAMILIES, Choice, amount_of, choose, unit_of
 from .frames import read_out
 from .nuisance import stream
 
@@ -139,6 +139,12 @@ def test_severity_scales(street, name):
         )
 
     assert size(1.0) < size(2.0) < size(4.0)
+
+
+def test_every_effect_says_where_it_shows():
+    assert set(COVARIATES) == set(EFFECTS)
+    assert all(COVARIATES[n] for n in EFFECTS if n != "random_dropout")
+    assert {c for family in FAMILIES.values() for c in family} == set(EFFECTS)
 
 
 def test_units_are_positive_and_capped():

@@ -44,6 +44,16 @@ def test_a_look_alike_named_first_is_in_the_set_but_not_right():
     assert not score(KEY, _named(_claim("beam_gain")))["in_set"]
 
 
+def test_the_place_of_the_disagreement_is_scored_by_channel_and_covariate():
+    effect = KEY["effects"][0] | {"covariates": ["range", "power"]}
+    key = KEY | {"effects": [effect]}
+    answer = _named(_claim("range_falloff"))
+    assert score(key, answer | {"where": [{"channel": "intensity", "covariate": "range"}]})["where_right"]
+    assert not score(key, answer | {"where": [{"channel": "drop", "covariate": "range"}]})["where_right"]
+    assert not score(key, answer)["where_right"]
+    assert score(KEY | {"effects": []}, {"verdict": "none"})["where_right"] is None
+
+
 def test_nothing_hidden_wants_none():
     null = KEY | {"effects": []}
     assert score(null, {"verdict": "none"})["right"]
