@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -15,7 +17,7 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     glare = p["probability"] * jnp.exp(-jnp.square(rays.glare_rad / p["radius_rad"]))
     beside = (rays.glare_rad > _ON_TARGET_RAD) & (rays.glare_rad < 3.0)
     ghost = jnp.where(beside, glare, jnp.zeros_like(glare))
-    return rays.replace(ghost=ghost, ghost_m=jnp.where(beside, rays.glare_m, rays.ghost_m))
+    return replace(rays, ghost=ghost, ghost_m=jnp.where(beside, rays.glare_m, rays.ghost_m))
 
 
 EFFECT = Effect(

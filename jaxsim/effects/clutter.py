@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.edits import either
@@ -20,7 +22,8 @@ def add_clutter(
     def chosen(new: Array, old: Array) -> Array:
         return jnp.where(likelier, jnp.broadcast_to(jnp.asarray(new, old.dtype), old.shape), old)
 
-    return rays.replace(
+    return replace(
+        rays,
         clutter=either(rays.clutter, jnp.broadcast_to(probability, rays.clutter.shape)),
         clutter_power=chosen(power, rays.clutter_power),
         clutter_scale_m=chosen(scale_m, rays.clutter_scale_m),

@@ -5,6 +5,8 @@ Everything here has finite derivatives for every ray, also where nothing is hit 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jaxtyping import Float
 
@@ -36,24 +38,24 @@ def bump(angle_rad: Float[Array, "*n"], width_rad: Float[Array, ""]) -> Float[Ar
 
 def brighten(rays: Rays, nats: Float[Array, "*n"]) -> Rays:
     """More light: power and intensity alike."""
-    return rays.replace(log_intensity=rays.log_intensity + nats, log_power=rays.log_power + nats)
+    return replace(rays, log_intensity=rays.log_intensity + nats, log_power=rays.log_power + nats)
 
 
 def add_intensity(rays: Rays, more: Float[Array, "*n"], floor: float) -> Rays:
     """Adds to the reported intensity, in units of intensity; it stays above `floor`, or what it was if that is less."""
     inverse = jnp.exp(jnp.minimum(-rays.log_intensity, 40.0))
     least = jnp.minimum(floor * inverse, 1.0) - 1.0
-    return rays.replace(log_intensity=rays.log_intensity + jnp.log1p(jnp.maximum(more * inverse, least)))
+    return replace(rays, log_intensity=rays.log_intensity + jnp.log1p(jnp.maximum(more * inverse, least)))
 
 
 def lose(rays: Rays, probability: Float[Array, "*n"]) -> Rays:
     """The surface's echo is lost with a probability, independently of other losses."""
-    return rays.replace(log_keep=rays.log_keep + jnp.log1p(-jnp.clip(probability, 0.0, MOST_PROBABLE)))
+    return replace(rays, log_keep=rays.log_keep + jnp.log1p(-jnp.clip(probability, 0.0, MOST_PROBABLE)))
 
 
 def misread(rays: Rays, error_m: Float[Array, "*n"]) -> Rays:
     """Adds to the reading of rays that hit."""
-    return rays.replace(reading_m=rays.reading_m + jnp.where(rays.hit, error_m, jnp.zeros_like(error_m)))
+    return replace(rays, reading_m=rays.reading_m + jnp.where(rays.hit, error_m, jnp.zeros_like(error_m)))
 
 
 def either(first: Float[Array, "*n"], second: Float[Array, "*n"]) -> Float[Array, "*n"]:

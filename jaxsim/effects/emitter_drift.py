@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays, Scan
@@ -11,8 +9,7 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Dims by the rate times the minutes since the scan's first frame."""
-    minutes = (rays.time_s - jnp.min(scan.time_s)) / 60
-    return brighten(rays, -p["rate"] * minutes)
+    return brighten(rays, -p["rate"] * rays.time_s / 60)
 
 
 EFFECT = Effect(

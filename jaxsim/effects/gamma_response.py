@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays, Scan
 
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Raises the reported intensity to the power gamma."""
-    return rays.replace(log_intensity=p["gamma"] * rays.log_intensity)
+    return replace(rays, log_intensity=p["gamma"] * rays.log_intensity)
 
 
 EFFECT = Effect(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -10,7 +12,7 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Sets the step to which intensities are rounded when they are drawn."""
-    return rays.replace(intensity_step=jnp.maximum(rays.intensity_step, p["step"]))
+    return replace(rays, intensity_step=jnp.maximum(rays.intensity_step, p["step"]))
 
 
 EFFECT = Effect(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -17,7 +19,8 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     beyond = jnp.min(jnp.where(farther, sides, jnp.inf), axis=-1)
     edge = jnp.any(farther, axis=-1) & rays.hit
     beyond = jnp.where(edge, beyond, rays.range_m)
-    return rays.replace(
+    return replace(
+        rays,
         between=jnp.where(edge, p["probability"], rays.between),
         # The sensor's errors of range are those of the one surface, for both.
         between_m=jnp.where(edge, beyond + (rays.reading_m - rays.range_m), rays.between_m),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.edits import either
@@ -11,7 +13,7 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Sets the probability that a ray's group of columns is lost; groups are drawn with the frame."""
-    return rays.replace(column_loss=either(rays.column_loss, jnp.broadcast_to(p["probability"], rays.range_m.shape)))
+    return replace(rays, column_loss=either(rays.column_loss, jnp.broadcast_to(p["probability"], rays.range_m.shape)))
 
 
 EFFECT = Effect(

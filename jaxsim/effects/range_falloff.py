@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -12,7 +14,7 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Divides the intensity by (r / 10 m) ** exponent; power falls with range already."""
     fall = jnp.log(jnp.maximum(rays.range_m, 0.1) / REFERENCE_M)
     fall = jnp.where(rays.hit, fall, jnp.zeros_like(fall))
-    return rays.replace(log_intensity=rays.log_intensity - p["exponent"] * fall)
+    return replace(rays, log_intensity=rays.log_intensity - p["exponent"] * fall)
 
 
 EFFECT = Effect(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -17,7 +19,7 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     near = jnp.clip((p["minimum_m"] - rays.range_m) / NEAR_SOFT_M, 0.0, 1.0)
     far = jnp.clip((rays.range_m - p["maximum_m"]) / FAR_SOFT_M, 0.0, 1.0)
     outside = near + jnp.where(p["maximum_m"] >= OPEN_M, jnp.zeros_like(far), far)
-    return rays.replace(log_keep=rays.log_keep + NEVER * jnp.where(rays.hit, outside, jnp.zeros_like(outside)))
+    return replace(rays, log_keep=rays.log_keep + NEVER * jnp.where(rays.hit, outside, jnp.zeros_like(outside)))
 
 
 EFFECT = Effect(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -18,7 +20,7 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     # The root has no derivative where there was no noise before.
     some = rays.noise_m > 0
     both = jnp.sqrt(jnp.where(some, jnp.square(noise) + jnp.square(rays.noise_m), jnp.ones_like(noise)))
-    return rays.replace(noise_m=jnp.where(some, both, noise))
+    return replace(rays, noise_m=jnp.where(some, both, noise))
 
 
 EFFECT = Effect(

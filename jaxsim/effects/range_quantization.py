@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -10,7 +12,7 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Sets the step to which readings are rounded when they are drawn."""
-    return rays.replace(range_step_m=jnp.maximum(rays.range_step_m, p["step_m"]))
+    return replace(rays, range_step_m=jnp.maximum(rays.range_step_m, p["step_m"]))
 
 
 EFFECT = Effect(

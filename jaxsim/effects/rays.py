@@ -46,6 +46,7 @@ class Scan:
     glare_rad: Float[Array, "f r c"]
     """Angle to it; pi where there is none within 0.3 rad."""
     time_s: Float[Array, " f"]
+    """Since the first frame of the recording."""
     speed_mps: Float[Array, " f"]
     heading_rad: Float[Array, " f"]
 

@@ -8,6 +8,7 @@ t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevation
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -78,7 +79,7 @@ def recast(
         jnp.where(here, turned, jnp.zeros_like(turned)),
         jnp.where(here, moved, jnp.zeros_like(moved)),
     )
-    return _place(rays, scan, surface, met, cosine).replace(turned_rad=turned, moved_m=moved)
+    return replace(_place(rays, scan, surface, met, cosine), turned_rad=turned, moved_m=moved)
 
 
 def _look_up(
@@ -213,7 +214,8 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], cosin
     met = jnp.log(jnp.maximum(scan.intensity[at], FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
     brighter = met - rays.met_log_intensity
     spread = 2 * jnp.log(_held(range_m) / _held(rays.range_m))
-    return rays.replace(
+    return replace(
+        rays,
         hit=s.hit,
         range_m=range_m,
         incidence_rad=jnp.where(s.hit, angle, scan.incidence_rad[at]),

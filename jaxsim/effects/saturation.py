@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -11,7 +13,8 @@ from jaxsim.effects.rays import Array, Rays, Scan
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Ends the reported intensity at the ceiling; at a ceiling of 1 nothing is cut that the report does not cut."""
     cut = jnp.minimum(rays.log_intensity, jnp.log(p["ceiling"]))
-    return rays.replace(
+    return replace(
+        rays,
         log_intensity=jnp.where(p["ceiling"] < 1, cut, rays.log_intensity),
         intensity_top=jnp.minimum(rays.intensity_top, p["ceiling"]),
     )

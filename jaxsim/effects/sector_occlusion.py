@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -16,7 +18,7 @@ SOFT_RAD = 0.01
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Loses all echoes of a sector of azimuth."""
     inside = p["width_rad"] / 2 - jnp.abs(wrapped(rays.azimuth_rad - p["azimuth_rad"]))
-    return rays.replace(log_keep=rays.log_keep + NEVER * jnp.clip(inside / SOFT_RAD, 0.0, 1.0))
+    return replace(rays, log_keep=rays.log_keep + NEVER * jnp.clip(inside / SOFT_RAD, 0.0, 1.0))
 
 
 EFFECT = Effect(

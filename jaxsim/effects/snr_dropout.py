@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 
 from jaxsim.effects.effect import Effect, Parameter
@@ -11,7 +13,7 @@ from jaxsim.effects.rays import Array, Rays, Scan
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Keeps an echo with a logistic probability in the log of its power."""
     keep = jax.nn.log_sigmoid((rays.log_power - p["threshold"]) / p["width"])
-    return rays.replace(log_keep=rays.log_keep + keep)
+    return replace(rays, log_keep=rays.log_keep + keep)
 
 
 EFFECT = Effect(
