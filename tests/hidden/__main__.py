@@ -45,7 +45,10 @@ def main(argv: list[str] | None = None) -> int:
             print(describe(score_case(args.folder, args.verdict)))
         else:
             for name, row in write_table()["units"].items():
-                print(f"{name:28s} {row['unit']:<9g} by {row['by']:6s} oracle {row['oracle']:<9g} {row['amount']}")
+                less = "<" if row["oracle_is_upper_bound"] else " "
+                print(
+                    f"{name:28s} {row['unit']:<9g} by {row['by']:6s} oracle {less}{row['oracle']:<9g} {row['amount']}"
+                )
     except (ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return 1

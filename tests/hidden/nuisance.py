@@ -79,7 +79,7 @@ def stream(entropy: tuple[int, ...], *tags: str | int) -> np.random.Generator:
 
 def place_noise(point: np.ndarray, cell_m: float, salt: int) -> np.ndarray:
     """Standard normal value of the cell of space (cell_m wide) that each point lies in."""
-    cell = np.floor(point / cell_m).astype(np.int64)
+    cell = np.floor(point / cell_m + 0.37).astype(np.int64)  # the shift keeps the road off a cell's border
     mix = cell @ np.array([73856093, 19349663, 83492791]) + np.int64(salt)
     mix = mix.astype(np.uint64)
     uniform = []

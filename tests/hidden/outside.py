@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ class Outside(NamedTuple):
     cap: float = np.inf
 
 
-def _gain(of) -> callable:
+def _gain(of: Callable) -> Maker:
     def make(amount: float, rng: np.random.Generator, about: About) -> Plan:
         law = of(amount, rng, about)
 
@@ -36,7 +37,7 @@ def _gain(of) -> callable:
     return make
 
 
-def _bias(of) -> callable:
+def _bias(of: Callable) -> Maker:
     def make(amount: float, rng: np.random.Generator, about: About) -> Plan:
         law = of(amount, rng, about)
 
@@ -48,7 +49,7 @@ def _bias(of) -> callable:
     return make
 
 
-def _drop(of) -> callable:
+def _drop(of: Callable) -> Maker:
     def make(amount: float, rng: np.random.Generator, about: About) -> Plan:
         law = of(amount, rng, about)
         return at("detection", lambda s: s.lose(np.clip(law(s), 0, 0.98)), amount=amount)

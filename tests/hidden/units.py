@@ -93,23 +93,30 @@ def _returns(a: State, b: State) -> float:
     return total
 
 
-def oracle_amount(name: str, setting: Setting, simulated: list, base: list[State]) -> float:
-    """Amount of the effect at which λ = 1.645, by the secant rule in the logarithms (six steps at most)."""
+def oracle_amount(name: str, setting: Setting, simulated: list, base: list[State]) -> tuple[float, bool]:
+    """Amount at which λ = 1.645, by the secant rule in the logarithms between floor / 300 and the cap.
+
+    Returns:
+        The amount, and whether it is only a bound: the oracle detects more than half even of floor / 300, as with
+        effects that shift silhouettes or that have no continuous limit.
+    """
     about, make = look_at(setting, simulated), maker_of(name)
-    amount = floor_of(name)
-    tried: list[tuple[float, float]] = []
+    low, high = np.log(floor_of(name) / 300), np.log(min(cap_of(name), floor_of(name) * 300))
+    x, tried = np.log(floor_of(name)), []
     for _ in range(6):
-        plan = make(amount, stream(setting.entropy, "effect", name), about)
+        plan = make(float(np.exp(x)), stream(setting.entropy, "effect", name), about)
         found = noncentrality(base, measure(setting, simulated, [plan]), setting.nuisance)
-        tried.append((np.log(amount), np.log(max(found, 1e-3) / LAMBDA)))
-        if abs(tried[-1][1]) < 0.05:
+        y = float(np.log(max(found, 1e-3) / LAMBDA))
+        tried.append((x, y))
+        if abs(y) < 0.05 or (x == low and y > 0):
             break
         slope = 1.0
-        if len(tried) > 1 and tried[-1][0] != tried[-2][0]:
-            slope = float(np.clip((tried[-1][1] - tried[-2][1]) / (tried[-1][0] - tried[-2][0]), 0.3, 3))
-        amount = float(np.exp(np.clip(tried[-1][0] - tried[-1][1] / slope, np.log(amount) - 5, np.log(amount) + 3)))
-        amount = min(amount, cap_of(name))
-    return float(np.exp(min(tried, key=lambda t: abs(t[1]))[0]))
+        if len(tried) > 1:
+            (x0, y0), (x1, y1) = tried[-2:]
+            slope = float(np.clip((y1 - y0) / (x1 - x0), 0.3, 3)) if x1 != x0 else 1.0
+        x = float(np.clip(x - y / slope, low, high))
+    x, y = min(tried, key=lambda t: abs(t[1]))
+    return float(np.exp(x)), y > 0.3
 
 
 def make_table(seed: int = 1, scenes: int = 16, rows: int = 48, columns: int = 384) -> dict:
@@ -119,11 +126,12 @@ def make_table(seed: int = 1, scenes: int = 16, rows: int = 48, columns: int = 3
     base = measure(setting, simulated, [])
     units = {}
     for name in (*EFFECTS, *OUTSIDE):
-        oracle = 0.0 if name in LATTICES else oracle_amount(name, setting, simulated, base)
+        oracle, bound = (0.0, True) if name in LATTICES else oracle_amount(name, setting, simulated, base)
         unit = max(oracle, floor_of(name))
         units[name] = {
             "unit": float(f"{unit:.3g}"),
             "oracle": float(f"{oracle:.3g}"),
+            "oracle_is_upper_bound": bound,
             "floor": float(f"{floor_of(name):.3g}"),
             "by": "oracle" if oracle > floor_of(name) else "floor",
             "amount": EFFECTS[name].amount if name in EFFECTS else OUTSIDE[name].amount,
