@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache
 from typing import Any
 
 import jax
@@ -12,6 +12,7 @@ import optax
 from flax import nnx, struct
 
 from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
+from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.normalisation import SpectralVector, fold_spectral_norm
 
@@ -86,10 +87,16 @@ def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
 
 def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:
     """A fresh state; the same for the same seed."""
-    return _create(experiment, in_channels, jax.random.key(seed))
+    return _compiled_create()(experiment, in_channels, jax.random.key(seed))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@cache
+def _compiled_create() -> Callable[[Experiment, int, Array], TrainState]:
+    # It runs once: on a CPU, LLVM would work on it several times as long as is saved.
+    options = {"xla_backend_optimization_level": 0} if on_cpu() else None
+    return jax.jit(_create, static_argnums=(0, 1), compiler_options=options)
+
+
 def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
     key_g, key_d = jax.random.split(key)
     _, generator = split(Generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
