@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
@@ -124,6 +125,12 @@ def _column(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> In
     return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
 
 
+# A cell, then two cells each up, down, left and right of it: the near ones and the far ones.
+_DOWN = np.array([0, -1, 1, 0, 0, -2, 2, 0, 0], np.int32)
+_RIGHT = np.array([0, 0, 0, -1, 1, 0, 0, -2, 2], np.int32)
+_NEAR, _BEYOND = slice(1, 5), slice(5, 9)
+
+
 def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> _Surface:
     """The cells with slopes from those neighbours that continue their plane.
 
@@ -132,49 +139,36 @@ def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column:
     """
     rows, columns = scan.range_m.shape[1:]
     azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
-    full = spans_turn(scan.grid)
-    hit = scan.hit[frame, row, column]
-    r = jnp.where(hit, scan.range_m[frame, row, column], 1.0)
-    e = elevation[row]
+    down, right = (jnp.asarray(d).reshape(9, *[1] * row.ndim) for d in (_DOWN, _RIGHT))
+    i = jnp.clip(row[None] + down, 0, rows - 1)
+    j = _column(column[None] + right, columns, spans_turn(scan.grid))
+    there = scan.hit[frame[None], i, j]
+    far = jnp.where(there, scan.range_m[frame[None], i, j], jnp.inf)
+    hit, r = there[0], jnp.where(there[0], far[0], 1.0)
+    # Neighbours past a border repeat the border.
+    valid = there & hit[None]
+    valid = valid & ((i != row[None]) | (j != column[None]))
+    continued = valid[_BEYOND] & ((i[_BEYOND] != i[_NEAR]) | (j[_BEYOND] != j[_NEAR]))
+    ratio = r[None] / jnp.where(there, far, 1.0)
+    e = elevation[row][None]
+    de, da = elevation[i] - e, wrapped(azimuth[j] - azimuth[column][None])
 
-    def other(down: int, right: int) -> tuple[Array, Array, Array, Array, Array]:
-        """Of a cell near by: r over its range, its angles from here, whether it is one, its range."""
-        i, j = jnp.clip(row + down, 0, rows - 1), _column(column + right, columns, full)
-        own = (i == row) & (j == column)
-        there = scan.hit[frame, i, j]
-        far = jnp.where(there, scan.range_m[frame, i, j], jnp.inf)
-        safe = jnp.where(there, far, 1.0)
-        return r / safe, wrapped(azimuth[j] - azimuth[column]), elevation[i] - e, there & hit & ~own, far
+    def slope(near: slice, beyond: slice, even: Array, odd: Array) -> Array:
+        """Of a neighbour, ratio = even + slope * odd on a plane."""
+        value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
+        rough = ratio[beyond] - even[beyond] - value * odd[beyond]
+        rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])
+        weight = jnp.where(valid[near], 1 / jnp.square(rough * rough + _SAME**2), 0.0)
+        flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
+        return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + flat)
 
-    def slope(side: tuple[int, int], of: str, v: Array) -> tuple[Array, Array, Array]:
-        """Slope to one side, its weight, and the range of the next cell there."""
-        ratio, da, de, valid, far = other(*side)
-        ratio2, da2, de2, valid2, _ = other(2 * side[0], 2 * side[1])
-        valid2 = valid2 & ((da2 != da) | (de2 != de))
-
-        def parts(da: Array, de: Array) -> tuple[Array, Array]:
-            if of == "v":
-                return jnp.cos(de), jnp.sin(de)
-            versine = 2 * jnp.square(jnp.sin(da / 2))
-            return 1 - versine * jnp.cos(e) * (jnp.cos(e) - v * jnp.sin(e)), jnp.cos(e) * jnp.sin(da)
-
-        even, odd = parts(da, de)
-        value = (ratio - even) / jnp.where(valid, odd, 1.0)
-        even2, odd2 = parts(da2, de2)
-        rough = jnp.where(valid2, ratio2 - even2 - value * odd2, ratio - even)
-        weight = 1 / jnp.square(rough * rough + _SAME**2)
-        return jnp.where(valid, value, 0.0), jnp.where(valid, weight, 0.0), far
-
-    flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
-    zero = jnp.zeros_like(r)
-    up, up_weight, up_m = slope((-1, 0), "v", zero)
-    down, down_weight, down_m = slope((1, 0), "v", zero)
-    v = (up * up_weight + down * down_weight) / (up_weight + down_weight + flat)
-    left, left_weight, left_m = slope((0, -1), "u", v)
-    right, right_weight, right_m = slope((0, 1), "u", v)
-    u = (left * left_weight + right * right_weight) / (left_weight + right_weight + flat)
-    range_m = jnp.where(hit, r, 0.0)
-    return _Surface(row, column, hit, range_m, jnp.stack([left_m, right_m, up_m, down_m], axis=-1), u, v)
+    v = slope(slice(1, 3), slice(5, 7), jnp.cos(de), jnp.sin(de))
+    versine = 2 * jnp.square(jnp.sin(da / 2))
+    even = 1 - versine * jnp.cos(e) * (jnp.cos(e) - v[None] * jnp.sin(e))
+    u = slope(slice(3, 5), slice(7, 9), even, jnp.cos(e) * jnp.sin(da))
+    # Left, right, up, down.
+    beside_m = jnp.stack([far[3], far[4], far[1], far[2]], axis=-1)
+    return _Surface(row, column, hit, jnp.where(hit, r, 0.0), beside_m, u, v)
 
 
 def _meet(
