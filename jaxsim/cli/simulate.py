@@ -17,11 +17,13 @@ from tqdm import tqdm
 from jaxsim.cloud import points_of, save_cloud
 from jaxsim.data import open_dataset, select
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
+from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import dense_view
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate import LearnedSensor, load
+from jaxsim.simulate.effects import settle_sensor, with_effects
 
 
 @dataclass(frozen=True)
@@ -48,30 +50,43 @@ class Simulate:
     """Frames simulated at once."""
     previews: int = 4
     """Frames to draw."""
+    sensor: Path | None = None
+    """sensor.json with effects that the simulation lacks (`jaxsim discover` writes one)."""
+    seed: int = 0
+    """Of what the effects leave to chance; a frame depends on it and on its place in the data set."""
 
     def __call__(self) -> None:
         # Sensor and frames.
-        sensor = load(self.run)
-        own = sensor.run.experiment.data
+        learned = load(self.run)
+        own = learned.run.experiment.data
         foreign = self.data != "same"
         root = self.root or (None if foreign else own.root)
         dataset = open_dataset(dataclasses.replace(own, kind=self.data if foreign else own.kind, root=root))
         wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
         positions = select(wanted, len(dataset))
+        grid, _ = learned.window
+        model = SensorModel.load(self.sensor, rows=len(grid.elevation_rad)) if self.sensor else None
+        settle_sensor(self.out, model)
+        first_s = dataset[positions[0]].time_s if model else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 
         # Batches: the last is filled up, so that one compiled program serves all.
-        grid, _ = sensor.window
         begun, batches_s = time.monotonic(), []
         drawn = len(positions) - len(todo)
         bar = tqdm(total=len(positions), initial=drawn, unit="frame", desc="simulating")
         for first in range(0, len(todo), self.batch):
-            frames = [dataset[p] for p in todo[first : first + self.batch]]
-            image, painted, seconds = simulate_batch(sensor, frames, self.batch)
+            places = todo[first : first + self.batch]
+            frames = [dataset[p] for p in places]
+            images, painted, seconds = simulate_batch(learned, frames, self.batch)
             batches_s.append(seconds)
             self.announce(grid, frames)
-            for k, frame in enumerate(frames):
-                self.write(frame.name, *take((image, painted), k), grid=grid, draw=drawn < self.previews)
+            for k, (place, frame) in enumerate(zip(places, frames, strict=True)):
+                image, under = take((images, painted), k)
+                if model:
+                    key = jax.random.fold_in(jax.random.key(self.seed), place)
+                    time_s = (frame.time_s or 0.0) - (first_s or 0.0)
+                    image = with_effects(model, image, under, grid, key=key, time_s=time_s)
+                self.write(frame.name, image, under, grid=grid, draw=drawn < self.previews)
                 drawn += 1
             bar.update(len(frames))
         bar.close()

@@ -39,7 +39,8 @@ class SensorModel:
     unknown effects and parameters and for values out of bounds.
     """
 
-    effects: tuple[tuple[str, Mapping[str, Value]], ...] = ()
+    effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    """Values are numbers, or a number a beam or class; kept as floats and tuples."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
@@ -96,7 +97,7 @@ class SensorModel:
             raise ValueError(f"sensor: no file {path}; `jaxsim discover` writes one as OUT/sensor.json")
         try:
             content = json.loads(path.read_text())
-            entries = [(entry["name"], entry.get("parameters", {})) for entry in content["effects"]]
+            entries = [(entry["name"], {**entry.get("parameters", {})}) for entry in content["effects"]]
         except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'

@@ -1,0 +1,99 @@
+"""The catalogue in words: `jaxsim effects` and docs/effects.md (`python -m jaxsim.effects.page > docs/effects.md`)."""
+
+from __future__ import annotations
+
+import math
+
+from jaxsim.effects import EFFECTS, STAGES, Effect, Parameter
+
+INTRO = """# Catalogue of effects
+
+What light, optics, electronics and mounting do to an ideal ray's range and intensity: the names that
+`jaxsim discover` gives, and the entries of `sensor.json` that `jaxsim simulate --sensor` applies. This page is
+made by `python -m jaxsim.effects.page > docs/effects.md` from the code; `jaxsim effects NAME` prints one entry.
+
+r range (m), θ incidence angle, I reported intensity (0..1), P received power (ln P = ln I − 2 ln(r / 10 m) before
+any effect), az azimuth, u place within the scan (0 first fired, 1 last), keep the probability that the surface's
+echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/`: its
+parameters, one differentiable function on `Rays`, its row here; add it to `EFFECTS` in
+`jaxsim/effects/__init__.py`.
+"""
+STAGE_WORDS = {
+    "geometry": "where rays truly go; they are cast again on the simulated surfaces",
+    "surface": "what a surface returns",
+    "path": "what happens on the way",
+    "receiver": "what the receiver and the firmware make of it",
+    "detection": "whether an echo is reported",
+    "ranging": "what range is reported",
+}
+
+
+def table() -> str:
+    """One line an effect: name, stage, channels, title."""
+    rows = [("name", "stage", "channels", "")]
+    rows += [(e.name, e.stage, ", ".join(e.channels), e.title) for e in EFFECTS.values()]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    return "\n".join("  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows)
+
+
+def describe(effect: Effect) -> str:
+    """All that the catalogue says of an effect, as plain text."""
+    lines = [f"{effect.name}: {effect.title}", f"stage {effect.stage}, changes {', '.join(effect.channels)}", ""]
+    lines += [f"  {effect.formula}", "", "parameters"]
+    width = max(map(len, effect.parameters))
+    lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
+    lines += ["", "betrays itself", f"  {effect.betrays}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    lines += ["", "look-alikes, and what tells them apart"]
+    lines += [f"  {other}: {how}" for other, how in effect.look_alikes.items()]
+    return "\n".join([*lines, "", f"source: {effect.source}"])
+
+
+def in_words(p: Parameter) -> str:
+    """Meaning, shape, bounds and neutral value of a parameter."""
+    many = {"scalar": "", "row": " (one a beam)", "class": " (one a class)"}[p.shape]
+    unit = f" {p.unit}" if p.unit else ""
+    fixed = "" if p.fitted else "; given, not fitted"
+    bounds = f"{number(p.low)}..{number(p.high)}{unit}; starts from {number(p.neutral)}; typical {number(p.scale)}"
+    return f"{p.meaning}{many}: {bounds}{fixed}"
+
+
+def number(value: float) -> str:
+    """Short, with pi by name."""
+    return {math.pi: "π", -math.pi: "−π"}.get(value, f"{value:g}")
+
+
+def page() -> str:
+    """docs/effects.md."""
+    parts = [INTRO]
+    for stage in STAGES:
+        parts.append(f"\n## {stage.capitalize()}: {STAGE_WORDS[stage]}\n")
+        parts += [_entry(effect) for effect in EFFECTS.values() if effect.stage == stage]
+    return "".join(parts)
+
+
+def _entry(effect: Effect) -> str:
+    parameters = "\n".join(f"- `{name}`: {in_words(p)}" for name, p in effect.parameters.items())
+    others = "\n".join(f"- `{other}`: {how}." for other, how in effect.look_alikes.items())
+    return f"""
+### {effect.name}
+
+{effect.title[0].upper()}{effect.title[1:]}. Changes {", ".join(effect.channels)}.
+
+```
+{effect.formula}
+```
+
+{parameters}
+
+{effect.betrays}
+
+Look-alikes:
+
+{others}
+
+Source: {effect.source}.
+"""
+
+
+if __name__ == "__main__":
+    print(page(), end="")
