@@ -142,6 +142,43 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work)
     assert before == {p: p.stat().st_mtime_ns for p in before}
 
 
+def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work):
+    chain = [
+        {"name": "range_scale", "parameters": {"scale": 0.01}},
+        {"name": "random_dropout", "parameters": {"probability": 0.3}},
+    ]
+    (work / "sensor.json").write_text(json.dumps({"effects": chain}))
+    common = ["-m", "jaxsim.cli", "simulate", "runs/demo", "--batch", "2", "--formats", "bin", "--previews", "0"]
+
+    def simulate(*more: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, *common, *more],
+            cwd=work,
+            env=environment(work),
+            text=True,
+            capture_output=True,
+            timeout=300,
+        )
+
+    with_effects = ("--sensor", "sensor.json", "--seed", "3", "--out", "real")
+    for more in (
+        ("--frames", "4-5", "--out", "ideal"),
+        ("--frames", "5", *with_effects),
+        ("--frames", "4-5", *with_effects),
+    ):
+        result = simulate(*more)
+        assert result.returncode == 0, result.stderr
+    assert "1 were there" in result.stdout
+    for name in read_grid(work / "ideal" / "polar")[1]:
+        (ideal, _), (real, _) = (read_frame(work / folder / "polar", name) for folder in ("ideal", "real"))
+        assert 0.6 < real.valid.sum() / ideal.valid.sum() < 0.8
+        assert not (real.valid & ~ideal.valid).any()
+        np.testing.assert_allclose(real.range_m[real.valid], 1.01 * ideal.range_m[real.valid], rtol=1e-5)
+    mixed = simulate("--frames", "4-6", "--out", "real")
+    assert mixed.returncode != 0
+    assert "give another --out" in mixed.stderr
+
+
 def test_the_readmes_first_lines_make_a_point_cloud(work):
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block

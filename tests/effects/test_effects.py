@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import clutter_of_everything
+from streets import clutter_of_everything, quick_jit
 
 from jaxsim.effects import CHANNELS, COVARIATES, EFFECTS, STAGES, all_rays, get_effect
 
@@ -41,7 +41,7 @@ def run(name):
 
         return jax.grad(total, has_aux=True)(values)
 
-    return jax.jit(jax.vmap(both))
+    return quick_jit(jax.vmap(both))
 
 
 def settings(effect):
@@ -250,7 +250,7 @@ def test_the_formula_is_that_of_the_table(name):
     given, oracle = ORACLES[name]
     scan, rays = scene()
     effect = EFFECTS[name]
-    after = jax.jit(effect.apply)(effect.values(given, ROWS), rays, scan)
+    after = quick_jit(effect.apply)(effect.values(given, ROWS), rays, scan)
     hit = np.asarray(rays.hit)
     # Where the gate and the sector are soft they are neither open nor shut.
     sure = hit.copy()

@@ -1,10 +1,12 @@
 """Displaced rays against the scene itself, cast from where they truly start."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import cast, directions_of, grid_of, road_and_walls
+from streets import cast, directions_of, grid_of, quick_jit, road_and_walls
 
 from jaxsim.effects import EFFECTS, all_rays
 
@@ -25,9 +27,13 @@ def rotation(roll, pitch, yaw):
 
 
 def displaced(name, values, scan, rays=None):
-    effect = EFFECTS[name]
     rays = jax.jit(all_rays)(scan) if rays is None else rays
-    return jax.jit(effect.apply)(effect.values(values, scan.range_m.shape[1]), rays, scan)
+    return compiled(name)(EFFECTS[name].values(values, scan.range_m.shape[1]), rays, scan)
+
+
+@cache
+def compiled(name):
+    return quick_jit(EFFECTS[name].apply)
 
 
 def check(rays, truth, *, share=0.9, inside=None, median_m=2e-3):
@@ -135,7 +141,7 @@ def test_the_derivative_is_that_of_the_true_scene():
     def ranges(pitch):
         return effect.apply(effect.values({}, 24) | {"pitch_rad": pitch}, all_rays(scan), scan).reading_m[0]
 
-    slope = np.asarray(jax.jit(jax.jacfwd(ranges))(jnp.float32(0.0)))
+    slope = np.asarray(quick_jit(jax.jacfwd(ranges))(jnp.float32(0.0)))
     step = 1e-5
     rays = directions_of(*angles(grid))
     ahead, behind = (cast(rays @ rotation(0, s, 0).T)[0] for s in (step, -step))
