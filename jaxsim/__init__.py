@@ -2,6 +2,7 @@
 
 data        frames of drives (KITTI, the embedded world)
   | prepare     camera and LiDAR aligned on the sensor's polar grid
+  | effects     what light and electronics do: the catalogue, and sensor models made of it
   | pix2pix     the network that learns intensity
   | simulate    runs, the learned sensor, its scores
 cloud       point clouds in the formats that tools open

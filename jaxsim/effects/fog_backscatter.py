@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
+
 from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays, Scan
@@ -9,14 +11,15 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Adds early returns at a range that is typical of the fog's density."""
-    return add_clutter(rays, p["probability"], power=2.0, scale_m=p["scale_m"], from_m=0.5, intensity=p["intensity"])
+    probability = jnp.where(rays.hit, p["probability"], jnp.zeros_like(rays.clutter))
+    return add_clutter(rays, probability, power=2.0, scale_m=p["scale_m"], from_m=0.5, intensity=p["intensity"])
 
 
 EFFECT = Effect(
     name="fog_backscatter",
     stage="path",
     title="fog returns light of its own",
-    formula="early return with a probability, range density ∝ r² exp(−r/scale) on (0.5 m, surface)",
+    formula="early return with a probability where the ray hits, range density ∝ r² exp(−r/scale) on (0.5 m, surface)",
     parameters={
         "probability": Parameter(0.0, 0.0, 0.9, "", "share of rays with a return from the fog", scale=0.1),
         "scale_m": Parameter(2.0, 0.5, 10.0, "m", "a third of the mean range", scale=1.5),

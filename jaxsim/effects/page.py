@@ -17,6 +17,13 @@ any effect), az azimuth, u place within the scan (0 first fired, 1 last), keep t
 echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/`: its
 parameters, one differentiable function on `Rays`, its row here; add it to `EFFECTS` in
 `jaxsim/effects/__init__.py`.
+
+A sensor model is a `sensor.json`:
+
+```
+{"effects": [{"name": "beam_gain", "parameters": {"gain": [0.03, -0.11, ...]}},    one number a beam, or one for all
+             {"name": "snr_dropout", "parameters": {"threshold": -6.5}}]}          what is not given is neutral
+```
 """
 STAGE_WORDS = {
     "geometry": "where rays truly go; they are cast again on the simulated surfaces",

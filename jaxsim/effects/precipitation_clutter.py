@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
+
 from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays, Scan
@@ -9,14 +11,15 @@ from jaxsim.effects.rays import Array, Rays, Scan
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     """Adds early returns that thin out with the square of range and with extinction."""
-    return add_clutter(rays, p["probability"], power=-2.0, scale_m=p["scale_m"], from_m=1.5, intensity=p["intensity"])
+    probability = jnp.where(rays.hit, p["probability"], jnp.zeros_like(rays.clutter))
+    return add_clutter(rays, probability, power=-2.0, scale_m=p["scale_m"], from_m=1.5, intensity=p["intensity"])
 
 
 EFFECT = Effect(
     name="precipitation_clutter",
     stage="path",
     title="drops and flakes return light",
-    formula="early return with a probability, range density ∝ r⁻² exp(−r/scale) on (1.5 m, surface)",
+    formula="early return with a probability where the ray hits, range density ∝ r⁻² exp(−r/scale) on (1.5 m, surface)",
     parameters={
         "probability": Parameter(0.0, 0.0, 0.9, "", "share of rays with a return from a drop", scale=0.1),
         "scale_m": Parameter(20.0, 2.0, 200.0, "m", "range at which extinction thins them out", scale=15.0),

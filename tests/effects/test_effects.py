@@ -288,5 +288,6 @@ def test_the_likelier_of_two_clutters_gives_the_ranges():
         fog, rain = EFFECTS["fog_backscatter"], EFFECTS["precipitation_clutter"]
         after = fog.apply(fog.values({"probability": first}, ROWS), rays, scan)
         after = rain.apply(rain.values({"probability": second}, ROWS), after, scan)
-        np.testing.assert_allclose(np.asarray(after.clutter), 0.37, rtol=1e-5)
-        assert (np.asarray(after.clutter_scale_m) == scale).all()
+        hit = np.asarray(rays.hit)
+        np.testing.assert_allclose(np.asarray(after.clutter), np.where(hit, 0.37, 0), rtol=1e-5)
+        assert (np.asarray(after.clutter_scale_m)[hit] == scale).all()
