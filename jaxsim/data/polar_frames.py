@@ -45,6 +45,11 @@ def read_grid(folder: Path) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
     return grid, content.get("frames", {})
 
 
+def frame_names(folder: Path) -> list[str]:
+    """Names of a folder's frames, sorted."""
+    return sorted(path.stem for path in Path(folder).glob("*.npz"))
+
+
 def write_frame(folder: Path, name: str, image: PolarImage, **more: Any) -> Path:
     """Writes one frame; `more` are further rasters by the names of the format (semantic, instance, rgb, ...)."""
     valid = np.asarray(image.valid)

@@ -90,6 +90,11 @@ def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainSt
     return _compiled_create()(experiment, in_channels, jax.random.key(seed))
 
 
+def state_shapes(experiment: Experiment, in_channels: int) -> TrainState:
+    """Shapes and types of a state, without its values."""
+    return jax.eval_shape(lambda key: _create(experiment, in_channels, key), jax.random.key(0))
+
+
 @cache
 def _compiled_create() -> Callable[[Experiment, int, Array], TrainState]:
     # It runs once: on a CPU, LLVM would work on it several times as long as is saved.

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int, UInt8
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, polar_to_points
-from jaxsim.pix2pix import create_state, ema_generator, make_generate
+from jaxsim.pix2pix import ema_generator, make_generate, state_shapes
 from jaxsim.prepare import check_view, crop_image, input_channels, paint, window_of
 from jaxsim.simulate.predict import Generate, predict_intensity
 from jaxsim.simulate.run import Checkpoints, Run, load_run
@@ -104,5 +104,5 @@ def load(folder: Path | str) -> LearnedSensor:
     """The trained sensor of a run folder. Raises ValueError where there is no run, or it has saved nothing yet."""
     run = load_run(folder)
     channels = input_channels(run.experiment.prepare)
-    like = jax.eval_shape(lambda: ema_generator(create_state(run.experiment, channels, seed=0)))
+    like = jax.eval_shape(ema_generator, state_shapes(run.experiment, channels))
     return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", like))
