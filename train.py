@@ -43,7 +43,8 @@ def main(experiment: Experiment, description: str) -> None:
     validation = prepared(dataset, select(data.validation, len(dataset)), data, prepare)
     train.one_window()
     loader = batches(train, size=optim.batch, seed=settings.seed, flip=optim.flip)
-    to_batch = make_batch(prepare, drop_weight=experiment.loss.drop_weight)
+    weights = experiment.loss
+    to_batch = make_batch(prepare, drop_weight=weights.drop_weight, unseen_weight=weights.unseen_weight)
 
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)

@@ -19,15 +19,17 @@ from jaxsim.config import (
 )
 
 experiment = Experiment(
-    data=DataConfig(kind="synthetic", train="0-1279:4", validation="1280-1319"),
+    data=DataConfig(kind="synthetic", train="0-1919:4", validation="1920-1959"),
     prepare=PrepareConfig(
         inputs=("rgb", "depth", "semantic", "edges", "incidence", "row"),
-        classes=(7, 8, 11, 17, 20, 21, 22, 24, 25, 26, 27, 33),
+        classes=(6, 7, 8, 11, 13, 17, 20, 21, 22, 24, 25, 26, 27, 33),
         network_size=(88, 744),  # two cells a laser line and column: the enhancer then works at the window's own size
     ),
-    generator=GeneratorConfig(filters=16, blocks=3, downsamples=2, enhancer_blocks=3),
+    generator=GeneratorConfig(filters=32, blocks=3, downsamples=2, enhancer_blocks=3),
     discriminator=DiscriminatorConfig(filters=16, max_filters=128),
-    loss=LossConfig(gan=1.0, feature_matching=2.0, perceptual=0.0, reconstruction=200.0, drop_weight=0.5),
-    optim=OptimConfig(flip=True, lr=1e-3, batch=2, steps=1200, decay_from=0.5, ema_start=100, ema_decay=0.99),
+    loss=LossConfig(
+        gan=1.0, feature_matching=2.0, perceptual=0.0, reconstruction=1000.0, drop_weight=0.5, unseen_weight=1.0
+    ),
+    optim=OptimConfig(flip=True, lr=1e-3, batch=2, steps=1600, decay_from=0.4, ema_start=100, ema_decay=0.99),
     run=RunConfig(name="synthetic", save_every=200, picture_every=200),
 )

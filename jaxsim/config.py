@@ -98,6 +98,8 @@ class LossConfig:
     """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
     drop_weight: float = 1.0
     """Weight, in the reconstruction term, of a cell that did not come back, beside 1 of one that did."""
+    unseen_weight: float = 0.0
+    """Weight there of a cell on which no camera pixel was painted."""
 
 
 @dataclass(frozen=True)

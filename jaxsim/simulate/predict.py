@@ -19,17 +19,20 @@ Generate = Callable[[Any, Array], Array]
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 
 
-def make_batch(prepare: PrepareConfig, *, drop_weight: float = 1.0) -> Callable[[Pair], dict[str, Array]]:
+def make_batch(
+    prepare: PrepareConfig, *, drop_weight: float = 1.0, unseen_weight: float = 0.0
+) -> Callable[[Pair], dict[str, Array]]:
     """Jitted: batched pairs to what the train step takes, at the network's size.
 
     The reconstruction term counts the cells that the camera saw and that are not occluded; those that did not
-    come back with `drop_weight`.
+    come back with `drop_weight`, those that the camera did not see with `unseen_weight`.
     """
 
     @jax.jit
     def to_batch(pair: Pair) -> dict[str, Array]:
         returned = jnp.where(pair.measured.valid, 1.0, drop_weight).astype(jnp.float32)
-        counts = jnp.where(pair.painted.valid & ~pair.painted.occluded, returned, 0.0)
+        seen = jnp.where(pair.painted.valid, 1.0, unseen_weight).astype(jnp.float32)
+        counts = jnp.where(pair.painted.occluded, 0.0, seen * returned)
         target, weight = resample((pair.target, counts), prepare.network_size, batch_dims=1)
         return {
             "inputs": network_inputs(pair.painted, pair.incidence_rad, pair.row, prepare=prepare),
