@@ -1,0 +1,8 @@
+"""Which effect is missing from a simulation: found, named, added, and shown on unseen scenes."""
+
+from jaxsim.discover.read import Comparison, read_comparison
+from jaxsim.discover.result import CurveLine, Result
+from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.workflow import discover, discover_folders
+
+__all__ = ["Comparison", "CurveLine", "Result", "Verdict", "discover", "discover_folders", "read_comparison"]

@@ -1,0 +1,165 @@
+"""What is compared: thinned rays of the simulation beside what the sensor said of them.
+
+Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where there is but one scan. A unit
+is what statistics count: a scene (drive), or a sector. Whole columns are kept, since columns are lost whole.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
+from jaxsim.frame import Array, PolarGrid
+from jaxsim.geometry.normals import incidence, normals
+from jaxsim.geometry.polar import directions
+
+CLASS_SD = 0.3
+"""Of a class's reflectance about the simulator's table, nats."""
+CURVATURE_SD = 0.002
+"""Of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals leaves."""
+STEEPEST_RAD = np.deg2rad(80.0)
+"""Intensity is compared below this incidence."""
+LEAST_SLANT = 0.03
+"""Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
+POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
+"""Of a frame's pose: m along x, y, z and rad about them."""
+
+
+@struct.dataclass
+class Measured:
+    """A sensor's frames on the grid of the simulated ones."""
+
+    range_m: Float[Array, "f r c"]
+    intensity: Float[Array, "f r c"]
+    valid: Bool[Array, "f r c"]
+
+
+@struct.dataclass
+class Evidence:
+    """Thinned rays, what was measured of them, and what their nuisances need."""
+
+    rays: Rays
+    returned: Bool[Array, "b c r"]
+    range_m: Float[Array, "b c r"]
+    log_intensity: Float[Array, "b c r"]
+    compared: Bool[Array, "b c r"]
+    """The intensity is that of the predicted surface: it returned, close by, at no edge, not at grazing incidence."""
+    edge: Bool[Array, "b c r"]
+    """A neighbour lies clearly nearer or farther, or one of the two hits nothing."""
+    pose: Float[Array, "b c r 6"]
+    """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at edges."""
+    features: Float[Array, "b c r p"]
+    """Of the reflectance nuisance: 1, class indicators, curvature in the incidence, and how much brighter the surface
+    would be with the normal of the simulator's own range image (the simulator's normals may be noisy)."""
+    ridge: Float[Array, " p"]
+    instance: Int[Array, "b c r"]
+    """0 none, else numbered through all frames."""
+    unit: Int[Array, " b"]
+    instances: int = struct.field(pytree_node=False, default=0)
+    units: int = struct.field(pytree_node=False, default=0)
+
+
+def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
+    """Rays whose neighbours do not continue their surface, or lie beside the sky.
+
+    To the sides a step of 0.3 m and 5 % of the range counts; above and below the neighbours' mean of 1 / range
+    (straight on a plane) must agree with the ray's own within 10 %.
+    """
+    sky = ~jnp.isfinite(rays.beside_m)
+    beside = jnp.where(sky, 1e4, rays.beside_m)
+    side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
+    last = elevation_rad.shape[0] - 1
+    above = jnp.abs(elevation_rad[jnp.maximum(rays.row - 1, 0)] - rays.elevation_rad)
+    below = jnp.abs(elevation_rad[jnp.minimum(rays.row + 1, last)] - rays.elevation_rad)
+    share = below / jnp.maximum(above + below, 1e-6)
+    inverse = 1 / jnp.maximum(beside[..., 2:], 0.1)
+    mean = share * inverse[..., 0] + (1 - share) * inverse[..., 1]
+    bent = jnp.abs(mean * rays.range_m - 1) > jnp.where((rays.row == 0) | (rays.row == last), 0.2, 0.1)
+    return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))
+
+
+@jax.jit
+def pose_derivatives(scan: Scan) -> Float[Array, "f r c 6"]:
+    """Change of range for a small motion (x, y, z) and rotation about (x, y, z) of the sensor; 0 where unknown.
+
+    A ray of direction d from o meets the plane through p with normal n at range n.(p - o) / n.d.
+    """
+    grid: PolarGrid = scan.grid
+    normal, known = normals(scan.range_m, scan.hit, grid)
+    ray = jnp.broadcast_to(directions(grid), normal.shape)
+    slant = jnp.sum(normal * ray, axis=-1)
+    known = known & (jnp.abs(slant) > LEAST_SLANT)
+    scale = jnp.where(known, -1 / jnp.where(known, slant, 1), 0)[..., None]
+    # Rotating the sensor by w moves the direction by w x d: n.(w x d) = w.(d x n).
+    turn = jnp.cross(ray, normal) * scan.range_m[..., None]
+    return jnp.concatenate([normal * scale, turn * scale], axis=-1)
+
+
+def gather(scan: Scan, measured: Measured, frame: np.ndarray, column: np.ndarray, unit: np.ndarray) -> Evidence:
+    """The evidence of chosen columns: `frame` (b,), `column` (b, c), `unit` (b,) of each block."""
+    rows = scan.range_m.shape[1]
+    shape = (*column.shape, rows)
+    at = (
+        np.broadcast_to(frame[:, None, None], shape).astype(np.int32),
+        np.broadcast_to(np.arange(rows)[None, None, :], shape).astype(np.int32),
+        np.broadcast_to(column[:, :, None], shape).astype(np.int32),
+    )
+    instance = np.asarray(scan.instance)[at].astype(np.int64)
+    numbered = np.where(instance > 0, instance + at[0] * (int(instance.max(initial=0)) + 1), 0)
+    names, compact = np.unique(np.concatenate([[0], numbered.ravel()]), return_inverse=True)
+    classes = np.unique(np.asarray(scan.semantic)[at])
+    return _gather(
+        scan,
+        measured,
+        at,
+        compact[1:].reshape(shape).astype(np.int32),
+        unit.astype(np.int32),
+        classes=tuple(int(c) for c in classes),
+        instances=len(names),
+        units=int(unit.max()) + 1,
+    )
+
+
+@partial(jax.jit, static_argnames=("classes", "instances", "units"))
+def _gather(
+    scan: Scan, measured: Measured, at: Any, instance: Any, unit: Any, *, classes: Any, instances: int, units: int
+) -> Evidence:
+    rays = rays_at(scan, *at)
+    returned, range_m = measured.valid[at], measured.range_m[at]
+    pose = pose_derivatives(scan)[at]
+    edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~pose.any(-1))
+    near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
+    slant, known = incidence(scan.range_m, scan.hit, scan.grid)
+    slant, known = slant[at], known[at]
+    # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
+    moderate = (rays.incidence_rad < STEEPEST_RAD) & (~known | (slant < STEEPEST_RAD))
+    compared = rays.hit & returned & near & ~edge & moderate
+    smooth = rays.hit & ~edge
+    steep = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    one_hot = [(rays.semantic == c) for c in classes]
+    ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
+    disagree = jnp.where(known, jnp.clip(ours, -1.5, 1.5), 0)
+    features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, disagree], axis=-1)
+    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0], np.float32)
+    return Evidence(
+        rays=rays,
+        returned=returned,
+        range_m=range_m,
+        log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
+        compared=compared,
+        edge=edge,
+        pose=jnp.where(smooth[..., None], pose, 0),
+        features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
+        ridge=ridge,
+        instance=instance,
+        unit=unit,
+        instances=instances,
+        units=units,
+    )

@@ -1,0 +1,193 @@
+"""Fits an effect together with the nuisances.
+
+An effect's parameters are fitted as z = (value - neutral) / scale: 0 does nothing, 1 is clearly visible. The
+likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.likelihood import CHANNELS, SEEN, TAKEN, value_and_slopes
+from jaxsim.discover.nuisance import Noise, Weights
+from jaxsim.effects import Effect
+from jaxsim.effects.rays import Rays, Scan
+from jaxsim.frame import Array
+
+NOISE_SD = 2.0
+"""Prior of the noise scales and rates about where they start."""
+LOOSE = 3.0
+"""The prior on a scalar parameter is this many times its scale; vectors are shrunk to theirs."""
+ENOUGH = 0.05
+"""Nats of a step below which a fit is done."""
+CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
+NOTHING = Effect("nothing", "surface", "", "", {}, CHANNELS, "", (), {}, "", lambda p, rays, scan: rays)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What fits share: the rays as they stand, the comparison, and the null's noise."""
+
+    scan: Scan
+    ev: Evidence
+    weights: Weights
+    noise: Noise
+    clutter: bool = False
+    """Rays already carry clutter."""
+    loss: float = 1e4
+    """Of the null: the scale of a fit's loss."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One effect, fitted on some blocks."""
+
+    z: dict[str, np.ndarray]
+    noise: Noise
+    score: Float[np.ndarray, "b 3"]
+    """Log-likelihood of every block by channel; 0 in channels that the effect leaves alone."""
+    loss: float
+
+
+def channels_of(effect: Effect) -> tuple[str, ...]:
+    """The channels whose likelihood an effect can change; range and drop are one mixture."""
+    returns = ("range", "drop") if {"range", "drop"} & set(effect.channels) else ()
+    return (*(("intensity",) if "intensity" in effect.channels else ()), *returns)
+
+
+def fitted_parameters(effect: Effect) -> dict[str, Any]:
+    return {name: p for name, p in effect.parameters.items() if p.fitted}
+
+
+def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Array]:
+    """Parameters in their units."""
+    values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
+    return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
+
+
+def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
+    """Of a start; parameters that it does not name are neutral."""
+    z = {}
+    for name, p in fitted_parameters(effect).items():
+        value = (np.asarray(values.get(name, p.neutral), np.float32) - p.neutral) / p.scale
+        z[name] = np.broadcast_to(value, p.dims(rows)).astype(np.float32)
+    return z
+
+
+def _seen(effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan) -> tuple[dict[str, Array], dict[str, Array]]:
+    changed = effect.apply(to_values(effect, z), rays, scan)
+    seen = {name: jnp.asarray(getattr(changed, name), jnp.float32) for name in SEEN}
+    return seen, {name: getattr(changed, name) for name in TAKEN}
+
+
+_forward = partial(jax.jit, static_argnames="effect")(_seen)
+
+
+@partial(jax.jit, static_argnames="effect")
+def _backward(
+    effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan, slopes: dict[str, Array]
+) -> dict[str, Array]:
+    _, pull, _ = jax.vjp(lambda z: _seen(effect, z, rays, scan), z, has_aux=True)
+    return pull(slopes)[0]
+
+
+class Objective:
+    """Minus the log-likelihood of an effect's z and of the noise, as one vector x, with their priors."""
+
+    def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], noise: Noise | None = None):
+        self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
+        self.fitted = jnp.asarray(fitted, jnp.float32)
+        self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
+        level = noise or problem.noise
+        first, self.unravel = ravel_pytree((to_z(effect, {}, self.rows), level))
+        self.first = np.asarray(first, np.float64)
+        self.own = len(self.first) - len(jax.tree.leaves(level))
+        sd, low, high = _prior(effect, self.rows)
+        self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
+        self.bounds = [*zip(low, high, strict=True), *[(None, None)] * (len(self.first) - self.own)]
+        self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
+
+    def start(self, values: dict[str, Any]) -> np.ndarray:
+        z = np.asarray(ravel_pytree(to_z(self.effect, values, self.rows))[0], np.float64) if self.own else np.zeros(0)
+        return np.concatenate([z, self.first[self.own :]])
+
+    def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
+        z, level = self.unravel(jnp.asarray(x, jnp.float32))
+        p = self.problem
+        seen, taken = _forward(self.effect, z, p.ev.rays, p.scan)
+        counted = self.fitted if counted is None else counted
+        found = value_and_slopes(
+            seen, taken, p.ev, level, p.weights, self.fitted, counted, channels=self.channels, clutter=self.clutter
+        )
+        return z, level, found
+
+    def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
+        """Value and slope without the priors."""
+        z, _, (value, _, by_seen, by_noise) = self.blocks(x, counted)
+        by_z = _backward(self.effect, z, self.problem.ev.rays, self.problem.scan, by_seen) if self.own else z
+        return float(value), np.asarray(ravel_pytree((by_z, by_noise))[0], np.float64)
+
+    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope = self.data(x)
+        away = (x - self.centre) / self.sd
+        value, slope = value + 0.5 * float(away @ away), slope + away / self.sd
+        return (value, slope) if np.isfinite(value) and np.isfinite(slope).all() else (1e12, np.zeros_like(x))
+
+
+def fit(
+    effect: Effect,
+    problem: Problem,
+    fitted: Float[np.ndarray, " b"],
+    *,
+    starts: tuple[dict[str, Any], ...] | None = None,
+    steps: int = 40,
+    enough: float = ENOUGH,
+    fixed: bool = False,
+) -> Fit:
+    """Fits `effect` and the noise on the blocks with `fitted` 1, on top of what `problem.ev.rays` already say.
+
+    Begins at the best of `starts` (values; by default the effect's own and neutral); `fixed` keeps the effect there.
+    """
+    objective = Objective(effect, problem, fitted)
+    begin = [objective.start(start) for start in (({}, *effect.starts) if starts is None else starts)]
+    if len(begin) > 1:
+        begin = [min(begin, key=lambda x: float(objective.blocks(x)[2][0]))]
+    held = [(v, v) for v in begin[0][: objective.own]]
+    bounds = [*held, *objective.bounds[objective.own :]] if fixed else objective.bounds
+    # Stop where a step gains less than ENOUGH nats; SciPy asks for it as a fraction of the loss.
+    options = {"maxiter": steps, "ftol": enough / max(abs(problem.loss), 1.0), "maxcor": 12}
+    found = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    z, level, (_, blocks, _, _) = objective.blocks(found.x)
+    return Fit(jax.tree.map(np.asarray, z), level, np.asarray(blocks), float(found.fun))
+
+
+def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Standard deviation and bounds of every z, in the order of the raveled dict."""
+    parts: dict[str, Any] = {}
+    for name, p in fitted_parameters(effect).items():
+        one = np.ones(p.dims(rows), np.float32)
+        sd = LOOSE if p.shape == "scalar" else 1.0
+        parts[name] = [sd * one, one * (p.low - p.neutral) / p.scale, one * (p.high - p.neutral) / p.scale]
+    flat = [np.asarray(ravel_pytree({n: v[k] for n, v in parts.items()})[0], np.float64) for k in range(3)]
+    return flat[0], flat[1], flat[2]
+
+
+def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray]) -> Problem:
+    """The problem with an effect in place."""
+    rays = _place(effect, z, problem.ev.rays, problem.scan)
+    return replace(problem, ev=replace(problem.ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)
+
+
+@partial(jax.jit, static_argnames="effect")
+def _place(effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    return effect.apply(to_values(effect, z), rays, scan)

@@ -1,0 +1,62 @@
+"""90 % intervals of an effect's parameters, with scenes as the unit.
+
+The covariance is the sandwich of the Hessian and the scatter of the scenes' slopes; where the prior alone holds
+a direction (the mean of beam gains is the global gain), the inverse Hessian is wider and is taken instead.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from scipy.stats import t as student
+
+from jaxsim.discover.fit import Fit, Objective, Problem, fitted_parameters, to_values
+from jaxsim.discover.verdict import Interval
+from jaxsim.effects import Effect
+
+STEP = 0.02
+"""Of the central differences, in z and in nats of a noise scale."""
+LEVEL = 0.90
+
+
+def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
+    """Variance of every z, in the raveled order."""
+    unit = np.asarray(problem.ev.unit)
+    objective = Objective(effect, problem, np.ones(len(unit), np.float32))
+    x = np.asarray(ravel_pytree((found.z, found.noise))[0], np.float64)
+    hessian = np.diag(1 / objective.sd**2)
+    for k in range(len(x)):
+        step = np.zeros(len(x))
+        step[k] = STEP
+        hessian[k] += (objective.data(x + step)[1] - objective.data(x - step)[1]) / (2 * STEP)
+    hessian = (hessian + hessian.T) / 2
+    values, vectors = np.linalg.eigh(hessian)
+    inverse = (vectors / np.maximum(values, 1e-3)) @ vectors.T
+    units = np.unique(unit)
+    slopes = np.stack([objective.data(x, jnp.asarray(unit == u, jnp.float32))[1] for u in units])
+    slopes = slopes - slopes.mean(0)
+    scatter = slopes.T @ slopes * len(units) / max(len(units) - 1, 1)
+    sandwich = inverse @ scatter @ inverse
+    return np.maximum(np.diag(sandwich), np.diag(inverse))[: objective.own]
+
+
+def intervals(effect: Effect, problem: Problem, found: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
+    """Every fitted parameter with its 90 % interval, clipped to its bounds."""
+    sd = np.sqrt(covariance(effect, problem, found))
+    reach = float(student.ppf(0.5 + LEVEL / 2, max(len(np.unique(np.asarray(problem.ev.unit))) - 1, 1)))
+    _, unravel = ravel_pytree(found.z)
+    of_z = unravel(jnp.asarray(sd, jnp.float32))
+    values = to_values(effect, found.z)
+    result: dict[str, Any] = {}
+    for name, p in fitted_parameters(effect).items():
+        value, half = np.asarray(values[name], float), reach * p.scale * np.asarray(of_z[name], float)
+        low, high = np.maximum(value - half, p.low), np.minimum(value + half, p.high)
+        if value.ndim == 0:
+            result[name] = Interval(float(value), float(low), float(high), p.unit)
+        else:
+            entries = zip(value, low, high, strict=True)
+            result[name] = tuple(Interval(float(v), float(a), float(b), p.unit) for v, a, b in entries)
+    return result

@@ -1,0 +1,44 @@
+"""Rounded readings: the step of the lattice on which values lie, if they lie on one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SHARE = 0.995
+"""Of the values that must lie on a lattice."""
+NEAR = 0.02
+"""A value lies on a lattice if it is within this share of a step of it."""
+
+
+def lattice_step(values: np.ndarray, *, finest: float) -> float:
+    """The largest step of which nearly all values are multiples; 0 if there is none above `finest`."""
+    x = np.sort(np.asarray(values, np.float64))
+    if len(x) < 100:
+        return 0.0
+    gaps = np.diff(x)
+    gaps = gaps[gaps > finest / 4]
+    if len(gaps) < 5:
+        return 0.0
+    # On a lattice the commonest gaps between different values are one step, or few.
+    smallest = np.quantile(gaps, 0.05)
+    for step in (smallest, *np.unique(gaps.round(6))[:5]):
+        step = _refined(x, float(step))
+        if step > finest and _share(x, step) >= SHARE:
+            return step
+    return 0.0
+
+
+def _refined(x: np.ndarray, step: float) -> float:
+    """Least squares of the values on their multiples, from coarse values to all."""
+    for reach in (20, 200, 2000, 20000):
+        k = np.round(x / step)
+        few = (k > 0) & (k <= reach)
+        if few.any():
+            step = float((x[few] @ k[few]) / (k[few] @ k[few]))
+    return step
+
+
+def _share(x: np.ndarray, step: float) -> float:
+    off = np.abs(x / step - np.round(x / step))
+    # Values kept as float32 carry their own rounding.
+    return float(np.mean(off < NEAR + 1e-6 * x / step))

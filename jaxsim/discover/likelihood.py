@@ -1,0 +1,200 @@
+"""Log-likelihood of measured frames under a simulation, by block and channel.
+
+Intensity: Student-t in its logarithm. Return and range: one mixture a ray: lost, clutter, ghost, or the surface's
+echo, whose range is the predicted one (normal), one between two surfaces, a neighbour's, or far off (Cauchy).
+The drop channel is the part of it that says whether a ray returned; the rest is the range channel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, pose_shift, range_variance, reflectance
+from jaxsim.effects.rays import CLUTTER_REACH_M, NEVER, Rays
+from jaxsim.frame import Array
+
+CHANNELS = ("intensity", "range", "drop")
+DEGREES = 4.0
+"""Of freedom of the Student-t."""
+_T = float(np.log(3 / 8))  # log of the density of Student-t with 4 degrees at 0, scale 1
+_PILE = 0.01
+"""Intensities within this (nats) of the sensor's top count as at the top."""
+_EDGE_SD_M = 0.05
+
+
+def log_normal(d: Array, sd: Array) -> Array:
+    return -0.5 * (d / sd) ** 2 - jnp.log(sd) - 0.5 * np.log(2 * np.pi)
+
+
+def log_student(d: Array, sd: Array) -> Array:
+    """With DEGREES degrees of freedom."""
+    return _T - 0.5 * (DEGREES + 1) * jnp.log1p((d / sd) ** 2 / DEGREES) - jnp.log(sd)
+
+
+def log_cauchy(d: Array, scale: float) -> Array:
+    return -jnp.log(np.pi * scale * (1 + (d / scale) ** 2))
+
+
+def intensity_terms(
+    rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]
+) -> Float[Array, "b c r"]:
+    """Of each compared ray; 0 elsewhere."""
+    residual = ev.log_intensity - rays.log_intensity
+    left = residual - reflectance(ev, w, fitted, residual)
+    rounding = rays.intensity_step / np.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
+    variance = intensity_variance(ev, noise) + rounding**2
+    density = log_student(left, jnp.sqrt(variance))
+    # At the sensor's top: all that would be brighter piles up there.
+    top = jnp.log(rays.intensity_top)
+    over = (ev.log_intensity - left - top) / jnp.sqrt(variance)
+    gap = ev.log_intensity - top
+    piled = jax.nn.log_sigmoid(1.6 * over) - np.log(2 * _PILE)
+    clipped = rays.intensity_top < 0.9999
+    density = jnp.where(clipped & (jnp.abs(gap) <= _PILE), piled, density)
+    density = jnp.where(clipped & (gap > _PILE), density - 10.0, density)
+    return jnp.where(ev.compared, density, 0.0)
+
+
+def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
+    """Of the range of a false return."""
+    end = jnp.where(rays.hit, jnp.maximum(rays.range_m, rays.clutter_from_m + 0.1), CLUTTER_REACH_M)
+    start = rays.clutter_from_m
+
+    def log_shape(r: Array) -> Array:
+        return rays.clutter_power * jnp.log(r) - r / rays.clutter_scale_m
+
+    # Midpoint rule on a logarithmic scale: the densities are broad on it.
+    nodes, length = 16, jnp.log(end / start)
+    mass = jnp.zeros_like(end)
+    for k in range(nodes):
+        r = start * jnp.exp(length * ((k + 0.5) / nodes))
+        mass = mass + jnp.exp(log_shape(r)) * r * length / nodes
+    inside = (at_m > start) & (at_m < end + 1.0)
+    r = jnp.clip(at_m, start, end)
+    return jnp.where(inside, log_shape(r) - jnp.log(mass + 1e-30), NEVER)
+
+
+def return_terms(
+    rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
+) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Logarithms of the probability that a ray that is not lost with its column does not return, and of the
+    density with which it returns where it did."""
+    edge, hit = ev.edge, rays.hit
+    off = ev.range_m - rays.reading_m
+    off = off - pose_shift(ev, w, jnp.where(ev.returned & hit, off, 0))
+
+    sd = jnp.sqrt(range_variance(ev, noise) + rays.noise_m**2 + rays.range_step_m**2 / 12)
+    core = log_student(off, sd)
+    beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4)
+    near = log_normal(ev.range_m[..., None] - beside, _EDGE_SD_M + 0.02 * ev.range_m[..., None])
+    near = jax.nn.logsumexp(near, axis=-1) - np.log(4)
+    wide = log_cauchy(off, 1.0)
+    switch = jnp.where(edge, jax.nn.log_sigmoid(noise.switch_edge), NEVER)
+    rate = jnp.where(edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
+    usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
+    surface = jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)
+
+    low, high = jnp.minimum(rays.reading_m, rays.between_m), jnp.maximum(rays.reading_m, rays.between_m)
+    spread = 0.05
+    inside = jax.nn.sigmoid((ev.range_m - low) / spread) * jax.nn.sigmoid((high - ev.range_m) / spread)
+    between = jnp.log(inside + 1e-9) - jnp.log(high - low + spread)
+    mixed = jnp.clip(rays.between, 0, 0.999)
+    surface = jnp.logaddexp(jnp.log1p(-mixed) + surface, jnp.log(mixed + 1e-12) + between)
+    nothing = jnp.logaddexp(near, -np.log(CLUTTER_REACH_M)) - np.log(2)
+    surface = jnp.where(hit, surface, nothing)
+
+    missed = jnp.where(edge, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
+    false = jnp.where(edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
+    keep = jnp.clip(jnp.where(hit, rays.log_keep + missed, false), NEVER, -1e-6)
+    lost = jnp.log(-jnp.expm1(keep))
+    seen = keep + surface
+    ghost = jnp.clip(rays.ghost, 0, 0.999)
+    doubled = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
+    seen = jnp.logaddexp(jnp.log1p(-ghost) + seen, jnp.log(ghost + 1e-12) + doubled)
+    lost = lost + jnp.log1p(-ghost)
+    if clutter:
+        early = jnp.clip(rays.clutter, 0, 0.999)
+        seen = jnp.logaddexp(jnp.log1p(-early) + seen, jnp.log(early + 1e-12) + log_clutter(rays, ev.range_m))
+        lost = lost + jnp.log1p(-early)
+    return lost, jnp.where(ev.returned, seen, 0.0)
+
+
+def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Array, "b c"]:
+    """Log-likelihood of whole columns, which may be lost together."""
+    terms = jnp.where(ev.returned, seen, lost).sum(-1)
+    gone = jnp.clip(rays.column_loss.mean(-1), 0, 0.999)
+    empty = ~ev.returned.any(-1)
+    return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))
+
+
+def log_likelihood(
+    rays: Rays,
+    ev: Evidence,
+    noise: Noise,
+    w: Weights,
+    fitted: Float[Array, " b"],
+    *,
+    channels: tuple[str, ...] = ("intensity", "range", "drop"),
+    clutter: bool = False,
+) -> Float[Array, "b 3"]:
+    """By block: intensity, range, drop. Nuisances shared by frames follow from the blocks with `fitted` > 0."""
+    zero = jnp.zeros(len(ev.unit))
+    intensity = zero
+    if "intensity" in channels:
+        intensity = intensity_terms(rays, ev, noise, w, fitted).sum((1, 2))
+    if not {"range", "drop"} & set(channels):
+        return jnp.stack([intensity, zero, zero], axis=-1)
+    lost, seen = return_terms(rays, ev, noise, w, clutter=clutter)
+    total = of_columns(rays, ev, lost, seen).sum(-1)
+    back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
+    drop = of_columns(rays, ev, lost, back).sum(-1)
+    return jnp.stack([intensity, total - drop, drop], axis=-1)
+
+
+SEEN = (
+    "log_intensity",
+    "intensity_step",
+    "intensity_top",
+    "range_m",
+    "log_keep",
+    "column_loss",
+    "reading_m",
+    "noise_m",
+)
+SEEN += ("between", "between_m", "ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m")
+SEEN += ("range_step_m",)
+"""Fields of rays that the likelihood is differentiated in."""
+TAKEN = ("hit", "beside_m")
+"""Fields that it takes as they are."""
+
+
+@partial(jax.jit, static_argnames=("channels", "clutter"))
+def value_and_slopes(
+    seen: dict[str, Array],
+    taken: dict[str, Array],
+    ev: Evidence,
+    noise: Noise,
+    w: Weights,
+    fitted: Float[Array, " b"],
+    counted: Float[Array, " b"],
+    *,
+    channels: tuple[str, ...],
+    clutter: bool,
+) -> tuple[Array, Array, dict[str, Array], Noise]:
+    """Minus the log-likelihood of the counted blocks; that of all by block and channel; and the derivatives of the
+    first in the rays' fields and in the noise. What frames share is taken from the fitted blocks."""
+
+    def loss(seen: dict[str, Array], noise: Noise) -> tuple[Array, Array]:
+        rays = replace(ev.rays, **seen, **taken)
+        blocks = log_likelihood(rays, ev, noise, w, fitted, channels=channels, clutter=clutter)
+        return -jnp.where(counted > 0, blocks.sum(-1), 0).sum(), blocks
+
+    (value, blocks), (by_seen, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(seen, noise)
+    return value, blocks, by_seen, by_noise

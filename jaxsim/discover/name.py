@@ -1,0 +1,87 @@
+"""Which effect is missing: forward selection over the catalogue, with a bar that a null must not pass.
+
+A candidate counts by its held-out gain (`survey`). It is accepted where the gain exceeds BAR nats and the units
+agree on its sign; the set of look-alikes is whatever accepted candidate is not clearly worse than the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsim.discover.fit import Fit, Problem, fit, on_top
+from jaxsim.discover.localise import p_value
+from jaxsim.discover.null import fit_null
+from jaxsim.discover.survey import Candidate, clipped, survey
+from jaxsim.effects import Effect
+
+BAR = 10.0
+"""Held-out nats in all that a candidate must gain."""
+LEVEL = 0.01
+"""Of the sign-flip test over units."""
+ALIKE = 0.10
+"""A candidate is a look-alike unless the paired test against the best falls below this ..."""
+CLEARLY = 0.75
+"""... or it gains less than this share of the best's."""
+MOST = 4
+"""Effects added at most."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect added, and what stood beside it."""
+
+    chosen: Candidate
+    alike: tuple[Candidate, ...]
+    ranking: tuple[Candidate, ...]
+    fitted: Fit
+    """On all find units."""
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The effects added and the problem with them in place."""
+
+    steps: tuple[Step, ...]
+    problem: Problem
+    last: tuple[Candidate, ...]
+    """The candidates of the step that added nothing more."""
+
+
+def accepted(candidate: Candidate) -> bool:
+    """Whether a candidate passes the bar, and the units agree that it should."""
+    return candidate.total > BAR and p_value(clipped(candidate.by_unit)) <= LEVEL
+
+
+def worse(candidate: Candidate, best: Candidate) -> bool:
+    """Whether the units say that `candidate` explains clearly less than `best`."""
+    difference = clipped(best.by_unit - candidate.by_unit)
+    if candidate.total < CLEARLY * best.total and difference.sum() > 0:
+        return True
+    return p_value(difference) <= ALIKE and difference.sum() > 2.0
+
+
+def choose(
+    problem: Problem, effects: Iterable[Effect], *, most: int = MOST, say: Callable[[str], None] = lambda line: None
+) -> Choice:
+    """Adds the best accepted effect, refits the null on top, and again, until none is accepted."""
+    steps: list[Step] = []
+    left = list(effects)
+    everyone = np.ones(len(problem.ev.unit), np.float32)
+    while True:
+        ranking = survey(problem, left)
+        good = [candidate for candidate in ranking if accepted(candidate)]
+        if not good or len(steps) == most:
+            return Choice(tuple(steps), problem, tuple(ranking))
+        best = good[0]
+        alike = tuple(c for c in good[1:] if not worse(c, best))
+        found = fit(best.effect, problem, everyone)
+        p = p_value(clipped(best.by_unit))
+        say(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
+        steps.append(Step(best, alike, tuple(ranking), found, p))
+        added = on_top(best.effect, problem, found.z)
+        problem, _ = fit_null(added.scan, added.ev, everyone, clutter=added.clutter)
+        left = [effect for effect in left if effect.name != best.effect.name]

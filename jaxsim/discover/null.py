@@ -1,0 +1,54 @@
+"""The null model: the simulation as it is, with its nuisances fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.fit import NOTHING, Fit, Problem, fit
+from jaxsim.discover.nuisance import START, Weights, pose_shift, reflectance, weights
+from jaxsim.effects.rays import Scan
+from jaxsim.frame import Array
+
+ROUNDS = 2
+"""Of noise given weights and weights given noise."""
+
+
+@jax.jit
+def left_over(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> tuple[Array, Array]:
+    """Residuals of ln I and of the range (m) after nuisances; 0 where they are not compared."""
+    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    off_i = off - reflectance(ev, w, fitted, off)
+    smooth = ev.rays.hit & ev.returned & ~ev.edge
+    off_r = jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
+    return jnp.where(ev.compared, off_i, 0), jnp.where(smooth, off_r - pose_shift(ev, w, off_r), 0)
+
+
+@partial(jax.jit)
+def _raw(ev: Evidence) -> tuple[Array, Array]:
+    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, jnp.nan)
+    smooth = ev.rays.hit & ev.returned & ~ev.edge
+    return jnp.where(ev.compared, off - jnp.nanmedian(off), 0), jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
+
+
+def fit_null(
+    scan: Scan, ev: Evidence, fitted: Float[np.ndarray, " b"], *, clutter: bool = False
+) -> tuple[Problem, Fit]:
+    """Fits noise scales, rates, reflectances and poses of the rays as they stand."""
+    noise, off = START, _raw(ev)
+    for _ in range(ROUNDS):
+        w = weights(ev, noise, *off)
+        problem = Problem(scan, ev, w, noise, clutter)
+        found = fit(NOTHING, problem, fitted, steps=100, enough=1e-3)
+        noise = found.noise
+        off = left_over(ev, w, jnp.asarray(fitted, jnp.float32))
+    w = weights(ev, noise, *off)
+    problem = Problem(scan, ev, w, noise, clutter)
+    found = fit(NOTHING, problem, fitted, steps=100, enough=1e-3)
+    return replace(problem, noise=found.noise, loss=found.loss), found

@@ -1,0 +1,51 @@
+"""Residuals of a problem by channel, on a common scale and in their own units."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.fit import Problem
+from jaxsim.discover.likelihood import return_terms
+from jaxsim.discover.nuisance import intensity_variance, range_variance
+from jaxsim.discover.null import left_over
+from jaxsim.frame import Array
+
+CLIP = 4.0
+"""Standardised residuals are held within this."""
+
+
+@jax.jit
+def _raw(
+    problem_ev: Evidence, noise: Array, w: Array, fitted: Float[Array, " b"]
+) -> dict[str, tuple[Array, Array, Array]]:
+    """By channel: residual, its standard deviation, and where it counts."""
+    ev = problem_ev
+    off_i, off_r = left_over(ev, w, fitted)
+    lost, _ = return_terms(ev.rays, ev, noise, w, clutter=True)
+    gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
+    p = jnp.clip(gone + (1 - gone) * jnp.exp(lost), 1e-4, 1 - 1e-4)
+    smooth = ev.rays.hit & ev.returned & ~ev.edge
+    return {
+        "intensity": (off_i, jnp.sqrt(intensity_variance(ev, noise)), ev.compared),
+        "range": (off_r, jnp.sqrt(range_variance(ev, noise) + ev.rays.noise_m**2), smooth),
+        "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
+    }
+
+
+def residuals(
+    problem: Problem, fitted: Float[np.ndarray, " b"]
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """By channel: residuals in their own unit (nats, m, share lost), standardised ones, and where they count."""
+    found = _raw(problem.ev, problem.noise, problem.weights, jnp.asarray(fitted, jnp.float32))
+    result = {}
+    for name, (off, sd, counts) in found.items():
+        off, sd, counts = np.asarray(off), np.asarray(sd), np.asarray(counts)
+        z = off / sd
+        if name != "drop":
+            z = np.clip(z, -CLIP, CLIP)
+        result[name] = (off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
+    return result

@@ -1,0 +1,41 @@
+"""What `discover` gives back: the verdict, the sensor model to simulate with, and what a report draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.verdict import Verdict
+from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import PolarGrid
+
+
+@dataclass(frozen=True)
+class CurveLine:
+    """Mean residual along a covariate on judge scenes, before and after the effects were added."""
+
+    channel: str
+    covariate: str
+    unit: str
+    """Of the residual: nats of ln I, m of range, share of rays lost."""
+    x: Float[np.ndarray, " k"]
+    before: Float[np.ndarray, " k"]
+    after: Float[np.ndarray, " k"]
+    band: Float[np.ndarray, " k"]
+    """Half width of the 90 % interval of `before`, from the scatter between scenes."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """The answer and its evidence. Maps are mean residuals of judge frames on the polar grid (rows, columns), NaN
+    where nothing was compared: measured minus simulated ln I (nats), range (m), and share of rays lost minus
+    expected."""
+
+    verdict: Verdict
+    sensor: SensorModel
+    grid: PolarGrid
+    maps_before: dict[str, Float[np.ndarray, "r c"]]
+    maps_after: dict[str, Float[np.ndarray, "r c"]]
+    curves: tuple[CurveLine, ...]

@@ -1,0 +1,215 @@
+"""The gap on judge scenes, before and after: scenes that nothing was fitted to.
+
+Each channel has a distance that an engineer reads off: the mean absolute error of ln I (nats) and of the range
+(m, at most 1) on the rays that both sides compare, and the log loss of return (nats a ray). Nuisances that
+frames share come from the find scenes; a frame's own (objects, pose) are fitted before and after alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.fit import Problem
+from jaxsim.discover.likelihood import CHANNELS, return_terms
+from jaxsim.discover.localise import COVARIATES, RIDGE, curve_basis
+from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
+from jaxsim.discover.residuals import residuals
+from jaxsim.discover.result import CurveLine
+from jaxsim.discover.verdict import Gap, Interval
+from jaxsim.effects import Effect
+from jaxsim.effects.rays import Rays
+from jaxsim.frame import Array
+
+UNITS = {
+    "intensity": "mean absolute error of ln I",
+    "range": "mean absolute error, m",
+    "drop": "log loss of return, nats a ray",
+}
+DRAWS = 2000
+CLIP_M = 1.0
+
+
+@jax.jit
+def distances(rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, "b 3 2"]:
+    """Sums and counts of each block's distances by channel."""
+    off = jnp.where(ev.compared, ev.log_intensity - rays.log_intensity, 0)
+    off = jnp.abs(off - reflectance(ev, w, fitted, off))
+    smooth = rays.hit & ev.returned & ~ev.edge
+    wrong = jnp.where(smooth, ev.range_m - rays.reading_m, 0)
+    wrong = jnp.minimum(jnp.abs(wrong - pose_shift(ev, w, wrong)), CLIP_M)
+    lost, _ = return_terms(rays, ev, noise, w, clutter=True)
+    gone = jnp.clip(rays.column_loss, 0, 0.999)
+    lost = jnp.clip(jnp.logaddexp(jnp.log1p(-gone) + lost, jnp.log(gone + 1e-9)), -30.0, -1e-7)
+    miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)
+    sums = [jnp.where(m, x, 0).sum((1, 2)) for x, m in ((off, ev.compared), (wrong, smooth), (miss, rays.hit))]
+    counts = [m.sum((1, 2)).astype(jnp.float32) for m in (ev.compared, smooth, rays.hit)]
+    return jnp.stack([jnp.stack(sums, -1), jnp.stack(counts, -1)], axis=-1)
+
+
+def by_scene(per_block: Float[np.ndarray, "b 3 2"], unit: np.ndarray) -> Float[np.ndarray, "u 3"]:
+    """Mean distance of each scene and channel; NaN where nothing is compared."""
+    units = np.unique(unit)
+    total = np.stack([per_block[unit == u].sum(0) for u in units])
+    with np.errstate(invalid="ignore"):
+        return np.where(total[..., 1] > 0, total[..., 0] / np.maximum(total[..., 1], 1), np.nan)
+
+
+def gaps(
+    before: Float[np.ndarray, "u 3"],
+    after: Float[np.ndarray, "u 3"],
+    placebo: Float[np.ndarray, "u 3"],
+    floor: Float[np.ndarray, "u 3"],
+    channels: Sequence[str],
+) -> tuple[dict[str, Gap], Interval | None]:
+    """Gap by channel, and the closure (before - after) / (before - floor) of the named effects' channels together.
+
+    Paired bootstrap over scenes.
+    """
+    rng = np.random.default_rng(0)
+    draws = rng.integers(0, len(before), (DRAWS, len(before)))
+    found, share = {}, np.zeros((DRAWS, 2))
+    whole = np.zeros(2)
+    for k, name in enumerate(CHANNELS):
+        shrunk = before[:, k] - after[:, k]
+        boot = np.nanmean(shrunk[draws], axis=1)
+        low, high = np.nanquantile(boot, [0.05, 0.95])
+        best = (
+            np.minimum(floor[:, k], after[:, k]) if np.nanmean(floor[:, k]) > np.nanmean(after[:, k]) else floor[:, k]
+        )
+        values = [float(np.nanmean(x)) for x in (before[:, k], after[:, k], best, placebo[:, k])]
+        found[name] = Gap(
+            values[0],
+            values[1],
+            float(low),
+            float(high),
+            UNITS[name],
+            values[2],
+            values[3],
+            float(np.nanmean(shrunk > 0)),
+        )
+        if name in channels and values[0] > 0:
+            room = before[:, k] - best
+            share += np.stack([boot, np.nanmean(room[draws], axis=1)], axis=1) / values[0]
+            whole += np.array([np.nanmean(shrunk), np.nanmean(room)]) / values[0]
+    if whole[1] <= 0:
+        return found, None
+    ratio = share[:, 0] / np.maximum(share[:, 1], 1e-9)
+    low, high = np.quantile(ratio, [0.05, 0.95])
+    return found, Interval(float(whole[0] / whole[1]), float(low), float(high), "share of what can be explained")
+
+
+MAP_COLUMNS = 64
+"""Columns of a residual map, before it is spread over the grid: rays are thinned to whole columns."""
+
+
+def maps_of(problem: Problem, fitted: np.ndarray, judged: np.ndarray) -> dict[str, Float[np.ndarray, "r c"]]:
+    """Mean residual of the judged blocks on the grid, by channel."""
+    columns = len(np.asarray(problem.scan.grid.azimuth_rad))
+    bins = min(columns, MAP_COLUMNS)
+    row, column = (np.asarray(part)[judged] for part in (problem.ev.rays.row, problem.ev.rays.column))
+    place = row * bins + column * bins // columns
+    rows = int(row.max()) + 1
+    spread = np.arange(columns) * bins // columns
+    maps = {}
+    for name, (off, _, counts) in residuals(problem, fitted).items():
+        keep = counts[judged]
+        count = np.bincount(place[keep], minlength=rows * bins)
+        total = np.bincount(place[keep], off[judged][keep], minlength=rows * bins)
+        mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, bins)
+        maps[name] = mean[:, spread]
+    return maps
+
+
+RESIDUAL_UNITS = {
+    "intensity": "ln I, measured minus simulated",
+    "range": "m, measured minus simulated",
+    "drop": "share lost, measured minus expected",
+}
+
+
+def curves_along(
+    before: Problem, after: Problem, fitted: np.ndarray, judged: np.ndarray, unit: np.ndarray, effects: Sequence[Effect]
+) -> tuple[CurveLine, ...]:
+    """Mean residual along each named effect's own covariates, on judged blocks."""
+    wanted = {
+        (channel, covariate): None
+        for effect in effects
+        for channel in effect.channels
+        for covariate in effect.covariates
+    }
+    old, new = residuals(before, fitted), residuals(after, fitted)
+    rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
+    lines = []
+    for channel, covariate in wanted:
+        if covariate not in COVARIATES:
+            continue
+        x = np.asarray(COVARIATES[covariate](rays), float)
+        counts = old[channel][2][judged] & new[channel][2][judged]
+        if counts.sum() < 200:
+            continue
+        of_unit = np.broadcast_to(unit[judged][:, None, None], counts.shape)[counts]
+        x = x[counts]
+        edges = np.unique(np.quantile(x, np.linspace(0, 1, 17)))
+        if len(edges) < 3:
+            continue
+        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+        size = len(edges) - 1
+        n = np.maximum(np.bincount(place, minlength=size), 1)
+        means = [np.bincount(place, r[channel][0][judged][counts], minlength=size) / n for r in (old, new)]
+        scenes = []
+        for u in np.unique(of_unit):
+            own = of_unit == u
+            k = np.bincount(place[own], minlength=size)
+            total = np.bincount(place[own], old[channel][0][judged][counts][own], minlength=size)
+            scenes.append(np.where(k > 0, total / np.maximum(k, 1), np.nan))
+        spread = np.nanstd(np.array(scenes), axis=0) / np.sqrt(max(len(scenes) - 1, 1))
+        centre, band = np.bincount(place, x, minlength=size) / n, 1.645 * np.nan_to_num(spread)
+        lines.append(CurveLine(channel, covariate, RESIDUAL_UNITS[channel], centre, means[0], means[1], band))
+    return tuple(lines)
+
+
+def floors(
+    problem: Problem,
+    fitted: np.ndarray,
+    judged: np.ndarray,
+    unit: np.ndarray,
+    before: Float[np.ndarray, "u 3"],
+    covariates: Sequence[str],
+) -> Float[np.ndarray, "u 3"]:
+    """Distances that a black box reaches: an additive model of free curves along `covariates`, fitted to the find
+    scenes' residuals."""
+    result = before.copy()
+    rays = jax.tree.map(np.asarray, problem.ev.rays)
+    train = fitted > 0
+    for k, (name, (off, _, counts)) in enumerate(residuals(problem, fitted).items()):
+        flat = counts.reshape(-1)
+        picked = jax.tree.map(lambda leaf, flat=flat, shape=counts.shape: _pick(leaf, flat, shape), rays)
+        design = [curve_basis(covariate(picked), one) for one, covariate in COVARIATES.items() if one in covariates]
+        x = np.concatenate([np.ones((int(flat.sum()), 1), np.float32), *design], axis=1)
+        y = off[counts]
+        learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
+        beta = np.linalg.solve(x[learn].T @ x[learn] + RIDGE * np.eye(x.shape[1]), x[learn].T @ y[learn])
+        said = x @ beta
+        if name == "drop":
+            base = np.asarray(~problem.ev.returned)[counts]
+            p = np.clip(base - y + said, 1e-3, 1 - 1e-3)
+            left = -np.where(base, np.log(p), np.log1p(-p))
+        else:
+            left = np.abs(y - said)
+            left = np.minimum(left, CLIP_M) if name == "range" else left
+        of_unit = np.broadcast_to(unit[:, None, None], counts.shape)[counts]
+        for row, u in enumerate(np.unique(unit[judged])):
+            own = of_unit == u
+            if own.any():
+                result[row, k] = left[own].mean()
+    return result
+
+
+def _pick(leaf: np.ndarray, flat: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return leaf.reshape(-1, *leaf.shape[3:])[flat] if leaf.shape[:3] == shape else leaf

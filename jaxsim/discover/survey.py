@@ -1,0 +1,104 @@
+"""The whole catalogue, each effect fitted and judged on scenes that its fit has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit
+from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.split import folds
+from jaxsim.effects import Effect
+
+FOLDS = 3
+THREADS = 2
+FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
+"""Effects whose step is read off the values, and the finest step that counts as rounding."""
+
+
+def clipped(gain: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+    """Units' gains, each held within 3 robust standard deviations of the median: no single scene decides."""
+    middle = float(np.median(gain))
+    reach = 3 * max(1.4826 * float(np.median(np.abs(gain - middle))), 0.5)
+    return np.clip(gain, middle - reach, middle + reach)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect and what it gained on held-out units."""
+
+    effect: Effect
+    gain: Float[np.ndarray, "u 3"]
+    """Log-likelihood over the null, nats, by unit and channel."""
+    fits: tuple[Fit, ...]
+    """One a fold."""
+
+    @property
+    def by_unit(self) -> Float[np.ndarray, " u"]:
+        return self.gain.sum(-1)
+
+    @property
+    def total(self) -> float:
+        return float(clipped(self.by_unit).sum())
+
+
+def rounded(problem: Problem) -> dict[str, float]:
+    """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
+    ev, steps = problem.ev, {}
+    back = np.asarray(ev.returned)
+    both = np.asarray(ev.rays.hit)
+    pairs = {
+        "intensity_quantization": (np.exp(ev.log_intensity)[back], np.exp(ev.rays.log_intensity)[both]),
+        "range_quantization": (np.asarray(ev.range_m)[back], np.asarray(ev.rays.range_m)[both]),
+    }
+    for name, (measured, simulated) in pairs.items():
+        step = lattice_step(measured, finest=FINEST[name])
+        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
+            steps[name] = step
+    return steps
+
+
+def null_fits(problem: Problem, *, count: int = FOLDS) -> list[Fit]:
+    """The null on each fold."""
+    groups = folds(np.asarray(problem.ev.unit), count)
+    return [fit(NOTHING, problem, fitted, steps=100, enough=1e-3) for fitted in groups]
+
+
+def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
+    """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
+
+    `null` saves its fits where they are known.
+    """
+    unit = np.asarray(problem.ev.unit)
+    groups = folds(unit, FOLDS)
+    null = null or null_fits(problem)
+    starts = [replace(problem, noise=base.noise) for base in null]
+
+    steps = rounded(problem)
+    effects = [effect for effect in effects if effect.name not in FINEST or effect.name in steps]
+    returned = np.asarray(problem.ev.returned).sum((1, 2))
+
+    def one(effect: Effect) -> Candidate:
+        used = [CHANNELS.index(name) for name in channels_of(effect)]
+        gain, fits = np.zeros((problem.ev.units, 3)), []
+        step = steps.get(effect.name)
+        at = None if step is None else ({"step": step},)
+        for fitted, base, start in zip(groups, null, starts, strict=True):
+            found = fit(effect, start, fitted, starts=at, fixed=at is not None)
+            more = np.zeros((len(unit), 3))
+            more[:, used] = (found.score - base.score)[:, used]
+            if step is not None:
+                # A reading known to a step instead of to the finest step is as much more probable.
+                more[:, CHANNELS.index(effect.channels[0])] += returned * np.log(step / FINEST[effect.name])
+            more[fitted > 0] = 0
+            gain += np.stack([np.bincount(unit, more[:, k], problem.ev.units) for k in range(3)], axis=-1)
+            fits.append(found)
+        return Candidate(effect, gain[np.unique(unit)], tuple(fits))
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(one, effects))
+    return sorted(found, key=lambda candidate: -candidate.total)

@@ -1,0 +1,84 @@
+"""A dependence outside the catalogue: free curves along covariates, and what the best of them looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsim.discover.curves import CURVES, fixed_basis, knots_of, with_basis
+from jaxsim.discover.fit import Problem, to_values
+from jaxsim.discover.localise import CATEGORICAL, COVARIATES, NAMED, Place
+from jaxsim.discover.survey import Candidate, null_fits, survey
+from jaxsim.discover.verdict import Unexplained
+
+EACH = 3
+"""Covariates tried in each channel: those that its residuals depend on most."""
+
+
+def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
+    """Curves along the strongest covariates of each channel, fitted and judged like effects; best first."""
+    found, null = [], null_fits(problem)
+    for channel, curve in CURVES.items():
+        for place in [place for place in places if place.channel == channel][:EACH]:
+            [candidate] = survey(with_basis(problem, place.covariate), [curve], null=null)
+            found.append((place, candidate))
+    return sorted(found, key=lambda pair: -pair[1].total)
+
+
+def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplained:
+    """The curve over its covariate, its character, and a closed formula that comes near it."""
+    rays = problem.ev.rays
+    hit = np.asarray(rays.hit)
+    x = np.asarray(COVARIATES[place.covariate](_Picked(rays, hit)), np.float64)
+    heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
+    grid = np.unique(x) if place.covariate in CATEGORICAL else knots_of(x)
+    basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
+    curves = heights @ basis.T
+    y, band = curves.mean(0), 1.645 * curves.std(0, ddof=1)
+    weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
+    character, formula = _shape(grid, y, weight, place)
+    name = NAMED.get(place.covariate, place.covariate)
+    return Unexplained(place.channel, name, character, formula, *(tuple(map(float, v)) for v in (grid, y, band)))
+
+
+def _shape(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
+    """Best of a line, a step and a wave by weighted least squares, with a price for freedom."""
+    if place.covariate == "class":
+        top = np.argsort(-np.abs(y))[:3]
+        return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
+    letter = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}[place.channel]
+    span = float(x[-1] - x[0]) or 1.0
+    mean = np.average(y, weights=weight)
+    whole = float((weight * (y - mean) ** 2).sum()) + 1e-12
+    tried = []
+    line = np.polyfit(x, y, 1, w=np.sqrt(weight))
+    tried.append(("monotone", f"{letter} ≈ {line[0]:.3g}·x {line[1]:+.3g}", 2, np.polyval(line, x)))
+    for cut in (x[1:] + x[:-1])[1:-1] / 2:
+        low, high = (np.average(y[side], weights=weight[side]) for side in (x < cut, x >= cut))
+        tried.append(
+            ("step", f"{letter} ≈ {low:.3g} below {cut:.3g}, {high:.3g} above", 3, np.where(x < cut, low, high))
+        )
+    for cycles in np.arange(1.5, 8.01, 0.25):
+        w = 2 * np.pi * cycles / span
+        design = np.stack([np.ones_like(x), np.sin(w * x), np.cos(w * x)], axis=1) * np.sqrt(weight)[:, None]
+        beta = np.linalg.lstsq(design, y * np.sqrt(weight), rcond=None)[0]
+        size, phase = np.hypot(beta[1], beta[2]), np.arctan2(beta[2], beta[1])
+        wave = beta[0] + beta[1] * np.sin(w * x) + beta[2] * np.cos(w * x)
+        tried.append(("periodic", f"{letter} ≈ {beta[0]:.3g} + {size:.3g}·sin({w:.3g}·x {phase:+.3g})", 4, wave))
+    name, formula, left = min(
+        (
+            (name, text, float((weight * (y - fit) ** 2).sum()) / whole * (1 + 0.1 * cost))
+            for name, text, cost, fit in tried
+        ),
+        key=lambda one: one[2],
+    )
+    return (name, formula) if left < 0.6 else ("other", f"{letter} between {y.min():.3g} and {y.max():.3g}")
+
+
+class _Picked:
+    def __init__(self, rays: object, counts: np.ndarray):
+        self._rays, self._counts = rays, counts
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        return np.asarray(getattr(self._rays, name))[self._counts]

@@ -1,0 +1,157 @@
+"""The answer, as plain values: what verdict.json holds and the report draws."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxsim.atomic import replacing
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A value and its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the answer names."""
+
+    name: str
+    look_alikes: tuple[str, ...]
+    """Effects that these data cannot tell from it."""
+    tell_apart: dict[str, str]
+    """For each of them, the measurement that would."""
+    channels: tuple[str, ...]
+    p_value: float
+    gain: Interval
+    """Held-out nats a scene over the model without it."""
+    parameters: dict[str, Interval | tuple[Interval, ...]]
+    """Vectors as one interval a beam or class."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place of disagreement."""
+
+    channel: str
+    covariate: str
+    p_value: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A dependence that no effect of the catalogue accounts for."""
+
+    channel: str
+    covariate: str
+    character: str
+    """periodic, monotone, step or other."""
+    formula: str
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
+    band: tuple[float, ...] = ()
+    """Half width of the 90 % band of `y`."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """One channel's distance between simulation and measurement on judge scenes."""
+
+    before: float
+    after: float
+    low: float
+    """90 % interval of `before - after`, by bootstrap over scenes."""
+    high: float
+    unit: str
+    floor: float
+    """What free curves along the named effects' covariates reach with the same data."""
+    placebo: float
+    """With the runner-up in place of the named effect."""
+    win_rate: float
+    """Share of judge scenes where it shrank."""
+
+
+@dataclass(frozen=True)
+class Rank:
+    """A candidate of the first step, for the report."""
+
+    name: str
+    gain: float
+    p_value: float
+    bar: float
+    why_not: str
+    """Empty for what was named."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `discover` answers."""
+
+    verdict: str
+    """named, none or not_in_catalogue."""
+    effects: tuple[Named, ...]
+    where: tuple[Where, ...]
+    unexplained: Unexplained | None
+    gap: dict[str, Gap]
+    closure: Interval | None
+    find: tuple[str, ...]
+    judge: tuple[str, ...]
+    sha256: str
+    frames: int
+    seconds: float
+    moved: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Noise scales and rates before and after the effects were added."""
+    ranking: tuple[Rank, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of verdict.json (docs/discover.md)."""
+        gap: dict[str, Any] = {name: _plain(value) for name, value in self.gap.items()}
+        gap["closure"] = _plain(self.closure)
+        return {
+            "verdict": self.verdict,
+            "effects": [_plain(effect) for effect in self.effects],
+            "where": [_plain(place) for place in self.where],
+            "unexplained": _plain(self.unexplained),
+            "gap": gap,
+            "splits": {"find": list(self.find), "judge": list(self.judge), "sha256": self.sha256},
+            "frames": self.frames,
+            "seconds": round(self.seconds, 2),
+            "moved": _plain(self.moved),
+            "ranking": [_plain(rank) for rank in self.ranking],
+            "notes": list(self.notes),
+        }
+
+    def save(self, folder: Path) -> Path:
+        """Writes verdict.json."""
+        with replacing(Path(folder) / "verdict.json") as path:
+            path.write_text(json.dumps(self.to_json(), indent=1))
+        return Path(folder) / "verdict.json"
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: _plain(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, tuple) and value and all(isinstance(one, Interval) for one in value):
+        # A vector: one list for each part of its intervals.
+        parts = {name: [_plain(getattr(one, name)) for one in value] for name in ("value", "low", "high")}
+        return {**parts, "unit": value[0].unit}
+    if isinstance(value, (list, tuple)):
+        return [_plain(one) for one in value]
+    if isinstance(value, (np.floating, float)):
+        return float(f"{float(value):.6g}")
+    return value.item() if isinstance(value, np.generic) else value

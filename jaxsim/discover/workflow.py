@@ -1,0 +1,261 @@
+"""The whole method: find, name, add, show."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.columns import blocks
+from jaxsim.discover.evidence import Evidence, gather
+from jaxsim.discover.fit import Problem, fit, on_top, to_values
+from jaxsim.discover.intervals import intervals
+from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise, p_value
+from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
+from jaxsim.discover.nuisance import weights
+from jaxsim.discover.null import fit_null, left_over
+from jaxsim.discover.read import Comparison, read_comparison
+from jaxsim.discover.residuals import residuals
+from jaxsim.discover.result import Result
+from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
+from jaxsim.discover.split import Split, split
+from jaxsim.discover.survey import Candidate, clipped
+from jaxsim.discover.unexplained import describe, free_curves
+from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
+from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects.chain import SensorModel
+
+BETTER = 1.3
+"""A free curve must gain this many times what the best effect gains to say that the effect is not in the catalogue."""
+SURELY = 10.0
+"""... and so many nats more."""
+
+Say = Callable[[str], None]
+
+
+def discover_folders(simulated: Path, measured: Path, *, say: Say = lambda line: None) -> Result:
+    """`discover` on two folders of polar frames (docs/polar-frames.md)."""
+    return discover(read_comparison(simulated, measured), say=say)
+
+
+def discover(comparison: Comparison, *, say: Say = lambda line: None) -> Result:
+    """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
+
+    Raises ValueError where the scenes are too few to decide anything.
+    """
+    begun = time.monotonic()
+    scan = jax.tree.map(jnp.asarray, comparison.scan)
+    measured = jax.tree.map(jnp.asarray, comparison.measured)
+    chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+    parts = split(chosen.unit)
+
+    def evidence(names: Sequence[str]) -> tuple[Evidence, np.ndarray]:
+        keep = np.array([unit in names for unit in chosen.unit])
+        order = {name: k for k, name in enumerate(names)}
+        unit = np.array([order[name] for name, kept in zip(chosen.unit, keep, strict=True) if kept])
+        return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit), unit
+
+    # Find: the null model with its nuisances, and what its residuals still depend on.
+    say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on")
+    ev, unit = evidence(parts.find)
+    everyone = np.ones(len(unit), np.float32)
+    null, _ = fit_null(scan, ev, everyone)
+    places = _places(null, everyone, unit)
+
+    # Name: the catalogue, one effect after another; then free curves for what is not in it.
+    say(f"fitting {len(EFFECTS)} effects")
+    choice = choose(null, EFFECTS.values(), say=say)
+    answer, choice, unexplained = _not_in_catalogue(null, choice, places, everyone, unit)
+
+    # Add: every effect fitted again with the others in place.
+    say("fitting what was named together")
+    effects = [step.chosen.effect for step in choice.steps]
+    fitted = refit(null, effects, [step.fitted.z for step in choice.steps], everyone)
+    parameters = [intervals(effect, problem, found) for effect, problem, found in fitted]
+    sensor = SensorModel(tuple((e.name, _plain(e, found.z)) for e, _, found in fitted))
+
+    # Show: the scenes that nothing has seen.
+    say("judging on unseen scenes")
+    both, both_unit = evidence((*parts.find, *parts.judge))
+    shown = _show(scan, both, both_unit, len(parts.find), null, choice, [(e, found.z) for e, _, found in fitted])
+    verdict = Verdict(
+        verdict=answer,
+        effects=tuple(_named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
+        where=tuple(Where(p.channel, NAMED.get(p.covariate, p.covariate), p.p_value, p.share) for p in places[:8]),
+        unexplained=unexplained,
+        gap=shown["gap"],
+        closure=shown["closure"],
+        find=parts.find,
+        judge=parts.judge,
+        sha256=parts.sha256,
+        frames=len(comparison.names),
+        seconds=time.monotonic() - begun,
+        moved=_moved(null, choice.problem),
+        ranking=_ranking(choice),
+        notes=_notes(comparison, parts),
+    )
+    grid = comparison.scan.grid
+    return Result(verdict, sensor, grid, shown["maps_before"], shown["maps_after"], shown["curves"])
+
+
+def _places(problem: Problem, everyone: Float[np.ndarray, " b"], unit: np.ndarray) -> list[Place]:
+    host = jax.tree.map(np.asarray, problem.ev.rays)
+    return localise(host, {name: (z, counts) for name, (_, z, counts) in residuals(problem, everyone).items()}, unit)
+
+
+def _not_in_catalogue(
+    null: Problem, choice: Choice, places: list[Place], everyone: np.ndarray, unit: np.ndarray
+) -> tuple[str, Choice, Unexplained | None]:
+    """Whether free curves explain clearly more than what was chosen, and what they leave."""
+    curves = [(place, curve) for place, curve in free_curves(null, places) if accepted(curve)]
+    if curves:
+        place, curve = curves[0]
+        best = choice.steps[0].chosen if choice.steps else None
+        if best is None or (curve.total > BETTER * best.total + SURELY and worse(best, curve)):
+            empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last)
+            return "not_in_catalogue", empty, describe(null, place, curve)
+    if not choice.steps:
+        return "none", choice, None
+    left = [(p, c) for p, c in free_curves(choice.problem, _places(choice.problem, everyone, unit)) if accepted(c)]
+    return "named", choice, describe(choice.problem, *left[0]) if left else None
+
+
+def refit(
+    null: Problem, effects: Sequence[Effect], z: Sequence[dict[str, Any]], everyone: np.ndarray, *, sweeps: int = 2
+) -> list[tuple[Effect, Problem, Any]]:
+    """Each effect fitted with all others in place; effects in physical order."""
+    order = sorted(range(len(effects)), key=lambda k: list(EFFECTS).index(effects[k].name))
+    values, result = dict(enumerate(z)), {}
+    for _ in range(sweeps if len(effects) > 1 else 1):
+        for k in range(len(effects)):
+            problem = null
+            for other in order:
+                if other != k:
+                    problem = on_top(effects[other], problem, values[other])
+            problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
+            # Values that are read off the data (steps of rounding) stay.
+            start = ({n: np.asarray(v) for n, v in to_values(effects[k], values[k]).items()},)
+            found = fit(effects[k], problem, everyone, starts=start, steps=80, fixed="step" in values[k])
+            values[k] = found.z
+            result[k] = (effects[k], problem, found)
+    return [result[k] for k in range(len(effects))]
+
+
+def _show(
+    scan: Any, ev: Evidence, unit: np.ndarray, find: int, null: Problem, choice: Choice, chain: list[tuple[Effect, Any]]
+) -> dict[str, Any]:
+    """Everything that is shown of judge scenes; shared nuisances come from the find scenes."""
+    fitted = (unit < find).astype(np.float32)
+    judged = unit >= find
+
+    def problem_of(effects: Sequence[tuple[Effect, Any]], noise: Any) -> Problem:
+        problem = Problem(scan, ev, null.weights, noise)
+        for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
+            problem = on_top(effect, problem, z)
+        raw = weights(problem.ev, noise, *_start(problem.ev))
+        off = left_over(problem.ev, raw, jnp.asarray(fitted))
+        return replace(problem, weights=weights(problem.ev, noise, *off))
+
+    def distance(problem: Problem) -> np.ndarray:
+        found = distances(problem.ev.rays, problem.ev, problem.noise, problem.weights, jnp.asarray(fitted))
+        return by_scene(np.asarray(found)[judged], unit[judged])
+
+    before, after = problem_of([], null.noise), problem_of(chain, choice.problem.noise)
+    rival = _runner_up(choice)
+    placebo = problem_of([(rival.effect, rival.fits[0].z)], null.noise) if rival else before
+    channels = {name for step in choice.steps for name in step.chosen.effect.channels}
+    covariates = {name for step in choice.steps for name in step.chosen.effect.covariates} or set(COVARIATES)
+    floor = floors(before, fitted, judged, unit, distance(before), sorted(covariates))
+    gap, closure = gaps(distance(before), distance(after), distance(placebo), floor, sorted(channels))
+    return {
+        "gap": gap,
+        "closure": closure,
+        "maps_before": maps_of(before, fitted, judged),
+        "maps_after": maps_of(after, fitted, judged),
+        "curves": curves_along(before, after, fitted, judged, unit, [step.chosen.effect for step in choice.steps]),
+    }
+
+
+def _start(ev: Evidence) -> tuple[Any, Any]:
+    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    smooth = ev.rays.hit & ev.returned & ~ev.edge
+    return off - jnp.median(off), jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
+
+
+def _runner_up(choice: Choice) -> Candidate | None:
+    """The best candidate of the first step that is neither named nor a look-alike."""
+    if not choice.steps:
+        return None
+    first = choice.steps[0]
+    taken = {first.chosen.effect.name, *(c.effect.name for c in first.alike)}
+    rest = [c for c in first.ranking if c.effect.name not in taken]
+    return rest[0] if rest else None
+
+
+def _plain(effect: Effect, z: dict[str, Any]) -> dict[str, Any]:
+    values = {}
+    for name, p in effect.parameters.items():
+        value = np.clip(np.asarray(to_values(effect, z)[name], float), p.low, p.high)
+        values[name] = float(value) if value.ndim == 0 else tuple(value.tolist())
+    return values
+
+
+def _named(step: Step, parameters: dict[str, Any]) -> Named:
+    effect, gain = step.chosen.effect, clipped(step.chosen.by_unit)
+    draws = np.random.default_rng(0).choice(gain, (2000, len(gain))).mean(1)
+    low, high = np.quantile(draws, [0.05, 0.95])
+    alike = tuple(c.effect.name for c in step.alike)
+    apart = {name: effect.look_alikes.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
+    return Named(
+        name=effect.name,
+        look_alikes=alike,
+        tell_apart={name: text or "scenes in which their covariates differ more" for name, text in apart.items()},
+        channels=effect.channels,
+        p_value=step.p_value,
+        gain=Interval(float(gain.mean()), float(low), float(high), "nats per scene"),
+        parameters=parameters,
+    )
+
+
+def _ranking(choice: Choice) -> tuple[Rank, ...]:
+    """The first step's candidates and why each was not named."""
+    ranking = choice.steps[0].ranking if choice.steps else choice.last
+    best = choice.steps[0] if choice.steps else None
+    rows = []
+    for candidate in ranking[:12]:
+        name, p = candidate.effect.name, p_value(clipped(candidate.by_unit))
+        if best and name == best.chosen.effect.name:
+            why = ""
+        elif best and name in {c.effect.name for c in best.alike}:
+            why = "these data cannot tell it from the one that is named"
+        elif not accepted(candidate):
+            why = "its gain is within what a null reaches, or the scenes disagree on it"
+        else:
+            why = "it explains clearly less than the one that is named"
+        rows.append(
+            Rank(name, candidate.total / max(len(candidate.by_unit), 1), p, BAR / max(len(candidate.by_unit), 1), why)
+        )
+    return tuple(rows)
+
+
+def _moved(null: Problem, after: Problem) -> dict[str, tuple[float, float]]:
+    names = null.noise.__dataclass_fields__
+    return {n: (float(getattr(null.noise, n)), float(getattr(after.noise, n))) for n in names}
+
+
+def _notes(comparison: Comparison, parts: Split) -> tuple[str, ...]:
+    notes = []
+    if len(set(comparison.scenes)) == 1:
+        notes.append(
+            "one scan alone: cut into sectors with gaps between them; sectors are less independent than drives"
+        )
+    if len(parts.find) < 8:
+        notes.append(f"{len(parts.find)} scenes to find with are few: weak effects cannot be told from none")
+    return tuple(notes)
