@@ -26,6 +26,8 @@ CURVATURE_SD = 0.002
 """Of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals leaves."""
 STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
+GROUND = (6, 7, 8, 9, 10, 22)
+"""Cityscapes ids of flat surfaces, whose normals a range image gives best."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
@@ -57,7 +59,8 @@ class Evidence:
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at edges."""
     features: Float[Array, "b c r p"]
     """Of the reflectance nuisance: 1, class indicators, curvature in the incidence, and how much brighter the surface
-    would be with the normal of the simulator's own range image (the simulator's normals may be noisy)."""
+    would be with the normal of the simulator's own range image, on the ground and elsewhere (the simulator's normals
+    may be noisy)."""
     ridge: Float[Array, " p"]
     instance: Int[Array, "b c r"]
     """0 none, else numbered through all frames."""
@@ -66,22 +69,33 @@ class Evidence:
     units: int = struct.field(pytree_node=False, default=0)
 
 
+PLANAR = 0.01
+"""Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
+
+
+def bends(rays: Rays, elevation_rad: Float[Array, " r"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
+    1 / range (straight on a plane) over the ray's own, less 1."""
+    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4), 0.1)
+    last = elevation_rad.shape[0] - 1
+    above = jnp.abs(elevation_rad[jnp.maximum(rays.row - 1, 0)] - rays.elevation_rad)
+    below = jnp.abs(elevation_rad[jnp.minimum(rays.row + 1, last)] - rays.elevation_rad)
+    share = below / jnp.maximum(above + below, 1e-6)
+    sides = (inverse[..., 0] + inverse[..., 1]) / 2 * rays.range_m - 1
+    stack = (share * inverse[..., 2] + (1 - share) * inverse[..., 3]) * rays.range_m - 1
+    return jnp.abs(sides), jnp.abs(stack)
+
+
 def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     """Rays whose neighbours do not continue their surface, or lie beside the sky.
 
-    To the sides a step of 0.3 m and 5 % of the range counts; above and below the neighbours' mean of 1 / range
-    (straight on a plane) must agree with the ray's own within 10 %.
+    To the sides a step of 0.3 m and 5 % of the range counts; above and below, a bend of 10 %.
     """
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
     side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
     last = elevation_rad.shape[0] - 1
-    above = jnp.abs(elevation_rad[jnp.maximum(rays.row - 1, 0)] - rays.elevation_rad)
-    below = jnp.abs(elevation_rad[jnp.minimum(rays.row + 1, last)] - rays.elevation_rad)
-    share = below / jnp.maximum(above + below, 1e-6)
-    inverse = 1 / jnp.maximum(beside[..., 2:], 0.1)
-    mean = share * inverse[..., 0] + (1 - share) * inverse[..., 1]
-    bent = jnp.abs(mean * rays.range_m - 1) > jnp.where((rays.row == 0) | (rays.row == last), 0.2, 0.1)
+    bent = bends(rays, elevation_rad)[1] > jnp.where((rays.row == 0) | (rays.row == last), 0.2, 0.1)
     return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))
 
 
@@ -137,7 +151,8 @@ def _gather(
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~pose.any(-1))
     near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
     slant, known = incidence(scan.range_m, scan.hit, scan.grid)
-    slant, known = slant[at], known[at]
+    sides, stack = bends(rays, scan.grid.elevation_rad)
+    slant, known = slant[at], known[at] & (sides < PLANAR) & (stack < PLANAR)
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (~known | (slant < STEEPEST_RAD))
     compared = rays.hit & returned & near & ~edge & moderate
@@ -146,8 +161,10 @@ def _gather(
     one_hot = [(rays.semantic == c) for c in classes]
     ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
     disagree = jnp.where(known, jnp.clip(ours, -1.5, 1.5), 0)
-    features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, disagree], axis=-1)
-    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0], np.float32)
+    ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
+    apart = [jnp.where(ground, disagree, 0), jnp.where(ground, 0, disagree)]
+    features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, *apart], axis=-1)
+    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0, 1.0], np.float32)
     return Evidence(
         rays=rays,
         returned=returned,

@@ -20,6 +20,8 @@ INSTANCE_SD = 0.2
 CLASS_MOST = 0.7
 """A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
 POSE_MOST_M = 0.5
+OTHERS = 3
+"""Features behind the classes: curvature and the two of disagreeing normals."""
 
 
 @struct.dataclass
@@ -114,8 +116,8 @@ def reflectance(
     rhs = jnp.einsum("bcrp,bcr->bp", ev.features, weighted - jnp.where(own, taken * w.intensity, 0))
     gram = jnp.einsum("b,bpq->pq", fitted, w.gram) + jnp.diag(ev.ridge)
     shared = jnp.linalg.solve(gram, fitted @ rhs)
-    classes = jnp.clip(shared[1:-2], -CLASS_MOST, CLASS_MOST)
-    shared = jnp.concatenate([shared[:1], classes, shared[-2:]])
+    classes = jnp.clip(shared[1:-OTHERS], -CLASS_MOST, CLASS_MOST)
+    shared = jnp.concatenate([shared[:1], classes, shared[-OTHERS:]])
     left = (by_instance - w.features_by_instance @ shared) * strength
     return ev.features @ shared + jnp.where(own & ev.compared, left[segment].reshape(residual.shape), 0)
 
