@@ -1,8 +1,10 @@
 """Pictures and tables, from plain results."""
 
+from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
 from jaxsim.report.scores import score_table, write_card, write_scores
+from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
@@ -12,6 +14,8 @@ __all__ = [
     "score_table",
     "simulated_picture",
     "strip",
+    "verdict_sentence",
     "write_card",
+    "write_report",
     "write_scores",
 ]

@@ -1,0 +1,155 @@
+"""A report's account of the answer: the effects that are named, why these, and what no effect explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from jaxsim.discover.localise import CATEGORICAL
+from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained
+from jaxsim.effects import EFFECTS, Parameter
+from jaxsim.report.canvas import BEFORE
+from jaxsim.report.charts import curve_chart, interval_chart
+from jaxsim.report.page import Draw, bar_cell, file_name, paragraph, section, table
+from jaxsim.report.words import AXES, CHANNELS, Axis, number, probability, span, title_of
+
+
+def named_effects(effects: Sequence[Named], draw: Draw) -> str:
+    """Each named effect with its formula, gain, parameters and look-alikes."""
+    if not effects:
+        return ""
+    return section("What the simulation lacks", "".join(_effect(effect, draw) for effect in effects))
+
+
+def _effect(named: Named, draw: Draw) -> str:
+    """An effect: what it is, how sure it is, its parameters, and what it could be taken for."""
+    parts = [f"<h3><code>{escape(named.name)}</code> {escape(title_of(named.name))}</h3>"]
+    known = EFFECTS.get(named.name)
+    if known:
+        parts.append(f"<pre>{escape(known.formula)}</pre>")
+    parts.append(
+        paragraph(
+            f"Changes {', '.join(named.channels)}. On held-out scenes it gains {number(named.gain.value)} "
+            f"{named.gain.unit} (90 % interval {span(named.gain)}; p {_p(named.p_value)}, sign flips over scenes)."
+        )
+    )
+    rows = [
+        [f"<code>{escape(name)}</code>", escape(_meaning(named.name, name)), *_interval(value), _neutral(named, name)]
+        for name, value in named.parameters.items()
+        if isinstance(value, Interval)
+    ]
+    if rows:
+        parts.append(table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2))
+    for name, values in named.parameters.items():
+        if not isinstance(values, Interval):
+            parts.append(_vector(named, name, values, draw))
+    for other in named.look_alikes:
+        apart = named.tell_apart.get(other) or "no measurement is known"
+        head = f"<b>Could also be <code>{escape(other)}</code>.</b> To tell them apart: "
+        parts.append(f'<p class="alike">{head}{escape(apart)}.</p>')
+    return "".join(parts)
+
+
+def _p(p: float) -> str:
+    text = probability(p)
+    return text if text.startswith("<") else f"= {text}"
+
+
+def _interval(value: Interval) -> list[str]:
+    return [number(value.value), span(value), escape(value.unit)]
+
+
+def _parameter(effect: str, name: str) -> Parameter | None:
+    return EFFECTS[effect].parameters.get(name) if effect in EFFECTS else None
+
+
+def _meaning(effect: str, name: str) -> str:
+    known = _parameter(effect, name)
+    return known.meaning if known else ""
+
+
+def _neutral(named: Named, name: str) -> str:
+    known = _parameter(named.name, name)
+    return number(known.neutral) if known else "–"
+
+
+def _vector(named: Named, name: str, values: Sequence[Interval], draw: Draw) -> str:
+    """One interval a beam or class, as a chart."""
+    known, unit = _parameter(named.name, name), values[0].unit if values else ""
+    neutral = known.neutral if known else 0.0
+    what = "class" if known and known.shape == "class" else "beam"
+    sure = sum(not v.low <= neutral <= v.high for v in values)
+    chart = interval_chart(
+        values,
+        neutral=neutral,
+        x_label=AXES["class" if what == "class" else "row"].label,
+        y_label=f"{name}, {unit}" if unit else name,
+    )
+    return draw(
+        file_name("parameter", named.name, name),
+        chart,
+        f"{name}: one value a {what} with its 90 % interval; {sure} of {len(values)} intervals leave out "
+        f"{number(neutral)}, at which it does nothing.",
+    )
+
+
+def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> str:
+    """The candidates of the first step as bars, with the bar that they had to pass."""
+    if not ranks:
+        return ""
+    named = {effect.name for effect in effects}
+    reach = max([1.5 * ranks[0].bar, *(r.gain for r in ranks if np.isfinite(r.gain))]) or 1.0
+    rows = [
+        [
+            f"<b><code>{escape(r.name)}</code></b>" if r.name in named else f"<code>{escape(r.name)}</code>",
+            bar_cell(r.gain / reach, r.bar / reach, strong=r.name in named),
+            number(r.gain),
+            probability(r.p_value),
+            escape(r.why_not) or "named",
+        ]
+        for r in ranks
+    ]
+    words = (
+        "Held-out gain of each candidate over the model without it, nats a scene, at the first step. The line is the "
+        f"bar that a candidate must pass ({number(ranks[0].bar)}); its gain must also agree between scenes."
+    )
+    heads = ["effect", "gain, and the bar", "nats", "p", "why not"]
+    alike = {other for effect in effects for other in effect.look_alikes}
+    others = [r for r in ranks if r.name not in named | alike]
+    loser = ""
+    if effects and others:
+        why = others[0].why_not or "no reason was recorded"
+        loser = paragraph(f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}.")
+    return section("Why this answer", paragraph(words) + table(heads, rows, text=2, last_text=True) + loser)
+
+
+def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) -> str:
+    """A dependence outside the catalogue: what the simulation lacks if `missing`, else what remains."""
+    title = "What the simulation lacks" if missing else "What stays unexplained"
+    if left is None:
+        none = "No further dependence was found: free curves along the covariates that matter most gain too little."
+        return section(title, paragraph(none))
+    axis = AXES.get(left.covariate, Axis(left.covariate))
+    meaning = f"; x is {axis.x or axis.label}"
+    kind = "dependence" if left.character == "other" else f"{left.character} dependence"
+    words = paragraph(f"A {kind} of {left.channel} on {left.covariate} that no effect of the catalogue accounts for.")
+    words += f"<p><code>{escape(left.formula)}</code>{escape(meaning)}</p>"
+    if not left.x:
+        return section(title, words)
+    x, y = axis.shown(np.array(left.x, float)), np.array(left.y, float)
+    band = np.array(left.band or (0.0,) * len(left.y), float)
+    unit = CHANNELS[left.channel].unit if left.channel in CHANNELS else left.channel
+    chart = curve_chart(
+        x,
+        [("fitted", y, BEFORE)],
+        band,
+        x_label=axis.label,
+        y_label=unit,
+        joined=left.covariate != "class",
+        whole=left.covariate in CATEGORICAL,
+    )
+    name = file_name("unexplained", left.channel, left.covariate)
+    caption = f"A free curve of {left.channel} along {left.covariate}, with its 90 % band."
+    return section(title, words + draw(name, chart, caption))

@@ -1,0 +1,228 @@
+"""Charts of a discovery: residual maps on the polar grid, curves along a covariate, values with intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.verdict import Interval
+from jaxsim.frame import PolarGrid
+from jaxsim.report.canvas import AFTER, FAINT, INK, RULE, Canvas, Rgb
+
+Map = Float[np.ndarray, "r c"]
+Line = Float[np.ndarray, " k"]
+
+ANCHORS = np.array(
+    [(5, 48, 97), (67, 147, 195), (209, 229, 240), (250, 250, 250), (253, 219, 199), (214, 96, 77), (103, 0, 31)], float
+)
+"""Blue - white - red, of even steps in lightness: ColorBrewer's RdBu, safe for colour-blind eyes."""
+NOTHING = (176, 176, 176)
+MAP_WIDTH = 400
+SHARE_SHOWN = 98
+"""Percentile of the residuals' size that the colours reach; stronger ones keep the last colour."""
+
+
+def diverging(value: Map, limit: float) -> Rgb:
+    """Values in -limit..limit in blue, white, red; grey where there is none."""
+    place = np.clip(np.nan_to_num(value) / limit, -1, 1) * 0.5 + 0.5
+    at = np.linspace(0, 1, len(ANCHORS))
+    rgb = np.stack([np.interp(place, at, ANCHORS[:, k]) for k in range(3)], axis=-1)
+    return np.where(np.isfinite(value)[..., None], np.round(rgb), NOTHING).astype(np.uint8)
+
+
+def ticks(low: float, high: float, count: int = 5, *, whole: bool = False) -> list[float]:
+    """Round numbers within low..high, about `count` of them; `whole` ones for rows and classes."""
+    if not high > low:
+        return [low]
+    raw = (high - low) / count
+    base = 10 ** math.floor(math.log10(raw))
+    step = base * next(m for m in (1, 2, 2.5, 5, 10) if m * base >= raw * 0.999 and not (whole and m == 2.5))
+    step = max(step, 1) if whole else step
+    first = math.ceil(low / step - 1e-9)
+    return [round(k * step, 12) + 0.0 for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def label(value: float) -> str:
+    return f"{value:.6g}".replace("-", "−")
+
+
+def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str) -> Canvas | None:
+    """Titled maps beside each other, one colour scale with its bar; None where nothing was compared."""
+    limit = colour_limit([values for _, values in maps])
+    if limit is None:
+        return None
+    rows, columns = maps[0][1].shape
+    height = int(np.clip(MAP_WIDTH * rows / columns * 1.8, 120, 240))
+    left, top = 52, 24
+    canvas = Canvas(left + len(maps) * (MAP_WIDTH + 22) + 88, height + 66)
+    for name, values in maps:
+        canvas.text(left, top - 8, name, size=13)
+        canvas.raster(left, top, MAP_WIDTH, height, diverging(values, limit))
+        _frame(canvas, left, top, MAP_WIDTH, height)
+        for place, text in azimuth_ticks(grid):
+            x = left + place * MAP_WIDTH
+            canvas.line([(x, top + height), (x, top + height + 4)], colour=FAINT)
+            canvas.text(x, top + height + 17, text, anchor="middle", size=11, colour=FAINT)
+        canvas.text(left + MAP_WIDTH / 2, top + height + 34, "azimuth, °", anchor="middle", size=11, colour=FAINT)
+        for row in ticks(0, rows - 1, 4, whole=True):
+            y = top + (row + 0.5) / rows * height
+            canvas.line([(left - 4, y), (left, y)], colour=FAINT)
+            if left == 52:
+                canvas.text(left - 7, y + 4, label(row), anchor="end", size=11, colour=FAINT)
+        left += MAP_WIDTH + 22
+    canvas.text(14, top + height / 2, "row", anchor="middle", size=11, colour=FAINT, turned=True)
+    _colour_bar(canvas, left, top, height, limit, unit)
+    return canvas
+
+
+def colour_limit(maps: Sequence[Map]) -> float | None:
+    """The residual at which the colours end; None where no map has a value."""
+    known = np.abs(np.concatenate([values[np.isfinite(values)] for values in maps]))
+    return (float(np.percentile(known, SHARE_SHOWN)) or 1.0) if known.size else None
+
+
+def azimuth_ticks(grid: PolarGrid) -> list[tuple[float, str]]:
+    """Place (0..1 along the columns) and degrees of round azimuths."""
+    azimuth = np.rad2deg(np.unwrap(np.asarray(grid.azimuth_rad, float)))
+    columns = np.arange(len(azimuth))
+    order = np.argsort(azimuth)
+    wide = azimuth.max() - azimuth.min()
+    values = [90.0 * k for k in range(-8, 9)] if wide > 200 else ticks(azimuth.min(), azimuth.max(), 5)
+    inside = [v for v in values if azimuth.min() - 0.5 <= v <= azimuth.max() + 0.5]
+    at = [(float(np.interp(v, azimuth[order], columns[order])) + 0.5) / len(azimuth) for v in inside]
+    return [(place, label(v)) for place, v in zip(at, inside, strict=True)]
+
+
+def _colour_bar(canvas: Canvas, x: float, top: float, height: float, limit: float, unit: str) -> None:
+    scale = np.linspace(limit, -limit, 128)[:, None]
+    canvas.raster(x, top, 14, height, diverging(scale, limit))
+    _frame(canvas, x, top, 14, height)
+    for value in ticks(-limit, limit, 4):
+        y = top + (limit - value) / (2 * limit) * height
+        canvas.line([(x + 14, y), (x + 18, y)], colour=FAINT)
+        canvas.text(x + 22, y + 4, label(value), size=11, colour=FAINT)
+    canvas.text(x + 74, top + height / 2, unit, anchor="middle", size=11, colour=FAINT, turned=True)
+
+
+def _frame(canvas: Canvas, left: float, top: float, width: float, height: float) -> None:
+    right, bottom = left + width, top + height
+    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    canvas.line(corners, colour=FAINT, width=0.75)
+
+
+Place = Callable[[Any], Any]
+"""From values to pixels: numbers or arrays."""
+
+
+def _axes(
+    canvas: Canvas, x: tuple[float, float], y: tuple[float, float], *, x_label: str, y_label: str, whole: bool
+) -> tuple[Place, Place]:
+    """Draws the axes of a chart that fills the canvas; returns where values lie on it."""
+    left, right, top, bottom = 72, canvas.width - 14, 14, canvas.height - 44
+    x_low, x_high = x if x[1] > x[0] else (x[0] - 1, x[1] + 1)
+    y_low, y_high = y if y[1] > y[0] else (y[0] - 1, y[1] + 1)
+
+    def across(value: float) -> float:
+        return left + (value - x_low) / (x_high - x_low) * (right - left)
+
+    def up(value: float) -> float:
+        return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
+
+    for value in ticks(y_low, y_high, 5):
+        canvas.line([(left, up(value)), (right, up(value))], colour="#e6e6e6")
+        canvas.text(left - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
+    if y_low < 0 < y_high:
+        canvas.line([(left, up(0)), (right, up(0))], colour=FAINT)
+    canvas.line([(left, bottom), (right, bottom)], colour=RULE)
+    for value in ticks(x_low, x_high, 7, whole=whole):
+        canvas.line([(across(value), bottom), (across(value), bottom + 4)], colour=FAINT)
+        canvas.text(across(value), bottom + 17, label(value), anchor="middle", size=11, colour=FAINT)
+    canvas.text((left + right) / 2, bottom + 36, x_label, anchor="middle", size=12)
+    canvas.text(16, (top + bottom) / 2, y_label, anchor="middle", size=12, turned=True)
+    return across, up
+
+
+def _runs(good: np.ndarray) -> list[np.ndarray]:
+    """Indices of the stretches without gaps."""
+    index = np.flatnonzero(good)
+    return [run for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(run)]
+
+
+def _limits(*lines: np.ndarray) -> tuple[float, float]:
+    values = np.concatenate([line[np.isfinite(line)] for line in (*lines, np.zeros(1))])
+    low, high = float(values.min()), float(values.max())
+    room = 0.06 * (high - low) or 1.0
+    return low - room, high + room
+
+
+def curve_chart(
+    x: Line,
+    lines: Sequence[tuple[str, Line, str]],
+    band: Line,
+    *,
+    x_label: str,
+    y_label: str,
+    joined: bool = True,
+    whole: bool = False,
+) -> Canvas | None:
+    """(name, values, colour) along x, the band about the first; None where no value is finite.
+
+    Categories are not `joined`: points with bars. Rows and classes are `whole` numbers.
+    """
+    first = lines[0][1]
+    if not any(np.isfinite(values).any() for _, values, _ in lines):
+        return None
+    canvas = Canvas(720, 290)
+    band = np.where(np.isfinite(band), band, 0)
+    edge = 0.5 if not joined else 0.0
+    across, up = _axes(
+        canvas,
+        (float(x.min()) - edge, float(x.max()) + edge),
+        _limits(first - band, first + band, *(values for _, values, _ in lines)),
+        x_label=x_label,
+        y_label=y_label,
+        whole=whole,
+    )
+    for run in _runs(np.isfinite(first)) if joined else []:
+        rim = [(across(x[k]), up(first[k] + band[k])) for k in run]
+        rim += [(across(x[k]), up(first[k] - band[k])) for k in run[::-1]]
+        canvas.area(rim, colour=lines[0][2], opacity=0.18)
+    for number, (_, values, colour) in enumerate(lines):
+        for run in _runs(np.isfinite(values)):
+            if joined and len(run) > 1:
+                canvas.line([(across(x[k]), up(values[k])) for k in run], colour=colour, width=2)
+            for k in run:
+                if not joined and number == 0:
+                    bar = [(across(x[k]), up(first[k] + sign * band[k])) for sign in (-1, 1)]
+                    canvas.line(bar, colour=colour)
+                if not joined or len(x) <= 40:
+                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=number == 0)
+    return canvas
+
+
+def interval_chart(values: Sequence[Interval], *, neutral: float, x_label: str, y_label: str) -> Canvas | None:
+    """One value with its interval at each place 0, 1, ...; the neutral value as a line."""
+    array = np.array([(v.value, v.low, v.high) for v in values], float).reshape(-1, 3)
+    if not np.isfinite(array[:, 0]).any():
+        return None
+    canvas = Canvas(720, 250)
+    finite = np.where(np.isfinite(array), array, array[:, :1])
+    spread = _limits(finite.ravel() - neutral)
+    across, up = _axes(
+        canvas,
+        (-0.7, len(array) - 0.3),
+        (spread[0] + neutral, spread[1] + neutral),
+        x_label=x_label,
+        y_label=y_label,
+        whole=True,
+    )
+    canvas.line([(across(-0.7), up(neutral)), (across(len(array) - 0.3), up(neutral))], colour=INK, width=0.75)
+    for k, (value, low, high) in enumerate(finite):
+        if math.isfinite(value):
+            canvas.line([(across(k), up(low)), (across(k), up(high))], colour=AFTER, width=1.4)
+            canvas.dot(across(k), up(value), colour=AFTER, radius=2.2)
+    return canvas

@@ -1,0 +1,145 @@
+"""A report's evidence: where the two disagree, residual maps and curves, the gap on unseen scenes, what moved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from jaxsim.discover.localise import CATEGORICAL
+from jaxsim.discover.result import CurveLine, Result
+from jaxsim.discover.verdict import Gap, Verdict, Where
+from jaxsim.report.canvas import AFTER, BEFORE
+from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
+from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
+from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
+
+
+def where(places: Sequence[Where]) -> str:
+    """Channels and the covariates on which their residuals depend."""
+    if not places:
+        return section(
+            "Where simulation and measurement disagree",
+            paragraph("No dependence of the residuals on any covariate was found, once the nuisances are fitted."),
+        )
+    rows = [[escape(w.channel), escape(w.covariate), probability(w.p_value), percent(w.share)] for w in places]
+    return section(
+        "Where simulation and measurement disagree",
+        paragraph(
+            "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
+            "counts for what it adds to those above it in its channel. Share: of the residual variance on held-out "
+            "scenes."
+        )
+        + table(["channel", "covariate", "p", "share"], rows, text=2),
+    )
+
+
+def maps(result: Result, draw: Draw) -> str:
+    """Residuals on the polar grid, before and after."""
+    parts = []
+    for channel, sides in CHANNELS.items():
+        before, after = result.maps_before.get(channel), result.maps_after.get(channel)
+        if before is None or after is None:
+            continue
+        shown = [("before", before), ("after", after)] if result.verdict.effects else [("residual", before)]
+        sizes = " → ".join(number(_rms(values)) for _, values in shown)
+        parts.append(
+            draw(
+                f"map_{file_name(channel)}",
+                residual_maps(shown, result.grid, unit=sides.unit),
+                f"{channel.capitalize()}. Red: {sides.more}; blue: {sides.less}; grey: nothing compared. Root mean "
+                f"square over cells: {sizes}.",
+            )
+        )
+    explain = paragraph(
+        "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
+        f"{SHARE_SHOWN}th percentile of its size."
+    )
+    return section("Residual maps on judge scenes", explain + "".join(parts)) if parts else ""
+
+
+def _rms(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
+    """Residuals along covariates, before and after."""
+    parts = []
+    for curve in lines:
+        axis = AXES.get(curve.covariate, Axis(curve.covariate))
+        pair = (("before", np.asarray(curve.before, float), BEFORE), ("after", np.asarray(curve.after, float), AFTER))
+        chart = curve_chart(
+            axis.shown(np.asarray(curve.x, float)),
+            pair,
+            np.asarray(curve.band, float),
+            x_label=axis.label,
+            y_label=CHANNELS[curve.channel].unit if curve.channel in CHANNELS else curve.unit,
+            joined=curve.covariate != "class",
+            whole=curve.covariate in CATEGORICAL,
+        )
+        caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
+        parts.append(draw(file_name("curve", curve.channel, curve.covariate), chart, caption))
+    if not parts:
+        return ""
+    legend = key(
+        [("before, with its 90 % band from the scatter between scenes", BEFORE, True), ("after", AFTER, False)]
+    )
+    intro = paragraph("Mean residual on judge scenes along the covariates by which the effect betrays itself.")
+    return section("Along the effect's own covariates", intro + legend + "".join(parts))
+
+
+def gap(verdict: Verdict) -> str:
+    """Distances by channel before and after, beside floor and placebo, and the closure."""
+    if not verdict.gap:
+        return ""
+    added = bool(verdict.effects)
+    rows = [
+        [
+            f"{escape(name)}<br><small>{escape(g.unit)}</small>",
+            number(g.before),
+            *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
+            number(g.floor),
+            *([number(g.placebo)] if added else []),
+        ]
+        for name, g in verdict.gap.items()
+    ]
+    more = ["after", "before − after, 90 %", "scenes better"] if added else []
+    head = ["channel", "before", *more, "floor", *(["placebo"] if added else [])]
+    words = (
+        "Distance between simulation and measurement on scenes that nothing was fitted to; a scene counts once. "
+        "Floor: what a free additive model of all covariates reaches with the same data."
+    )
+    if added:
+        words += " Placebo: with the runner-up added instead. Intervals: paired bootstrap over scenes."
+    closure = ""
+    if verdict.closure:
+        c = verdict.closure
+        closure = paragraph(
+            f"Closure, (before − after) / (before − floor) over the channels that the named effects change: "
+            f"{percent(c.value)} (90 % interval {percent(c.low)} to {percent(c.high)})."
+        )
+    return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + closure)
+
+
+def _change(gap: Gap) -> str:
+    """The interval of a channel's change, and what it says."""
+    if not (np.isfinite(gap.low) and np.isfinite(gap.high)):
+        return "not compared"
+    word = "shrank" if gap.low > 0 else "grew" if gap.high < 0 else "no clear change"
+    return f"{number(gap.low)} to {number(gap.high)}<br><small>{word}</small>"
+
+
+def moved(verdict: Verdict) -> str:
+    """Nuisances without the effects and with them."""
+    if not verdict.moved or not verdict.effects:
+        return ""
+    rows = [
+        [escape(NUISANCES.get(name, (name, ""))[0]), nuisance(name, before), nuisance(name, after)]
+        for name, (before, after) in verdict.moved.items()
+    ]
+    words = "Noise scales and rates of the null model, fitted without the effects and again with them."
+    return section(
+        "What moved when the effects were added", paragraph(words) + table(["", "before", "after"], rows, text=1)
+    )

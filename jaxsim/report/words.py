@@ -1,0 +1,163 @@
+"""A verdict in words: the sentence that says it, and how its numbers and names are written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.verdict import Interval, Unexplained, Verdict
+from jaxsim.effects import EFFECTS
+
+Line = Float[np.ndarray, " k"]
+
+
+class Sides(NamedTuple):
+    """What the two signs of a channel's residual mean."""
+
+    unit: str
+    more: str
+    less: str
+
+
+CHANNELS = {
+    "intensity": Sides("ln I, nats", "measured brighter than simulated", "measured darker"),
+    "range": Sides("range, m", "measured farther than simulated", "measured nearer"),
+    "drop": Sides("share of rays", "more rays lost than expected", "fewer lost"),
+}
+"""Of residuals, measured minus simulated."""
+
+
+def _same(x: Line) -> Line:
+    return x
+
+
+class Axis(NamedTuple):
+    """How a covariate's values are shown."""
+
+    label: str
+    shown: Callable[[Line], Line] = _same
+    """From the values that residuals are compared along to those on the axis."""
+    x: str = ""
+    """What a formula's x is, if not what the axis shows."""
+
+
+AXES = {
+    "range": Axis("range, m", np.exp, "the natural logarithm of the range in m"),
+    "incidence": Axis("incidence angle, °", np.rad2deg, "the incidence angle in rad"),
+    "row": Axis("row (0 = top beam)"),
+    "column": Axis("column (0 = leftmost)"),
+    "azimuth": Axis("azimuth, ° (grows to the left)", np.rad2deg, "the azimuth in rad"),
+    "class": Axis("Cityscapes id"),
+    "power": Axis("simulated ln P, nats"),
+    "intensity": Axis("simulated ln I, nats"),
+    "step": Axis("depth step to the side, ln(1 + |step| / 0.3 m) with its sign"),
+    "time": Axis("place within the scan, 0..1"),
+    "frame": Axis("time since the first frame, s"),
+    "speed": Axis("speed, m/s"),
+    "heading": Axis("direction in the world, °", np.rad2deg, "the direction in the world in rad"),
+    "rgb": Axis("brightness of the camera pixel, 0..1"),
+}
+"""Of the covariates of jaxsim.discover.localise."""
+
+NUISANCES = {
+    "intensity": ("spread of ln I that nothing explains", "nats"),
+    "normals": ("noise on the simulator's normals", "rad"),
+    "range_": ("spread of the range that nothing explains", "m"),
+    "aim": ("angle by which beams miss their direction", "rad"),
+    "wide": ("ranges far off, on smooth surfaces", ""),
+    "wide_edge": ("ranges far off, at edges", ""),
+    "switch_edge": ("edges where a neighbour's range is read", ""),
+    "drop": ("rays lost, on smooth surfaces", ""),
+    "drop_edge": ("rays lost, at edges", ""),
+    "false": ("returns where the simulated ray hits nothing", ""),
+    "false_edge": ("the same, beside a surface", ""),
+}
+"""Meaning and unit of jaxsim.discover.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
+
+
+def nuisance(name: str, value: float) -> str:
+    """A noise scale with its unit, or a rate as a share."""
+    if name not in NUISANCES:
+        return number(value)
+    unit = NUISANCES[name][1]
+    return f"{number(math.exp(value))} {unit}" if unit else f"{number(100 / (1 + math.exp(-value)))} %"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Three significant digits with a true minus sign; a dash where there is no value."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0 or 1e-4 <= abs(value) < 1e5:
+        places = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        text = f"{value:.{places}f}"
+    else:
+        text = f"{value:.{digits - 1}e}"
+    return text.replace("-", "−")
+
+
+def probability(p: float) -> str:
+    if not math.isfinite(p):
+        return "–"
+    return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+
+
+def span(interval: Interval) -> str:
+    """`low to high`."""
+    return f"{number(interval.low)} to {number(interval.high)}"
+
+
+def percent(value: float) -> str:
+    return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def listed(names: Sequence[str], join: str = "and") -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {join} {names[-1]}"
+
+
+def title_of(name: str) -> str:
+    """What the catalogue calls an effect; empty for one that it does not hold."""
+    return EFFECTS[name].title if name in EFFECTS else ""
+
+
+def verdict_sentence(verdict: Verdict) -> str:
+    """The answer in one plain sentence, or two where the data leave a choice."""
+    named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
+    found = f"The simulation lacks {listed(named)}" if named else ""
+    if verdict.verdict == "named":
+        return found + _closed(verdict) + "." + _choice(verdict)
+    if verdict.verdict == "not_in_catalogue":
+        rest = f": {_shape(verdict.unexplained)}" if verdict.unexplained else ""
+        head = f"{found}, and something else" if found else "The simulation lacks something"
+        return f"{head} that is not in the catalogue{rest}." + _choice(verdict)
+    return (
+        "No missing effect was found: nothing in the catalogue explains held-out scenes better than the null model "
+        f"by enough to be named, with {len(verdict.find)} scenes to find it in."
+    )
+
+
+def _closed(verdict: Verdict) -> str:
+    if verdict.closure is None:
+        return ""
+    c, count = verdict.closure, len(verdict.judge)
+    return (
+        f"; adding it closes {percent(c.value)} of the explainable gap (90 % interval {percent(c.low)} to "
+        f"{percent(c.high)}) on {count} scenes that nothing was fitted to"
+    ).replace("adding it", "adding them" if len(verdict.effects) > 1 else "adding it")
+
+
+def _choice(verdict: Verdict) -> str:
+    """Look-alikes, if the data leave any."""
+    parts = [f"{e.name} from {listed(e.look_alikes, 'or')}" for e in verdict.effects if e.look_alikes]
+    return f" These data cannot tell {listed(parts, 'nor')}." if parts else ""
+
+
+def _shape(u: Unexplained | None) -> str:
+    if u is None:
+        return ""
+    kind = "a dependence" if u.character == "other" else f"a {u.character} dependence"
+    return f"{kind} of {u.channel} on {u.covariate}"

@@ -1,0 +1,140 @@
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.discover.result import Result
+from jaxsim.discover.verdict import Interval
+from jaxsim.frame import PolarGrid
+from jaxsim.report import verdict_sentence, write_report
+from jaxsim.report.charts import azimuth_ticks, diverging, residual_maps, ticks
+from jaxsim.report.words import number, probability
+from tests.report import results
+
+
+def page(folder: Path, result: Result) -> str:
+    return write_report(folder, result).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("make", [results.named, results.none, results.not_in_catalogue])
+def test_the_page_says_the_answer_and_loads_nothing_from_elsewhere(tmp_path: Path, make):
+    result = make()
+    text = page(tmp_path, result)
+    assert verdict_sentence(result.verdict) in unescape(text)
+    assert "http" not in text
+    assert "<script" not in text
+    assert "<link" not in text
+    assert text.count("href=") == text.count('href="data:image/png;base64,')
+    assert "nan" not in text.replace("nanometre", "")
+
+
+def test_every_chart_of_the_page_is_a_figure_too(tmp_path: Path):
+    text = page(tmp_path, results.named())
+    figures = sorted(path.stem for path in (tmp_path / "figures").glob("*.png"))
+    assert figures == ["curve_intensity_row", "map_drop", "map_intensity", "map_range", "parameter_beam_gain_gain"]
+    assert text.count("<figure>") == len(figures)
+    for path in (tmp_path / "figures").iterdir():
+        assert cv2.imread(str(path)).std() > 5
+
+
+def test_figures_of_an_earlier_answer_do_not_stay_and_other_files_do(tmp_path: Path):
+    page(tmp_path, results.named())
+    (tmp_path / "figures" / "mine.png").write_bytes(b"mine")
+    page(tmp_path, results.not_in_catalogue())
+    names = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert "curve_intensity_row.png" not in names
+    assert {"mine.png", "unexplained_intensity_range.png"} <= names
+
+
+def test_names_are_escaped(tmp_path: Path):
+    text = page(tmp_path, results.named())
+    assert "drive &lt;b&gt;3&lt;/b&gt; &amp; Co" in text
+    assert "<b>3</b>" not in text
+
+
+def test_the_page_tells_the_look_alike_and_what_would_separate_it(tmp_path: Path):
+    text = page(tmp_path, results.named())
+    assert "focal_compensation" in text
+    assert "follow one beam over range" in text
+    assert "Runner-up, look-alikes left out: range_falloff" in text
+
+
+def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_path: Path):
+    result = results.named()
+    nothing = np.full((results.ROWS, results.COLUMNS), np.nan)
+    gap = dict(result.verdict.gap)
+    gap["drop"] = replace(gap["drop"], before=np.nan, after=np.nan, low=np.nan, high=np.nan, win_rate=np.nan)
+    result = replace(
+        result,
+        verdict=replace(result.verdict, gap=gap),
+        maps_before=result.maps_before | {"drop": nothing},
+        maps_after=result.maps_after | {"drop": nothing},
+    )
+    text = page(tmp_path, result)
+    assert "no ray could be compared" in text
+    assert "not compared" in text
+    assert "nan" not in text
+
+
+def test_effects_and_covariates_that_the_catalogue_does_not_know_are_drawn_all_the_same(tmp_path: Path):
+    result = results.named()
+    strange = replace(result.verdict.effects[0], name="new_effect", parameters={"a b": (Interval(1.0, 0.5, 1.5, ""),)})
+    curve = replace(result.curves[0], covariate="moon phase")
+    result = replace(result, verdict=replace(result.verdict, effects=(strange,)), curves=(curve,))
+    assert "moon phase" in page(tmp_path, result)
+    assert (tmp_path / "figures" / "parameter_new_effect_a-b.png").is_file()
+
+
+def test_sentences():
+    named = verdict_sentence(results.named().verdict)
+    assert named.startswith("The simulation lacks beam_gain (each beam has its own gain) and range_scale")
+    assert "closes 93 % of the explainable gap (90 % interval 88 % to 97 %) on 2 scenes" in named
+    assert named.endswith("These data cannot tell beam_gain from focal_compensation.")
+    assert verdict_sentence(results.none().verdict).startswith("No missing effect was found")
+    outside = verdict_sentence(results.not_in_catalogue().verdict)
+    assert outside == (
+        "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
+    )
+
+
+def test_before_and_after_share_one_colour_scale():
+    weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
+    chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
+    assert chart is not None
+    pictures = [stroke.rgb for stroke in chart.strokes if hasattr(stroke, "rgb")]
+    assert (pictures[0] == diverging(strong, 0.4)).all()
+    assert (pictures[1] == diverging(weak, 0.4)).all()
+
+
+def test_colours_are_white_at_zero_and_grey_where_nothing_is_known():
+    rgb = diverging(np.array([[-1.0, 0.0, 1.0, np.nan]]), 1.0)[0]
+    assert rgb[0, 2] > rgb[0, 0]
+    assert rgb[2, 0] > rgb[2, 2]
+    assert (rgb[1] == 250).all()
+    assert (rgb[3] == 176).all()
+
+
+def test_azimuth_is_written_where_its_column_is():
+    azimuth = np.deg2rad(np.arange(39.5, -40, -1.0))
+    places = {text: place for place, text in azimuth_ticks(PolarGrid(azimuth, np.zeros(1), np.zeros(1)))}
+    assert places["0"] == pytest.approx(0.5)
+    assert places["20"] == pytest.approx(0.25)
+    assert places["−20"] == pytest.approx(0.75)
+
+
+def test_ticks_are_round_and_whole_where_they_count_things():
+    assert ticks(-0.23, 0.23) == [-0.2, -0.1, 0.0, 0.1, 0.2]
+    assert all(value == int(value) for value in ticks(0, 15, 7, whole=True))
+    assert ticks(3.0, 3.0) == [3.0]
+
+
+def test_numbers_are_short_and_honest():
+    assert number(0.0) == "0"
+    assert number(-0.12345) == "−0.123"
+    assert number(211.4) == "211"
+    assert number(float("nan")) == "–"
+    assert number(3e-6) == "3.00e−06"
+    assert probability(1e-5) == "< 0.0001"
