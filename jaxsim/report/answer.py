@@ -106,7 +106,7 @@ def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> str:
             f"<b><code>{escape(r.name)}</code></b>" if r.name in named else f"<code>{escape(r.name)}</code>",
             bar_cell(r.gain / reach, r.bar / reach, strong=r.name in named),
             number(r.gain),
-            probability(r.p_value),
+            escape(probability(r.p_value)),
             escape(r.why_not) or "named",
         ]
         for r in ranks

@@ -15,24 +15,33 @@ from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
 from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
 
+WEAK = 0.05
+"""Dependences of a larger p are shown in grey."""
+
 
 def where(places: Sequence[Where]) -> str:
-    """Channels and the covariates on which their residuals depend."""
+    """Channels and the covariates on which their residuals depend; what chance explains is grey."""
+    title = "Where simulation and measurement disagree"
     if not places:
-        return section(
-            "Where simulation and measurement disagree",
-            paragraph("No dependence of the residuals on any covariate was found, once the nuisances are fitted."),
-        )
-    rows = [[escape(w.channel), escape(w.covariate), probability(w.p_value), percent(w.share)] for w in places]
-    return section(
-        "Where simulation and measurement disagree",
-        paragraph(
-            "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
-            "counts for what it adds to those above it in its channel. Share: of the residual variance on held-out "
-            "scenes."
-        )
-        + table(["channel", "covariate", "p", "share"], rows, text=2),
+        text = "No dependence of the residuals on any covariate was found, once the nuisances are fitted."
+        return section(title, paragraph(text))
+    rows = [_place(place) for place in places]
+    words = (
+        "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
+        "counts for what it adds to those above it in its channel. Share: of the residual variance on held-out scenes. "
     )
+    if any(place.p_value > WEAK for place in places):
+        words += f"Grey: p above {WEAK}, as chance alone would give."
+    return section(title, paragraph(words) + table(["channel", "covariate", "p", "share"], rows, text=2))
+
+
+def _place(place: Where) -> list[str]:
+    cells = [*map(escape, (place.channel, place.covariate, probability(place.p_value), _share(place.share)))]
+    return [f'<span class="weak">{cell}</span>' for cell in cells] if place.p_value > WEAK else cells
+
+
+def _share(share: float) -> str:
+    return "< 1 %" if 0 < share < 0.005 else percent(share)
 
 
 def maps(result: Result, draw: Draw) -> str:
@@ -109,7 +118,7 @@ def gap(verdict: Verdict) -> str:
     head = ["channel", "before", *more, "floor", *(["placebo"] if added else [])]
     words = (
         "Distance between simulation and measurement on scenes that nothing was fitted to; a scene counts once. "
-        "Floor: what a free additive model of all covariates reaches with the same data."
+        "Floor: what a free additive model reaches with the same data."
     )
     if added:
         words += " Placebo: with the runner-up added instead. Intervals: paired bootstrap over scenes."

@@ -62,6 +62,15 @@ def test_the_page_tells_the_look_alike_and_what_would_separate_it(tmp_path: Path
     assert "Runner-up, look-alikes left out: range_falloff" in text
 
 
+def test_a_dependence_that_chance_explains_is_grey(tmp_path: Path):
+    result = results.named()
+    places = (*result.verdict.where, replace(result.verdict.where[0], covariate="rgb", p_value=0.3, share=0.001))
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, where=places)))
+    assert '<span class="weak">rgb</span>' in text
+    assert '<span class="weak">row</span>' not in text
+    assert "&lt; 1 %" in text
+
+
 def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_path: Path):
     result = results.named()
     nothing = np.full((results.ROWS, results.COLUMNS), np.nan)
