@@ -69,6 +69,7 @@ class Evidence:
     units: int = struct.field(pytree_node=False, default=0)
 
 
+BEND = 0.03
 PLANAR = 0.01
 """Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
 
@@ -89,13 +90,15 @@ def bends(rays: Rays, elevation_rad: Float[Array, " r"]) -> tuple[Float[Array, "
 def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     """Rays whose neighbours do not continue their surface, or lie beside the sky.
 
-    To the sides a step of 0.3 m and 5 % of the range counts; above and below, a bend of 10 %.
+    To the sides a step of 0.3 m and 5 % of the range counts; a bend (`bends`) of 3 % counts all round.
     """
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
     side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
+    sides, stack = bends(rays, elevation_rad)
     last = elevation_rad.shape[0] - 1
-    bent = bends(rays, elevation_rad)[1] > jnp.where((rays.row == 0) | (rays.row == last), 0.2, 0.1)
+    # The border repeats the ray itself: half of the step to its one neighbour is left.
+    bent = (sides > BEND) | (stack > jnp.where((rays.row == 0) | (rays.row == last), 0.2, BEND))
     return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))
 
 
@@ -110,7 +113,7 @@ def pose_derivatives(scan: Scan) -> Float[Array, "f r c 6"]:
     ray = jnp.broadcast_to(directions(grid), normal.shape)
     slant = jnp.sum(normal * ray, axis=-1)
     known = known & (jnp.abs(slant) > LEAST_SLANT)
-    scale = jnp.where(known, -1 / jnp.where(known, slant, 1), 0)[..., None]
+    scale = jnp.where(known, -1 / jnp.where(known, slant, 1.0), 0.0)[..., None]
     # Rotating the sensor by w moves the direction by w x d: n.(w x d) = w.(d x n).
     turn = jnp.cross(ray, normal) * scan.range_m[..., None]
     return jnp.concatenate([normal * scale, turn * scale], axis=-1)
@@ -158,7 +161,7 @@ def _gather(
     compared = rays.hit & returned & near & ~edge & moderate
     smooth = rays.hit & ~edge
     steep = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
-    one_hot = [(rays.semantic == c) for c in classes]
+    one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
     ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
     disagree = jnp.where(known, jnp.clip(ours, -1.5, 1.5), 0)
     ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.likelihood import CHANNELS, SEEN, TAKEN, value_and_slopes
-from jaxsim.discover.nuisance import Noise, Weights
+from jaxsim.discover.nuisance import MOST, Noise, Weights
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
@@ -114,7 +114,7 @@ class Objective:
         self.own = len(self.first) - len(jax.tree.leaves(level))
         sd, low, high = _prior(effect, self.rows)
         self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
-        self.bounds = [*zip(low, high, strict=True), *[(None, None)] * (len(self.first) - self.own)]
+        self.bounds = [*zip(low, high, strict=True), *[(None, MOST.get(name)) for name in level.__dataclass_fields__]]
         self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
 
     def start(self, values: dict[str, Any]) -> np.ndarray:

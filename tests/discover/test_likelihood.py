@@ -1,0 +1,77 @@
+"""Densities hold their probability: what a ray can do sums to one."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.discover.likelihood import intensity_terms, log_likelihood, return_terms
+from jaxsim.discover.nuisance import START, weights
+
+
+BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
+"""Ranges so noisy that sums over steps of 0.1 m are integrals."""
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"log_keep": -0.7},
+        {"between": 0.4, "between_m": 30.0},
+        {"ghost": 0.2, "ghost_m": 5.0},
+        {"clutter": 0.3, "clutter_power": -2.0, "clutter_scale_m": 15.0, "clutter_from_m": 1.5},
+    ],
+    ids=lambda change: next(iter(change), "plain"),
+)
+def test_no_return_and_all_ranges_together_have_probability_one(evidence, change):
+    rays = replace(evidence.rays, **{k: jnp.full(evidence.edge.shape, v, jnp.float32) for k, v in change.items()})
+    w = weights(evidence, START, jnp.zeros(evidence.edge.shape), jnp.zeros(evidence.edge.shape))
+    # Weights of 0: no pose is fitted to the ranges that are swept here.
+    w = w.replace(range_=w.range_ * 0)
+    at = np.concatenate([np.arange(0.05, 40, 0.1), np.arange(40, 400, 2.0)])
+    mass = np.zeros(evidence.edge.shape)
+    step = np.gradient(at)
+    for r, width in zip(at, step, strict=True):
+        one = replace(
+            evidence, range_m=jnp.full(evidence.edge.shape, r, jnp.float32), returned=evidence.returned | True
+        )
+        lost, seen = _terms(rays, one, w)
+        mass += np.exp(np.asarray(seen, np.float64)) * width
+    total = mass + np.exp(np.asarray(lost, np.float64))
+    plain = np.asarray(evidence.rays.hit & ~evidence.edge)
+    assert np.quantile(np.abs(total[plain] - 1), 0.95) < 0.03
+
+
+def _terms(rays, ev, w):
+    global _compiled
+    import jax
+
+    if _compiled is None:
+        _compiled = jax.jit(lambda rays, ev, w: return_terms(rays, ev, BROAD, w, clutter=True))
+    return _compiled(rays, ev, w)
+
+
+_compiled = None
+
+
+def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_free(evidence):
+    zero = jnp.zeros(evidence.edge.shape)
+    w, fitted = weights(evidence, START, zero, zero), jnp.ones(6)
+    base = intensity_terms(evidence.rays, evidence, START, w, fitted).sum()
+    brighter = replace(evidence.rays, log_intensity=evidence.rays.log_intensity + 0.5)
+    assert float(intensity_terms(brighter, evidence, START, w, fitted).sum()) == pytest.approx(float(base), abs=0.5)
+    striped = replace(
+        evidence.rays,
+        log_intensity=evidence.rays.log_intensity + 0.5 * jnp.where(evidence.rays.row % 2 == 0, 1.0, -1.0),
+    )
+    assert float(intensity_terms(striped, evidence, START, w, fitted).sum()) < float(base) - 50
+
+
+def test_channels_that_are_not_asked_for_are_zero(evidence):
+    zero = jnp.zeros(evidence.edge.shape)
+    w = weights(evidence, START, zero, zero)
+    found = np.asarray(log_likelihood(evidence.rays, evidence, START, w, jnp.ones(6), channels=("intensity",)))
+    assert (found[:, 1:] == 0).all()
+    assert (found[:, 0] != 0).all()

@@ -1,0 +1,65 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.localise import curve_basis, localise, p_value
+
+
+def rays(rng, shape):
+    r = SimpleNamespace(
+        range_m=rng.uniform(3, 60, shape),
+        incidence_rad=rng.uniform(0, 1.4, shape),
+        row=rng.integers(0, 16, shape),
+        azimuth_rad=rng.uniform(-3, 3, shape),
+        semantic=rng.choice([7, 11, 26], shape),
+        log_power=rng.normal(-2, 1, shape),
+        log_intensity=rng.normal(-2, 0.5, shape),
+        beside_m=rng.uniform(3, 60, (*shape, 4)),
+        time_s=np.broadcast_to(np.arange(shape[0])[:, None, None] * 10.0, shape),
+        phase=rng.uniform(0, 1, shape),
+        speed_mps=np.broadcast_to(np.arange(shape[0])[:, None, None] * 1.0, shape),
+        heading_rad=np.broadcast_to(np.arange(shape[0])[:, None, None] * 0.6, shape),
+        rgb=rng.uniform(0, 1, (*shape, 3)),
+    )
+    return r
+
+
+@pytest.mark.parametrize("name", ["range", "incidence", "row", "class"])
+def test_the_covariate_that_the_residuals_depend_on_comes_first(name):
+    rng = np.random.default_rng(0)
+    shape = (10, 12, 16)
+    r = rays(rng, shape)
+    value = {"range": np.log(r.range_m), "incidence": r.incidence_rad, "row": (r.row % 5), "class": (r.semantic == 26)}
+    z = rng.normal(0, 1, shape) + 0.5 * np.asarray(value[name], float)
+    places = localise(r, {"intensity": (z - z.mean(), np.ones(shape, bool))}, np.arange(10))
+    assert places[0].covariate == name
+    assert places[0].p_value < 0.05
+
+
+def test_noise_alone_depends_on_nothing():
+    rng = np.random.default_rng(4)
+    shape = (10, 12, 16)
+    z = rng.normal(0, 1, shape)
+    places = localise(rays(rng, shape), {"range": (z, np.ones(shape, bool))}, np.arange(10))
+    assert all(place.p_value > 0.01 for place in places)
+
+
+def test_what_a_stronger_covariate_explains_is_not_counted_again():
+    rng = np.random.default_rng(5)
+    shape = (12, 12, 16)
+    r = rays(rng, shape)
+    r.log_power = np.log(r.range_m) + rng.normal(0, 0.3, shape)
+    z = 0.8 * (np.log(r.range_m) - 3) + rng.normal(0, 1, shape)
+    places = {p.covariate: p for p in localise(r, {"intensity": (z, np.ones(shape, bool))}, np.arange(12))}
+    assert places["range"].gain > 10 * (places["power"].gain if "power" in places else 0)
+
+
+def test_sign_flips_give_the_exact_probability_of_agreeing_units():
+    assert p_value(np.ones(10)) == pytest.approx(1 / 1024)
+    assert p_value(np.zeros(10)) == 1
+
+
+def test_hat_functions_sum_to_one():
+    basis = curve_basis(np.random.default_rng(6).normal(size=300), "range")
+    np.testing.assert_allclose(basis.sum(1), 1, atol=1e-6)

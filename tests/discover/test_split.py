@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from jaxsim.discover.columns import GUARD_COLUMNS, SECTORS, blocks
+from jaxsim.discover.split import folds, split
+
+NAMES = [f"drive {k}" for k in range(16)]
+
+
+def test_a_third_of_the_scenes_is_kept_for_judging_and_none_serves_twice():
+    parts = split(NAMES)
+    assert len(parts.judge) == 5
+    assert sorted([*parts.find, *parts.judge]) == sorted(NAMES)
+
+
+def test_the_same_scenes_always_divide_alike():
+    assert split(NAMES) == split(NAMES[::-1])
+
+
+def test_the_hash_changes_with_the_division():
+    assert split(NAMES).sha256 != split(NAMES[:-1]).sha256
+
+
+def test_too_few_scenes_are_an_error_that_says_how_many_are_needed():
+    with pytest.raises(ValueError, match=r"5 independent scenes; a verdict needs 6"):
+        split(NAMES[:5])
+
+
+def test_frames_of_a_scene_are_fitted_or_held_out_together():
+    unit = np.repeat(np.arange(7), 3)
+    for fitted in folds(unit, 3):
+        for u in range(7):
+            assert len(set(fitted[unit == u])) == 1
+    assert (folds(unit, 3) == 0).sum(0).tolist() == [1] * 21
+
+
+def test_a_single_scan_is_cut_into_sectors_with_gaps_between():
+    cut = blocks(["drive"], 64, 1024)
+    assert len(set(cut.unit)) == SECTORS
+    for left, right in zip(cut.column, cut.column[1:], strict=False):
+        assert right.min() - left.max() > GUARD_COLUMNS
+
+
+def test_a_narrow_single_scan_is_an_error():
+    with pytest.raises(ValueError, match="too narrow"):
+        blocks(["drive"], 64, 120)
