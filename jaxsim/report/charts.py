@@ -23,7 +23,7 @@ ANCHORS = np.array(
 NOTHING = (176, 176, 176)
 MAP_WIDTH = 400
 SHARE_SHOWN = 98
-"""Percentile of the residuals' size that the colours reach; stronger ones keep the last colour."""
+"""Percentile of the residuals' size that the colours reach, if their root mean square does not reach farther."""
 
 
 def diverging(value: Map, limit: float) -> Rgb:
@@ -66,7 +66,9 @@ def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str
         for place, text in azimuth_ticks(grid):
             x = left + place * MAP_WIDTH
             canvas.line([(x, top + height), (x, top + height + 4)], colour=FAINT)
-            canvas.text(x, top + height + 17, text, anchor="middle", size=11, colour=FAINT)
+            # Labels at the rim stay inside it: the next map's begin there.
+            anchor = "start" if place < 0.03 else "end" if place > 0.97 else "middle"
+            canvas.text(x, top + height + 17, text, anchor=anchor, size=11, colour=FAINT)
         canvas.text(left + MAP_WIDTH / 2, top + height + 34, "azimuth, °", anchor="middle", size=11, colour=FAINT)
         for row in ticks(0, rows - 1, 4, whole=True):
             y = top + (row + 0.5) / rows * height
@@ -82,7 +84,10 @@ def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str
 def colour_limit(maps: Sequence[Map]) -> float | None:
     """The residual at which the colours end; None where no map has a value."""
     known = np.abs(np.concatenate([values[np.isfinite(values)] for values in maps]))
-    return (float(np.percentile(known, SHARE_SHOWN)) or 1.0) if known.size else None
+    if not known.size:
+        return None
+    # Few strong cells on a quiet map (lost rays) would saturate a scale that the many quiet ones set.
+    return float(max(np.percentile(known, SHARE_SHOWN), np.sqrt(np.mean(known**2)))) or 1.0
 
 
 def azimuth_ticks(grid: PolarGrid) -> list[tuple[float, str]]:

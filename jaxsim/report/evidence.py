@@ -19,6 +19,10 @@ WEAK = 0.05
 """Dependences of a larger p are shown in grey."""
 
 
+SMALL = 0.005
+"""A change below this share of the distance is none that matters, however sure its sign."""
+
+
 def where(places: Sequence[Where]) -> str:
     """Channels and the covariates on which their residuals depend; what chance explains is grey."""
     title = "Where simulation and measurement disagree"
@@ -63,7 +67,7 @@ def maps(result: Result, draw: Draw) -> str:
         )
     explain = paragraph(
         "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
-        f"{SHARE_SHOWN}th percentile of its size."
+        f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
     return section("Residual maps on judge scenes", explain + "".join(parts)) if parts else ""
 
@@ -136,7 +140,8 @@ def _change(gap: Gap) -> str:
     """The interval of a channel's change, and what it says."""
     if not (np.isfinite(gap.low) and np.isfinite(gap.high)):
         return "not compared"
-    word = "shrank" if gap.low > 0 else "grew" if gap.high < 0 else "no clear change"
+    small = max(abs(gap.low), abs(gap.high)) < SMALL * gap.before
+    word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else "no clear change"
     return f"{number(gap.low)} to {number(gap.high)}<br><small>{word}</small>"
 
 

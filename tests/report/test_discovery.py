@@ -10,7 +10,7 @@ from jaxsim.discover.result import Result
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.report.charts import azimuth_ticks, diverging, residual_maps, ticks
+from jaxsim.report.charts import azimuth_ticks, colour_limit, diverging, residual_maps, ticks
 from jaxsim.report.words import number, probability
 from tests.report import results
 
@@ -116,6 +116,23 @@ def test_before_and_after_share_one_colour_scale():
     pictures = [stroke.rgb for stroke in chart.strokes if hasattr(stroke, "rgb")]
     assert (pictures[0] == diverging(strong, 0.4)).all()
     assert (pictures[1] == diverging(weak, 0.4)).all()
+
+
+def test_few_strong_cells_do_not_let_a_quiet_map_look_loud():
+    quiet = np.full((20, 50), -0.003)
+    quiet[3, :3] = 1.0
+    limit = colour_limit([quiet])
+    assert limit == pytest.approx(np.sqrt(np.mean(quiet**2)))
+    assert diverging(quiet, limit)[0, 0].min() > 225
+
+
+def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
+    result = results.named()
+    gap = dict(result.verdict.gap)
+    gap["range"] = replace(gap["range"], low=-2e-7, high=-4e-8)
+    gap["drop"] = replace(gap["drop"], low=-0.02, high=-0.01)
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
+    assert [text.count(f"<small>{word}</small>") for word in ("shrank", "unchanged", "grew")] == [1, 1, 1]
 
 
 def test_colours_are_white_at_zero_and_grey_where_nothing_is_known():
