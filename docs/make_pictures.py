@@ -48,9 +48,9 @@ def synthetic() -> None:
     """A validation frame: inputs, prediction, measurement; and the simulated cloud beside the measured one."""
     sensor = jaxsim.load(RUN)
     world = open_dataset(sensor.run.experiment.data)
-    pair, grid = prepare_frame(world[1280], world.spec, sensor.run.experiment.prepare)
+    pair, grid = prepare_frame(world[1920], world.spec, sensor.run.experiment.prepare)
     predicted = np.asarray(make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair))
-    save_picture(PICTURES / "synthetic.png", shrunk(pair_picture(pair, predicted, title=world.name_of(1280)), 1116))
+    save_picture(PICTURES / "synthetic.png", shrunk(pair_picture(pair, predicted, title=world.name_of(1920)), 1116))
 
     def view(cloud: Cloud, title: str) -> np.ndarray:
         points = points_of(cloud)

@@ -153,5 +153,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(one) for one in value]
     if isinstance(value, (np.floating, float)):
-        return float(f"{float(value):.6g}")
+        return float(f"{float(value):.6g}") if np.isfinite(value) else None
     return value.item() if isinstance(value, np.generic) else value

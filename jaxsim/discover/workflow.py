@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from jaxsim.discover.split import Split, split
 from jaxsim.discover.survey import Candidate, clipped
 from jaxsim.discover.unexplained import describe, free_curves
 from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
-from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
 BETTER = 1.3
@@ -37,19 +37,28 @@ BETTER = 1.3
 SURELY = 10.0
 """... and so many nats more."""
 
+CHANCE = 0.05
+"""Dependences that chance explains more often than this are not reported."""
+
 Say = Callable[[str], None]
 
 
-def discover_folders(simulated: Path, measured: Path, *, say: Say = lambda line: None) -> Result:
+def discover_folders(
+    simulated: Path, measured: Path, *, effects: Iterable[str] = tuple(EFFECTS), say: Say = lambda line: None
+) -> Result:
     """`discover` on two folders of polar frames (docs/polar-frames.md)."""
-    return discover(read_comparison(simulated, measured), say=say)
+    return discover(read_comparison(simulated, measured), effects=effects, say=say)
 
 
-def discover(comparison: Comparison, *, say: Say = lambda line: None) -> Result:
+def discover(
+    comparison: Comparison, *, effects: Iterable[str] = tuple(EFFECTS), say: Say = lambda line: None
+) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
 
-    Raises ValueError where the scenes are too few to decide anything.
+    `effects` are the candidates, by default the whole catalogue. Raises ValueError where the scenes are too few to
+    decide anything, and for unknown effects.
     """
+    catalogue = [get_effect(name) for name in effects]
     begun = time.monotonic()
     scan = jax.tree.map(jnp.asarray, comparison.scan)
     measured = jax.tree.map(jnp.asarray, comparison.measured)
@@ -70,14 +79,14 @@ def discover(comparison: Comparison, *, say: Say = lambda line: None) -> Result:
     places = _places(null, everyone, unit)
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
-    say(f"fitting {len(EFFECTS)} effects")
-    choice = choose(null, EFFECTS.values(), say=say)
+    say(f"fitting {len(catalogue)} effects")
+    choice = choose(null, catalogue, say=say)
     answer, choice, unexplained = _not_in_catalogue(null, choice, places, everyone, unit)
 
     # Add: every effect fitted again with the others in place.
     say("fitting what was named together")
-    effects = [step.chosen.effect for step in choice.steps]
-    fitted = refit(null, effects, [step.fitted.z for step in choice.steps], everyone)
+    added = [step.chosen.effect for step in choice.steps]
+    fitted = refit(null, added, [step.fitted.z for step in choice.steps], everyone)
     parameters = [intervals(effect, problem, found) for effect, problem, found in fitted]
     sensor = SensorModel(tuple((e.name, _plain(e, found.z)) for e, _, found in fitted))
 
@@ -88,7 +97,11 @@ def discover(comparison: Comparison, *, say: Say = lambda line: None) -> Result:
     verdict = Verdict(
         verdict=answer,
         effects=tuple(_named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
-        where=tuple(Where(p.channel, NAMED.get(p.covariate, p.covariate), p.p_value, p.share) for p in places[:8]),
+        where=tuple(
+            Where(p.channel, NAMED.get(p.covariate, p.covariate), p.p_value, p.share)
+            for p in places[:8]
+            if p.p_value <= CHANCE
+        ),
         unexplained=unexplained,
         gap=shown["gap"],
         closure=shown["closure"],

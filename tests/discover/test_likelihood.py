@@ -9,7 +9,6 @@ import pytest
 from jaxsim.discover.likelihood import intensity_terms, log_likelihood, return_terms
 from jaxsim.discover.nuisance import START, weights
 
-
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
 """Ranges so noisy that sums over steps of 0.1 m are integrals."""
 

@@ -1,0 +1,81 @@
+"""The whole method on drives of the independent generator, small: it names what is hidden and nothing else."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxsim.discover import discover_folders
+from jaxsim.effects import EFFECTS
+from jaxsim.effects.chain import SensorModel
+from tests.hidden import make_case, score
+
+FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
+"""Candidates of the small form; the slow one takes the whole catalogue."""
+SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
+
+
+@pytest.fixture(scope="module")
+def standard_promotion():
+    """SciPy's float64 vectors meet the kernels' float32 here."""
+    import jax
+
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield
+
+
+@pytest.fixture(scope="module")
+def gains(tmp_path_factory, standard_promotion):
+    folder = tmp_path_factory.mktemp("hidden") / "case"
+    key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
+    return key, discover_folders(folder / "simulated", folder / "measured", effects=FEW)
+
+
+def test_a_hidden_beam_gain_is_named_first(gains):
+    key, result = gains
+    scored = score(key, result.verdict.to_json())
+    assert scored["verdict"] == "named"
+    assert scored["first_right"]
+
+
+def test_its_gains_are_those_that_were_hidden(gains):
+    key, result = gains
+    truth = np.asarray(key.effects[0]["parameters"]["gain"])
+    found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
+    assert np.corrcoef(truth, found)[0, 1] > 0.9
+
+
+def test_the_gap_shrinks_on_scenes_that_nothing_was_fitted_to(gains):
+    _, result = gains
+    gap = result.verdict.gap["intensity"]
+    assert gap.after < gap.before
+    assert gap.low > 0
+    assert not set(result.verdict.find) & set(result.verdict.judge)
+
+
+def test_the_sensor_model_goes_through_its_file(gains, tmp_path):
+    _, result = gains
+    result.sensor.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json", rows=24) == result.sensor
+
+
+def test_the_verdict_is_plain_json(gains):
+    _, result = gains
+    content = json.loads(json.dumps(result.verdict.to_json()))
+    assert content["verdict"] == "named"
+    assert set(content["gap"]) == {"intensity", "range", "drop", "closure"}
+    assert len(content["effects"][0]["parameters"]["gain"]["value"]) == 24
+
+
+@pytest.mark.parametrize("effects", [FEW, pytest.param(tuple(EFFECTS), marks=pytest.mark.slow)], ids=["few", "all"])
+def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, effects):
+    key = make_case(tmp_path / "case", effect="none", seed=12, **SMALL)
+    result = discover_folders(tmp_path / "case" / "simulated", tmp_path / "case" / "measured", effects=effects)
+    assert score(key, result.verdict.to_json())["right"]
+    assert result.sensor.effects == ()
+
+
+def test_an_unknown_candidate_is_an_error_that_lists_the_known(tmp_path, standard_promotion):
+    make_case(tmp_path / "case", effect="none", seed=13, **SMALL | {"scenes": 6})
+    with pytest.raises(ValueError, match="no effect named 'beam_gian'; known: extrinsic_rotation"):
+        discover_folders(tmp_path / "case" / "simulated", tmp_path / "case" / "measured", effects=("beam_gian",))
