@@ -7,6 +7,7 @@ reading it becomes the mask.
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +36,40 @@ def read_grid(folder: Path) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
     path = Path(folder) / "grid.json"
     if not path.is_file():
         raise ValueError(f"polar frames: no grid.json in {folder}; a folder of polar frames has one beside NAME.npz")
-    content = json.loads(path.read_text())
+    try:
+        content = json.loads(path.read_text())
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"polar frames: {path} is not JSON ({error}); see docs/polar-frames.md") from error
+    if not isinstance(content, dict) or not isinstance(content.get("frames", {}), dict):
+        raise ValueError(
+            f'polar frames: {path} must be {{"azimuth": [...], "elevation": [...], "frames": {{NAME: ...}}}}'
+        )
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
-    elevation = np.asarray(content["elevation"], np.float32)
+    azimuth, elevation = (_angles(path, name, content[name]) for name in ("azimuth", "elevation"))
+    if (np.diff(azimuth) >= 0).any():
+        raise ValueError(
+            f"polar frames: {path}: azimuth must fall from column to column, from left to right as the camera sees the "
+            "scene (atan2(y, x), x forward, y left; add 2 pi left of a window across the rear)"
+        )
     origin = np.asarray(content.get("origin", np.zeros(len(elevation))), np.float32)
-    grid = PolarGrid(np.asarray(content["azimuth"], np.float32), elevation, origin)
+    grid = PolarGrid(azimuth, elevation, origin)
     return grid, content.get("frames", {})
+
+
+def _angles(path: Path, name: str, given: Any) -> np.ndarray:
+    try:
+        angles = np.asarray(given, np.float32)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"polar frames: {path}: {name} must be a list of numbers in radians") from error
+    if angles.ndim != 1 or angles.size < 2 or not np.isfinite(angles).all():
+        raise ValueError(f"polar frames: {path}: {name} must be a list of two or more finite angles in radians")
+    if np.abs(angles).max() > 4 * np.pi:
+        raise ValueError(
+            f"polar frames: {path}: {name} spans {angles.min():g}..{angles.max():g}; it must be in radians, not degrees"
+        )
+    return angles
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -67,8 +94,11 @@ def write_frame(folder: Path, name: str, image: PolarImage, **more: Any) -> Path
 def read_frame(folder: Path, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
     """One frame and its further rasters. Raises ValueError on missing arrays, wrong shapes or wrong units."""
     path = Path(folder) / f"{name}.npz"
-    with np.load(path) as archive:
-        arrays = dict(archive)
+    try:
+        with np.load(path) as archive:
+            arrays = dict(archive)
+    except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
+        raise ValueError(f"polar frames: {path} is no readable .npz ({error}); write it again") from error
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")

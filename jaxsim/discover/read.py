@@ -11,7 +11,7 @@ from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.discover.evidence import Measured
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
-from jaxsim.frame import PolarGrid
+from jaxsim.frame import PolarGrid, PolarImage
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,8 @@ class Comparison:
     names: tuple[str, ...]
     scenes: tuple[str, ...]
     """The scene of each frame."""
+    notes: tuple[str, ...] = ()
+    """What a reader of the verdict must know of the folders."""
 
 
 def _same_grid(ours: PolarGrid, theirs: PolarGrid, simulated: Path, measured: Path) -> None:
@@ -48,6 +50,9 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     _same_grid(grid, other, simulated, measured)
     here, there = frame_names(simulated), frame_names(measured)
     names = sorted(set(here) & set(there))
+    for folder, own in ((simulated, here), (measured, there)):
+        if not own:
+            raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
     if not names:
         raise ValueError(
             f"discover: no frame of {simulated} ({', '.join(here[:3])} ...) has the name of one of {measured} "
@@ -76,7 +81,17 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         raise ValueError(
             f"discover: {simulated} and {measured} hold the same readings; compare a simulation with a sensor"
         )
-    facts = [{**about_measured.get(name, {}), **about.get(name, {})} for name in names]
+    alone = len(set(here) ^ set(there))
+    notes = (f"{alone} frames have no partner of the same name in the other folder and are left out",) if alone else ()
+    facts = []
+    for name in names:
+        ours, theirs = about.get(name, {}), about_measured.get(name, {})
+        if "scene" in ours and "scene" in theirs and ours["scene"] != theirs["scene"]:
+            raise ValueError(
+                f"discover: {name} is of scene {ours['scene']!r} in {simulated}, of {theirs['scene']!r} in {measured}; "
+                "frames of the same name must be a pair"
+            )
+        facts.append({**theirs, **ours})
     return Comparison(
         scan=scan_of(grid, images, extra, facts),
         measured=Measured(
@@ -84,15 +99,21 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         ),
         names=tuple(names),
         scenes=tuple(str(fact.get("scene", name)) for name, fact in zip(names, facts, strict=True)),
+        notes=notes,
     )
 
 
-def _plausible(name: str, image: object, side: str) -> None:
-    range_m = np.asarray(image.range_m)[np.asarray(image.valid)]  # pyright: ignore[reportAttributeAccessIssue]
-    if range_m.size == 0:
-        raise ValueError(f"discover: {side} frame {name} is empty: no ray returned; leave it out")
+def _plausible(name: str, image: PolarImage, side: str) -> None:
+    valid = np.asarray(image.valid)
+    range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
+    if valid.mean() < 0.01:
+        raise ValueError(
+            f"discover: {side} frame {name} is empty: {valid.sum()} of {valid.size} rays returned; leave it out"
+        )
     if np.median(range_m) > 500:
         raise ValueError(
-            f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres, "
-            "these look like millimetres: divide by 1000"
+            f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
+            "millimetres by 1000, centimetres by 100"
         )
+    if not intensity.any():
+        raise ValueError(f"discover: {side} frame {name} has intensity 0 everywhere; there is nothing to compare")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.likelihood import return_terms
+from jaxsim.discover.likelihood import CHANNELS, return_terms
 from jaxsim.discover.nuisance import intensity_variance, range_variance
 from jaxsim.discover.null import left_over
 from jaxsim.frame import Array
@@ -42,7 +42,8 @@ def residuals(
     """By channel: residuals in their own unit (nats, m, share lost), standardised ones, and where they count."""
     found = _raw(problem.ev, problem.noise, problem.weights, jnp.asarray(fitted, jnp.float32))
     result = {}
-    for name, (off, sd, counts) in found.items():
+    for name in CHANNELS:
+        off, sd, counts = found[name]
         off, sd, counts = np.asarray(off), np.asarray(sd), np.asarray(counts)
         z = off / sd
         if name != "drop":

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import CHANNELS, return_terms
-from jaxsim.discover.localise import COVARIATES, RIDGE, curve_basis
+from jaxsim.discover.localise import CATEGORICAL, COVARIATES, RIDGE, curve_basis
 from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import CurveLine
@@ -155,7 +155,9 @@ def curves_along(
             continue
         of_unit = np.broadcast_to(unit[judged][:, None, None], counts.shape)[counts]
         x = x[counts]
-        edges = np.unique(np.quantile(x, np.linspace(0, 1, 17)))
+        values = np.unique(x)
+        # One point a beam or class; of other covariates, as many rays in each bin.
+        edges = [*values, np.inf] if covariate in CATEGORICAL else np.unique(np.quantile(x, np.linspace(0, 1, 17)))
         if len(edges) < 3:
             continue
         place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
@@ -187,7 +189,9 @@ def floors(
     result = before.copy()
     rays = jax.tree.map(np.asarray, problem.ev.rays)
     train = fitted > 0
-    for k, (name, (off, _, counts)) in enumerate(residuals(problem, fitted).items()):
+    found = residuals(problem, fitted)
+    for k, name in enumerate(CHANNELS):
+        off, _, counts = found[name]
         flat = counts.reshape(-1)
         picked = jax.tree.map(lambda leaf, flat=flat, shape=counts.shape: _pick(leaf, flat, shape), rays)
         design = [curve_basis(covariate(picked), one) for one, covariate in COVARIATES.items() if one in covariates]

@@ -12,6 +12,13 @@ from jaxsim.discover.localise import CATEGORICAL, COVARIATES, NAMED, Place
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
+READ = {
+    "range": "ln of range in m",
+    "power": "ln of power",
+    "intensity": "ln of intensity",
+    "step": "ln(1 + step / 0.3 m)",
+}
+"""What the x of a formula is, where it is not the covariate itself."""
 EACH = 3
 """Covariates tried in each channel: those that its residuals depend on most."""
 
@@ -39,6 +46,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     character, formula = _shape(grid, y, weight, place)
     name = NAMED.get(place.covariate, place.covariate)
+    formula += f" (x: {READ.get(place.covariate, place.covariate)})"
     return Unexplained(place.channel, name, character, formula, *(tuple(map(float, v)) for v in (grid, y, band)))
 
 

@@ -264,7 +264,7 @@ def _moved(null: Problem, after: Problem) -> dict[str, tuple[float, float]]:
 
 
 def _notes(comparison: Comparison, parts: Split) -> tuple[str, ...]:
-    notes = []
+    notes = list(comparison.notes)
     if len(set(comparison.scenes)) == 1:
         notes.append(
             "one scan alone: cut into sectors with gaps between them; sectors are less independent than drives"

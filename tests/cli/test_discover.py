@@ -122,7 +122,7 @@ def test_ranges_in_millimetres(folders: Folders, tmp_path: Path, side: int, word
     text = complaint(folders, tmp_path / "out")
     assert "millimetres" in text
     assert f"{word} frame drive0" in text
-    assert "divide by 1000" in text
+    assert "millimetres by 1000" in text
 
 
 @pytest.mark.parametrize("side", [0, 1])

@@ -47,10 +47,10 @@ def evidence() -> Evidence:
     scan, measured = toy()
     frames = np.arange(6)
     columns = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
-    return gather(*_device(scan, measured), frames, columns, frames)
+    return gather(*device(scan, measured), frames, columns, frames)
 
 
-def _device(*trees):
+def device(*trees):
     import jax
 
     return tuple(jax.tree.map(jnp.asarray, tree) for tree in trees)
