@@ -95,7 +95,7 @@ def read_frame(folder: Path, name: str) -> tuple[PolarImage, dict[str, np.ndarra
     """One frame and its further rasters. Raises ValueError on missing arrays, wrong shapes or wrong units."""
     path = Path(folder) / f"{name}.npz"
     try:
-        with np.load(path) as archive:
+        with path.open("rb") as file, np.load(file) as archive:
             arrays = dict(archive)
     except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
         raise ValueError(f"polar frames: {path} is no readable .npz ({error}); write it again") from error
