@@ -104,7 +104,7 @@ def gaps(
     return found, Interval(float(whole[0] / whole[1]), float(low), float(high), "share of what can be explained")
 
 
-MAP_COLUMNS = 64
+MAP_COLUMNS = 32
 """Columns of a residual map, before it is spread over the grid: rays are thinned to whole columns."""
 
 
