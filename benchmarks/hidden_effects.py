@@ -1,4 +1,4 @@
-"""Blind naming of hidden effects: `python benchmarks/hidden_effects.py OUT [--help]`.
+"""Blind naming of hidden effects: `python -m benchmarks.hidden_effects OUT [--help]`.
 
 Makes sealed cases with the independent generator of tests/hidden, runs `discover` on each, writes the verdicts,
 and only then opens the keys. One JSON line a case in OUT/cases.jsonl; a killed run goes on where it stopped.
