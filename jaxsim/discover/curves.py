@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.localise import CATEGORICAL, COVARIATES, KNOTS
+from jaxsim.discover.localise import CATEGORICAL, KNOTS, values_of
 from jaxsim.effects import Effect, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
@@ -56,10 +56,9 @@ CURVES = {
 def with_basis(problem: Problem, covariate: str) -> Problem:
     """The problem with the covariate's basis (b, c, r, COLUMNS) in place of its scan."""
     rays = problem.ev.rays
-    x = np.asarray(COVARIATES[covariate](_Host(rays)), np.float64)
     hit = np.asarray(rays.hit)
-    basis = np.zeros((*x.shape, COLUMNS), np.float32)
-    basis[hit] = fixed_basis(x[hit], covariate)
+    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis[hit] = fixed_basis(values_of(covariate, rays, hit).astype(np.float64), covariate)
     return replace(problem, scan=jnp.asarray(basis))  # pyright: ignore[reportArgumentType]
 
 
@@ -79,13 +78,3 @@ def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
 
 def knots_of(x: np.ndarray) -> Float[np.ndarray, " k"]:
     return np.unique(np.quantile(x, np.linspace(0, 1, 2 * KNOTS)))
-
-
-class _Host:
-    """A Rays read as NumPy."""
-
-    def __init__(self, rays: Any):
-        self._rays = rays
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        return np.asarray(getattr(self._rays, name))

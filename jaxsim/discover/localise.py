@@ -38,7 +38,7 @@ COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
 }
 """Of rays on the host, by the name that a verdict uses."""
 CATEGORICAL = ("row", "class")
-NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb", "heading": "heading"}
+NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb"}
 """What a verdict calls a covariate that is a finer look at another."""
 
 
@@ -120,8 +120,7 @@ def localise(
         values = z[counts].astype(np.float64)
         if len(values) < 100:
             continue
-        picked = _Picked(rays, counts)
-        designs = {name: curve_basis(covariate(picked), name) for name, covariate in COVARIATES.items()}
+        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         designs = {name: d for name, d in designs.items() if d.shape[1] > 1}
         taken: list[np.ndarray] = [np.ones((len(values), 1), np.float32)]
         before = _gains(values, taken, of_unit, units, group)
@@ -138,6 +137,11 @@ def localise(
             taken.append(designs.pop(best))
             before = before + gain
     return sorted(places, key=lambda place: -place.gain)
+
+
+def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
+    """A covariate of the rays where `counts`, on the host."""
+    return np.asarray(COVARIATES[covariate](_Picked(rays, counts)))
 
 
 class _Picked:

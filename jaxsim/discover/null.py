@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -30,8 +29,9 @@ def left_over(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> tuple[Arr
     return jnp.where(ev.compared, off_i, 0), jnp.where(smooth, off_r - pose_shift(ev, w, off_r), 0)
 
 
-@partial(jax.jit)
-def _raw(ev: Evidence) -> tuple[Array, Array]:
+@jax.jit
+def first_residuals(ev: Evidence) -> tuple[Array, Array]:
+    """Residuals of ln I less their median, and of the range (m), before any nuisance; 0 where not compared."""
     off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, jnp.nan)
     smooth = ev.rays.hit & ev.returned & ~ev.edge
     return jnp.where(ev.compared, off - jnp.nanmedian(off), 0), jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
@@ -41,7 +41,7 @@ def fit_null(
     scan: Scan, ev: Evidence, fitted: Float[np.ndarray, " b"], *, clutter: bool = False
 ) -> tuple[Problem, Fit]:
     """Fits noise scales, rates, reflectances and poses of the rays as they stand."""
-    noise, off = START, _raw(ev)
+    noise, off = START, first_residuals(ev)
     for _ in range(ROUNDS):
         w = weights(ev, noise, *off)
         problem = Problem(scan, ev, w, noise, clutter)

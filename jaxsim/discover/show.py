@@ -17,7 +17,7 @@ from jaxtyping import Float
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import CHANNELS, return_terms
-from jaxsim.discover.localise import CATEGORICAL, COVARIATES, RIDGE, curve_basis
+from jaxsim.discover.localise import CATEGORICAL, COVARIATES, RIDGE, curve_basis, values_of
 from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import CurveLine
@@ -192,10 +192,8 @@ def floors(
     found = residuals(problem, fitted)
     for k, name in enumerate(CHANNELS):
         off, _, counts = found[name]
-        flat = counts.reshape(-1)
-        picked = jax.tree.map(lambda leaf, flat=flat, shape=counts.shape: _pick(leaf, flat, shape), rays)
-        design = [curve_basis(covariate(picked), one) for one, covariate in COVARIATES.items() if one in covariates]
-        x = np.concatenate([np.ones((int(flat.sum()), 1), np.float32), *design], axis=1)
+        design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
+        x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
         y = off[counts]
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
         beta = np.linalg.solve(x[learn].T @ x[learn] + RIDGE * np.eye(x.shape[1]), x[learn].T @ y[learn])
@@ -213,7 +211,3 @@ def floors(
             if own.any():
                 result[row, k] = left[own].mean()
     return result
-
-
-def _pick(leaf: np.ndarray, flat: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    return leaf.reshape(-1, *leaf.shape[3:])[flat] if leaf.shape[:3] == shape else leaf

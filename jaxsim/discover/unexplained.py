@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover.curves import CURVES, fixed_basis, knots_of, with_basis
 from jaxsim.discover.fit import Problem, to_values
-from jaxsim.discover.localise import CATEGORICAL, COVARIATES, NAMED, Place
+from jaxsim.discover.localise import CATEGORICAL, NAMED, Place, values_of
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
@@ -37,7 +37,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     """The curve over its covariate, its character, and a closed formula that comes near it."""
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
-    x = np.asarray(COVARIATES[place.covariate](_Picked(rays, hit)), np.float64)
+    x = values_of(place.covariate, rays, hit).astype(np.float64)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
     grid = np.unique(x) if place.covariate in CATEGORICAL else knots_of(x)
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
@@ -82,11 +82,3 @@ def _shape(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tu
         key=lambda one: one[2],
     )
     return (name, formula) if left < 0.6 else ("other", f"{letter} between {y.min():.3g} and {y.max():.3g}")
-
-
-class _Picked:
-    def __init__(self, rays: object, counts: np.ndarray):
-        self._rays, self._counts = rays, counts
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        return np.asarray(getattr(self._rays, name))[self._counts]

@@ -20,7 +20,7 @@ from jaxsim.discover.intervals import intervals
 from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise, p_value
 from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
 from jaxsim.discover.nuisance import weights
-from jaxsim.discover.null import fit_null, left_over
+from jaxsim.discover.null import first_residuals, fit_null, left_over
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import Result
@@ -172,7 +172,7 @@ def _show(
         problem = Problem(scan, ev, null.weights, noise)
         for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
             problem = on_top(effect, problem, z)
-        raw = weights(problem.ev, noise, *_start(problem.ev))
+        raw = weights(problem.ev, noise, *first_residuals(problem.ev))
         off = left_over(problem.ev, raw, jnp.asarray(fitted))
         return replace(problem, weights=weights(problem.ev, noise, *off))
 
@@ -194,12 +194,6 @@ def _show(
         "maps_after": maps_of(after, fitted, judged),
         "curves": curves_along(before, after, fitted, judged, unit, [step.chosen.effect for step in choice.steps]),
     }
-
-
-def _start(ev: Evidence) -> tuple[Any, Any]:
-    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    smooth = ev.rays.hit & ev.returned & ~ev.edge
-    return off - jnp.median(off), jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
 
 
 def _runner_up(choice: Choice) -> Candidate | None:
