@@ -16,8 +16,9 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
-from jaxsim.frame import Array, PolarGrid
-from jaxsim.geometry.normals import incidence, normals
+from jaxsim.effects.recast import recast
+from jaxsim.frame import Array
+from jaxsim.geometry.normals import incidence
 from jaxsim.geometry.polar import directions
 
 CLASS_SD = 0.3
@@ -56,19 +57,31 @@ class Evidence:
     edge: Bool[Array, "b c r"]
     """A neighbour lies clearly nearer or farther, or one of the two hits nothing."""
     pose: Float[Array, "b c r 6"]
-    """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at edges."""
+    """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
     """Of the reflectance nuisance: 1, class indicators, curvature in the incidence, and how much brighter the surface
     would be with the normal of the simulator's own range image, on the ground and elsewhere (the simulator's normals
     may be noisy)."""
     ridge: Float[Array, " p"]
-    instance: Int[Array, "b c r"]
-    """0 none, else numbered through all frames."""
+    strip: Int[Array, "b c r"]
+    """The part of a surface that one column sees, which is alike: numbered through all frames, 0 none."""
+    surface: Int[Array, " t"]
+    """That each strip belongs to: an object, or a patch of what is no object; 0 none."""
+    hold: Float[Array, " s"]
+    """1 / variance of each surface's reflectance about its class, 1/nats^2."""
     unit: Int[Array, " b"]
-    instances: int = struct.field(pytree_node=False, default=0)
     units: int = struct.field(pytree_node=False, default=0)
 
 
+OBJECT_SD, PATCH_SD, STRIP_SD, STREET_SD = 0.2, 0.15, 0.1, 0.1
+"""Of the reflectance, nats: of an object and of a patch of ground or wall about its class in the street, of a strip
+about its surface, of all that is of one class in one street about the class."""
+FIRM = 1e12
+"""1 / variance of what has no reflectance of its own."""
+PATCH_M = 6.0
+"""Ground and walls are alike over about so much."""
+ROOM = 2048
+"""Strips and surfaces are counted up to a multiple of this, so that fits of other frames need not be compiled again."""
 BEND = 0.03
 PLANAR = 0.01
 """Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
@@ -102,21 +115,20 @@ def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))
 
 
-@jax.jit
-def pose_derivatives(scan: Scan) -> Float[Array, "f r c 6"]:
-    """Change of range for a small motion (x, y, z) and rotation about (x, y, z) of the sensor; 0 where unknown.
+def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
+    """Change of range for a small motion (x, y, z) and rotation about (x, y, z) of the sensor, as `recast` has it."""
+    azimuth, elevation = rays.azimuth_rad, rays.elevation_rad
+    rise = jnp.tan(elevation)
 
-    A ray of direction d from o meets the plane through p with normal n at range n.(p - o) / n.d.
-    """
-    grid: PolarGrid = scan.grid
-    normal, known = normals(scan.range_m, scan.hit, grid)
-    ray = jnp.broadcast_to(directions(grid), normal.shape)
-    slant = jnp.sum(normal * ray, axis=-1)
-    known = known & (jnp.abs(slant) > LEAST_SLANT)
-    scale = jnp.where(known, -1 / jnp.where(known, slant, 1.0), 0.0)[..., None]
-    # Rotating the sensor by w moves the direction by w x d: n.(w x d) = w.(d x n).
-    turn = jnp.cross(ray, normal) * scan.range_m[..., None]
-    return jnp.concatenate([normal * scale, turn * scale], axis=-1)
+    def reading(pose: Float[Array, " 6"]) -> Float[Array, "*n"]:
+        x, y, z, roll, pitch, yaw = pose
+        # Rotating the sensor by w moves the direction d by w x d.
+        turn = yaw - rise * (roll * jnp.cos(azimuth) + pitch * jnp.sin(azimuth))
+        lift = roll * jnp.sin(azimuth) - pitch * jnp.cos(azimuth)
+        one = jnp.ones_like(azimuth)
+        return recast(rays, scan, turn_rad=(turn, lift), move_m=(x * one, y * one, z * one), passes=1).range_m
+
+    return jnp.moveaxis(jax.vmap(lambda axis: jax.jvp(reading, (jnp.zeros(6),), (axis,))[1])(jnp.eye(6)), 0, -1)
 
 
 def gather(scan: Scan, measured: Measured, frame: np.ndarray, column: np.ndarray, unit: np.ndarray) -> Evidence:
@@ -128,30 +140,52 @@ def gather(scan: Scan, measured: Measured, frame: np.ndarray, column: np.ndarray
         np.broadcast_to(np.arange(rows)[None, None, :], shape).astype(np.int32),
         np.broadcast_to(column[:, :, None], shape).astype(np.int32),
     )
-    instance = np.asarray(scan.instance)[at].astype(np.int64)
-    numbered = np.where(instance > 0, instance + at[0] * (int(instance.max(initial=0)) + 1), 0)
-    names, compact = np.unique(np.concatenate([[0], numbered.ravel()]), return_inverse=True)
+    strip, surface, hold = _surfaces(scan, at)
     classes = np.unique(np.asarray(scan.semantic)[at])
     return _gather(
         scan,
         measured,
         at,
-        compact[1:].reshape(shape).astype(np.int32),
+        (strip, surface, hold),
         unit.astype(np.int32),
         classes=tuple(int(c) for c in classes),
-        instances=len(names),
         units=int(unit.max()) + 1,
     )
 
 
-@partial(jax.jit, static_argnames=("classes", "instances", "units"))
-def _gather(
-    scan: Scan, measured: Measured, at: Any, instance: Any, unit: Any, *, classes: Any, instances: int, units: int
-) -> Evidence:
+def _surfaces(
+    scan: Scan, at: tuple[np.ndarray, ...]
+) -> tuple[Int[np.ndarray, "b c r"], Int[np.ndarray, " t"], Float[np.ndarray, " s"]]:
+    """`Evidence.strip`, `surface` and `hold`: each surface lies in one block."""
+    instance = np.asarray(scan.instance)[at].astype(np.int64)
+    hit, kind, range_m = (np.asarray(raster)[at] for raster in (scan.hit, scan.semantic, scan.range_m))
+    ray = np.asarray(directions(scan.grid))[at[1], at[2]]
+    x, y = (np.floor(np.where(hit, range_m * ray[..., k], 0) / PATCH_M).astype(np.int64) for k in (0, 1))
+    block = np.broadcast_to(np.arange(len(instance))[:, None, None], instance.shape)
+    thing = instance > 0
+    key = np.stack([block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y)])
+    _, first, number = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
+    _, begin, of = np.unique(np.stack([number.ravel(), at[2][hit]]), axis=1, return_index=True, return_inverse=True)
+    strip = np.zeros(instance.shape, np.int32)
+    strip[hit] = of.ravel() + 1
+    surface = np.zeros(_room(len(begin)), np.int32)
+    surface[1 : len(begin) + 1] = number.ravel()[begin] + 1
+    hold = np.full(_room(len(first)), FIRM, np.float32)
+    hold[1 : len(first) + 1] = 1 / np.where(thing[hit][first], OBJECT_SD, PATCH_SD) ** 2
+    return strip, surface, hold
+
+
+def _room(count: int) -> int:
+    return -(-(count + 1) // ROOM) * ROOM
+
+
+@partial(jax.jit, static_argnames=("classes", "units"))
+def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *, classes: Any, units: int) -> Evidence:
     rays = rays_at(scan, *at)
     returned, range_m = measured.valid[at], measured.range_m[at]
-    pose = pose_derivatives(scan)[at]
-    edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~pose.any(-1))
+    pose = pose_derivatives(scan, rays)
+    steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
+    edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
     slant, known = incidence(scan.range_m, scan.hit, scan.grid)
     sides, stack = bends(rays, scan.grid.elevation_rad)
@@ -159,7 +193,6 @@ def _gather(
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (~known | (slant < STEEPEST_RAD))
     compared = rays.hit & returned & near & ~edge & moderate
-    smooth = rays.hit & ~edge
     steep = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
     one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
     ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
@@ -175,11 +208,12 @@ def _gather(
         log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
         compared=compared,
         edge=edge,
-        pose=jnp.where(smooth[..., None], pose, 0),
+        pose=jnp.where(steady[..., None], pose, 0),
         features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
         ridge=ridge,
-        instance=instance,
+        strip=surfaces[0],
+        surface=surfaces[1],
+        hold=surfaces[2],
         unit=unit,
-        instances=instances,
         units=units,
     )

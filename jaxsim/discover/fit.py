@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.likelihood import CHANNELS, SEEN, TAKEN, value_and_slopes
-from jaxsim.discover.nuisance import MOST, Noise, Weights
+from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
@@ -114,7 +114,10 @@ class Objective:
         self.own = len(self.first) - len(jax.tree.leaves(level))
         sd, low, high = _prior(effect, self.rows)
         self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
-        self.bounds = [*zip(low, high, strict=True), *[(None, MOST.get(name)) for name in level.__dataclass_fields__]]
+        self.bounds = [
+            *zip(low, high, strict=True),
+            *[(LEAST.get(name), MOST.get(name)) for name in level.__dataclass_fields__],
+        ]
         self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
 
     def start(self, values: dict[str, Any]) -> np.ndarray:
@@ -169,6 +172,16 @@ def fit(
     found = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     z, level, (_, blocks, _, _) = objective.blocks(found.x)
     return Fit(jax.tree.map(np.asarray, z), level, np.asarray(blocks), float(found.fun))
+
+
+def partway(
+    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit, share: float
+) -> Float[np.ndarray, "b 3"]:
+    """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit."""
+    objective = Objective(effect, problem, fitted)
+    null = objective.start({})
+    x = np.asarray(ravel_pytree((found.z, found.noise))[0], np.float64)
+    return np.asarray(objective.blocks(null + share * (x - null))[2][1])
 
 
 def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -44,10 +44,11 @@ def log_cauchy(d: Array, scale: float) -> Array:
 
 def intensity_terms(
     rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]
-) -> Float[Array, "b c r"]:
-    """Of each compared ray; 0 elsewhere."""
+) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
+    """Of each compared ray, 0 elsewhere; and what their surfaces' reflectances cost each block."""
     residual = ev.log_intensity - rays.log_intensity
-    left = residual - reflectance(ev, w, fitted, residual)
+    explained, cost = reflectance(ev, w, fitted, residual)
+    left = residual - explained
     rounding = rays.intensity_step / np.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
     variance = intensity_variance(ev, noise) + rounding**2
     density = log_student(left, jnp.sqrt(variance))
@@ -59,7 +60,7 @@ def intensity_terms(
     clipped = rays.intensity_top < 0.9999
     density = jnp.where(clipped & (jnp.abs(gap) <= _PILE), piled, density)
     density = jnp.where(clipped & (gap > _PILE), density - 10.0, density)
-    return jnp.where(ev.compared, density, 0.0)
+    return jnp.where(ev.compared, density, 0.0), cost
 
 
 def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
@@ -83,12 +84,13 @@ def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"
 
 def return_terms(
     rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
-) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
     """Logarithms of the probability that a ray that is not lost with its column does not return, and of the
-    density with which it returns where it did."""
+    density with which it returns where it did; and what each block's pose costs."""
     edge, hit = ev.edge, rays.hit
     off = ev.range_m - rays.reading_m
-    off = off - pose_shift(ev, w, jnp.where(ev.returned & hit, off, 0))
+    shift, cost = pose_shift(ev, w, rays.reading_m, ev.returned & hit)
+    off = off - shift
 
     sd = jnp.sqrt(range_variance(ev, noise) + rays.noise_m**2 + rays.range_step_m**2 / 12)
     core = log_student(off, sd)
@@ -111,6 +113,8 @@ def return_terms(
     surface = jnp.where(hit, surface, nothing)
 
     missed = jnp.where(edge, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
+    sky = ~jnp.isfinite(rays.beside_m).all(-1)
+    missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
     false = jnp.where(edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
     keep = jnp.clip(jnp.where(hit, rays.log_keep + missed, false), NEVER, -1e-6)
     lost = jnp.log(-jnp.expm1(keep))
@@ -123,7 +127,7 @@ def return_terms(
         early = jnp.clip(rays.clutter, 0, 0.999)
         seen = jnp.logaddexp(jnp.log1p(-early) + seen, jnp.log(early + 1e-12) + log_clutter(rays, ev.range_m))
         lost = lost + jnp.log1p(-early)
-    return lost, jnp.where(ev.returned, seen, 0.0)
+    return lost, jnp.where(ev.returned, seen, 0.0), cost
 
 
 def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Array, "b c"]:
@@ -148,14 +152,15 @@ def log_likelihood(
     zero = jnp.zeros(len(ev.unit))
     intensity = zero
     if "intensity" in channels:
-        intensity = intensity_terms(rays, ev, noise, w, fitted).sum((1, 2))
+        terms, cost = intensity_terms(rays, ev, noise, w, fitted)
+        intensity = terms.sum((1, 2)) - cost
     if not {"range", "drop"} & set(channels):
         return jnp.stack([intensity, zero, zero], axis=-1)
-    lost, seen = return_terms(rays, ev, noise, w, clutter=clutter)
+    lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
     total = of_columns(rays, ev, lost, seen).sum(-1)
     back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
     drop = of_columns(rays, ev, lost, back).sum(-1)
-    return jnp.stack([intensity, total - drop, drop], axis=-1)
+    return jnp.stack([intensity, total - drop - cost, drop], axis=-1)
 
 
 SEEN = (

@@ -53,7 +53,7 @@ class Choice:
 
 def accepted(candidate: Candidate) -> bool:
     """Whether a candidate passes the bar, and the units agree that it should."""
-    return candidate.total > BAR and p_value(clipped(candidate.by_unit)) <= LEVEL
+    return candidate.total > BAR and candidate.chance <= LEVEL
 
 
 def worse(candidate: Candidate, best: Candidate) -> bool:
@@ -79,9 +79,8 @@ def choose(
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best))
         found = fit(best.effect, problem, everyone)
-        p = p_value(clipped(best.by_unit))
         say(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
-        steps.append(Step(best, alike, tuple(ranking), found, p))
+        steps.append(Step(best, alike, tuple(ranking), found, best.chance))
         added = on_top(best.effect, problem, found.z)
         problem, _ = fit_null(added.scan, added.ev, everyone, clutter=added.clutter)
         left = [effect for effect in left if effect.name != best.effect.name]

@@ -23,10 +23,12 @@ ROUNDS = 2
 def left_over(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> tuple[Array, Array]:
     """Residuals of ln I and of the range (m) after nuisances; 0 where they are not compared."""
     off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    off_i = off - reflectance(ev, w, fitted, off)
+    off_i = off - reflectance(ev, w, fitted, off)[0]
     smooth = ev.rays.hit & ev.returned & ~ev.edge
     off_r = jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
-    return jnp.where(ev.compared, off_i, 0), jnp.where(smooth, off_r - pose_shift(ev, w, off_r), 0)
+    return jnp.where(ev.compared, off_i, 0), jnp.where(
+        smooth, off_r - pose_shift(ev, w, ev.rays.reading_m, smooth)[0], 0
+    )
 
 
 @jax.jit

@@ -25,7 +25,7 @@ def _raw(
     """By channel: residual, its standard deviation, and where it counts."""
     ev = problem_ev
     off_i, off_r = left_over(ev, w, fitted)
-    lost, _ = return_terms(ev.rays, ev, noise, w, clutter=True)
+    lost, _, _ = return_terms(ev.rays, ev, noise, w, clutter=True)
     gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
     p = jnp.clip(gone + (1 - gone) * jnp.exp(lost), 1e-4, 1 - 1e-4)
     smooth = ev.rays.hit & ev.returned & ~ev.edge

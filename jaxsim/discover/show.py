@@ -39,11 +39,11 @@ CLIP_M = 1.0
 def distances(rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, "b 3 2"]:
     """Sums and counts of each block's distances by channel."""
     off = jnp.where(ev.compared, ev.log_intensity - rays.log_intensity, 0)
-    off = jnp.abs(off - reflectance(ev, w, fitted, off))
+    off = jnp.abs(off - reflectance(ev, w, fitted, off)[0])
     smooth = rays.hit & ev.returned & ~ev.edge
     wrong = jnp.where(smooth, ev.range_m - rays.reading_m, 0)
-    wrong = jnp.minimum(jnp.abs(wrong - pose_shift(ev, w, wrong)), CLIP_M)
-    lost, _ = return_terms(rays, ev, noise, w, clutter=True)
+    wrong = jnp.minimum(jnp.abs(wrong - pose_shift(ev, w, rays.reading_m, smooth)[0]), CLIP_M)
+    lost, _, _ = return_terms(rays, ev, noise, w, clutter=True)
     gone = jnp.clip(rays.column_loss, 0, 0.999)
     lost = jnp.clip(jnp.logaddexp(jnp.log1p(-gone) + lost, jnp.log(gone + 1e-9)), -30.0, -1e-7)
     miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)

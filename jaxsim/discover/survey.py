@@ -9,13 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit
+from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit, partway
 from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.localise import p_value
 from jaxsim.discover.split import folds
 from jaxsim.effects import Effect
 
 FOLDS = 3
 THREADS = 2
+PART = 0.25
+"""Of the way from the null to a fit at which units are asked whether they agree on its direction."""
 FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
 """Effects whose step is read off the values, and the finest step that counts as rounding."""
 
@@ -36,10 +39,17 @@ class Candidate:
     """Log-likelihood over the null, nats, by unit and channel."""
     fits: tuple[Fit, ...]
     """One a fold."""
+    slope: Float[np.ndarray, " u"]
+    """Gain by unit of the first PART of the way to each fit: what the units say of its direction."""
 
     @property
     def by_unit(self) -> Float[np.ndarray, " u"]:
         return self.gain.sum(-1)
+
+    @property
+    def chance(self) -> float:
+        """Probability that units agree so well by chance, on the fit or on its direction (the better of two tests)."""
+        return min(1.0, 2 * min(p_value(clipped(self.by_unit)), p_value(clipped(self.slope))))
 
     @property
     def total(self) -> float:
@@ -84,7 +94,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
 
     def one(effect: Effect) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
-        gain, fits = np.zeros((problem.ev.units, 3)), []
+        gain, slope, fits = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units), []
         step = steps.get(effect.name)
         at = None if step is None else ({"step": step},)
         for fitted, base, start in zip(groups, null, starts, strict=True):
@@ -95,9 +105,14 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
                 # A reading known to a step instead of to the finest step is as much more probable.
                 more[:, CHANNELS.index(effect.channels[0])] += returned * np.log(step / FINEST[effect.name])
             more[fitted > 0] = 0
+            begun = more if at else np.zeros((len(unit), 3))
+            if not at:
+                begun[:, used] = (partway(effect, start, fitted, found, PART) - base.score)[:, used]
+                begun[fitted > 0] = 0
+            slope += np.bincount(unit, begun.sum(-1), problem.ev.units)
             gain += np.stack([np.bincount(unit, more[:, k], problem.ev.units) for k in range(3)], axis=-1)
             fits.append(found)
-        return Candidate(effect, gain[np.unique(unit)], tuple(fits))
+        return Candidate(effect, gain[np.unique(unit)], tuple(fits), slope[np.unique(unit)])
 
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(one, effects))

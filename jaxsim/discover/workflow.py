@@ -17,7 +17,7 @@ from jaxsim.discover.columns import blocks
 from jaxsim.discover.evidence import Evidence, gather
 from jaxsim.discover.fit import Problem, fit, on_top, to_values
 from jaxsim.discover.intervals import intervals
-from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise, p_value
+from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise
 from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
 from jaxsim.discover.nuisance import weights
 from jaxsim.discover.null import first_residuals, fit_null, left_over
@@ -237,7 +237,7 @@ def _ranking(choice: Choice) -> tuple[Rank, ...]:
     best = choice.steps[0] if choice.steps else None
     rows = []
     for candidate in ranking[:12]:
-        name, p = candidate.effect.name, p_value(clipped(candidate.by_unit))
+        name, p = candidate.effect.name, candidate.chance
         if best and name == best.chosen.effect.name:
             why = ""
         elif best and name in {c.effect.name for c in best.alike}:

@@ -199,13 +199,23 @@ def _meet(
 
 
 def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], cosine: Float[Array, "*n"]) -> Rays:
-    """The rays on their new surface. What earlier effects did to power, intensity and reading stays on them."""
+    """The rays on their new surface. What earlier effects did to power, intensity and reading stays on them.
+
+    On the surface that a ray meets anyway its own intensity and incidence follow the planes: noise on a simulator's
+    normals then stays the ray's own.
+    """
     at = (rays.frame, s.row, s.column)
     range_m = jnp.where(s.hit, met_m, 0.0)
-    angle = scan.incidence_rad[at]
+    own = (rays.frame, rays.row, rays.column)
+    same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
+    same = same & (scan.instance[at] == scan.instance[own])
+    cell = tuple(jnp.where(same, mine, theirs) for mine, theirs in zip(own[1:], at[1:], strict=True))
+    nominal = _surface(scan, rays.frame, *cell)
+    cosine = cosine * jnp.sqrt((1 + nominal.u**2 + nominal.v**2) / (1 + s.u**2 + s.v**2))
+    angle, intensity = (raster[rays.frame, *cell] for raster in (scan.incidence_rad, scan.intensity))
     # First order in the cosine; the arccosine has no derivative head on.
     angle = jnp.clip(angle - (cosine - 1) * jnp.cos(angle) / jnp.maximum(jnp.sin(angle), 0.1), 0.0, 1.5708)
-    met = jnp.log(jnp.maximum(scan.intensity[at], FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
+    met = jnp.log(jnp.maximum(intensity, FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
     brighter = met - rays.met_log_intensity
     spread = 2 * jnp.log(_held(range_m) / _held(rays.range_m))
     return replace(

@@ -68,11 +68,13 @@ NUISANCES = {
     "normals": ("noise on the simulator's normals", "rad"),
     "range_": ("spread of the range that nothing explains", "m"),
     "aim": ("angle by which beams miss their direction", "rad"),
+    "edge": ("spread of the range at edges", "m"),
     "wide": ("ranges far off, on smooth surfaces", ""),
     "wide_edge": ("ranges far off, at edges", ""),
     "switch_edge": ("edges where a neighbour's range is read", ""),
     "drop": ("rays lost, on smooth surfaces", ""),
     "drop_edge": ("rays lost, at edges", ""),
+    "drop_sky": ("rays lost, beside the sky", ""),
     "false": ("returns where the simulated ray hits nothing", ""),
     "false_edge": ("the same, beside a surface", ""),
 }

@@ -36,7 +36,7 @@ def test_no_return_and_all_ranges_together_have_probability_one(evidence, change
         one = replace(
             evidence, range_m=jnp.full(evidence.edge.shape, r, jnp.float32), returned=evidence.returned | True
         )
-        lost, seen = _terms(rays, one, w)
+        lost, seen, _ = _terms(rays, one, w)
         mass += np.exp(np.asarray(seen, np.float64)) * width
     total = mass + np.exp(np.asarray(lost, np.float64))
     plain = np.asarray(evidence.rays.hit & ~evidence.edge)
@@ -58,14 +58,14 @@ _compiled = None
 def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_free(evidence):
     zero = jnp.zeros(evidence.edge.shape)
     w, fitted = weights(evidence, START, zero, zero), jnp.ones(6)
-    base = intensity_terms(evidence.rays, evidence, START, w, fitted).sum()
+    base = intensity_terms(evidence.rays, evidence, START, w, fitted)[0].sum()
     brighter = replace(evidence.rays, log_intensity=evidence.rays.log_intensity + 0.5)
-    assert float(intensity_terms(brighter, evidence, START, w, fitted).sum()) == pytest.approx(float(base), abs=0.5)
+    assert float(intensity_terms(brighter, evidence, START, w, fitted)[0].sum()) == pytest.approx(float(base), abs=0.5)
     striped = replace(
         evidence.rays,
         log_intensity=evidence.rays.log_intensity + 0.5 * jnp.where(evidence.rays.row % 2 == 0, 1.0, -1.0),
     )
-    assert float(intensity_terms(striped, evidence, START, w, fitted).sum()) < float(base) - 50
+    assert float(intensity_terms(striped, evidence, START, w, fitted)[0].sum()) < float(base) - 50
 
 
 def test_channels_that_are_not_asked_for_are_zero(evidence):
