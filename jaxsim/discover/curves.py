@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.localise import CATEGORICAL, KNOTS, values_of
+from jaxsim.discover.localise import CATEGORICAL, KNOTS, knots_of, values_of
 from jaxsim.effects import Effect, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
@@ -70,11 +70,7 @@ def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
         place = place * COLUMNS // max(len(values), COLUMNS)
         basis[np.arange(len(x)), place] = 1
         return basis
-    knots = knots_of(x)
+    knots = knots_of(x, 2 * KNOTS)
     for k, one in enumerate(np.eye(len(knots))):
         basis[:, k] = np.interp(x, knots, one)
     return basis
-
-
-def knots_of(x: np.ndarray) -> Float[np.ndarray, " k"]:
-    return np.unique(np.quantile(x, np.linspace(0, 1, 2 * KNOTS)))

@@ -15,6 +15,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.effects.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
@@ -56,6 +57,8 @@ class Evidence:
     """The intensity is that of the predicted surface: it returned, close by, at no edge, not at grazing incidence."""
     edge: Bool[Array, "b c r"]
     """A neighbour lies clearly nearer or farther, or one of the two hits nothing."""
+    step: Bool[Array, "b c r"]
+    """The range steps to a neighbour of any side, as rows of the road do far away; `edge` leaves those out."""
     pose: Float[Array, "b c r 6"]
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
@@ -186,6 +189,7 @@ def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *
     pose = pose_derivatives(scan, rays)
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
+    step = rays.hit & at_edge(rays)
     near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
     slant, known = incidence(scan.range_m, scan.hit, scan.grid)
     sides, stack = bends(rays, scan.grid.elevation_rad)
@@ -208,6 +212,7 @@ def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *
         log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
         compared=compared,
         edge=edge,
+        step=step,
         pose=jnp.where(steady[..., None], pose, 0),
         features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
         ridge=ridge,

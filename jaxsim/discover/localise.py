@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import rankdata
 
 KNOTS = 10
 RIDGE = 4.0
@@ -68,10 +69,16 @@ def curve_basis(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
     if name in CATEGORICAL:
         values = np.unique(x)
         return (x[:, None] == values).astype(np.float32)
-    knots = np.unique(np.quantile(x, np.linspace(0, 1, KNOTS)))
+    knots = knots_of(x, KNOTS)
     if len(knots) < 2:
         return np.zeros((len(x), 0), np.float32)
     return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1).astype(np.float32)
+
+
+def knots_of(x: np.ndarray, most: int) -> Float[np.ndarray, " k"]:
+    """Quantiles; half as many as there are different values, where a covariate has few (one a frame)."""
+    few = max(2, len(np.unique(x)) // 2)
+    return np.unique(np.quantile(x, np.linspace(0, 1, min(most, few))))
 
 
 def _gains(
@@ -122,6 +129,8 @@ def localise(
             continue
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         designs = {name: d for name, d in designs.items() if d.shape[1] > 1}
+        if "time" in designs and _one_clock(rays, counts):
+            del designs["time"]
         taken: list[np.ndarray] = [np.ones((len(values), 1), np.float32)]
         before = _gains(values, taken, of_unit, units, group)
         for _ in range(most):
@@ -137,6 +146,12 @@ def localise(
             taken.append(designs.pop(best))
             before = before + gain
     return sorted(places, key=lambda place: -place.gain)
+
+
+def _one_clock(rays: Any, counts: np.ndarray) -> bool:
+    """Whether the time within the scan and the azimuth are one covariate, as in a steady turn: it is called azimuth."""
+    time, azimuth = (rankdata(values_of(name, rays, counts)) for name in ("time", "azimuth"))
+    return abs(float(np.corrcoef(time, azimuth)[0, 1])) > 0.99
 
 
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:

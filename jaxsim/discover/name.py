@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.fit import Fit, Problem, fit, on_top
+from jaxsim.discover.fit import Fit, Problem, fit, on_top, to_values
+from jaxsim.discover.hints import FINEST
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.survey import Candidate, clipped, survey
@@ -19,7 +20,7 @@ from jaxsim.effects import Effect
 
 BAR = 10.0
 """Held-out nats in all that a candidate must gain."""
-LEVEL = 0.01
+LEVEL = 0.005
 """Of the sign-flip test over units."""
 ALIKE = 0.10
 """A candidate is a look-alike unless the paired test against the best falls below this ..."""
@@ -53,7 +54,7 @@ class Choice:
 
 def accepted(candidate: Candidate) -> bool:
     """Whether a candidate passes the bar, and the units agree that it should."""
-    return candidate.total > BAR and candidate.chance <= LEVEL
+    return candidate.total > BAR and (candidate.chance <= LEVEL or candidate.sudden)
 
 
 def worse(candidate: Candidate, best: Candidate) -> bool:
@@ -62,6 +63,17 @@ def worse(candidate: Candidate, best: Candidate) -> bool:
     if candidate.total < CLEARLY * best.total and difference.sum() > 0:
         return True
     return p_value(difference) <= ALIKE and difference.sum() > 2.0
+
+
+def padded(candidate: Candidate, best: Candidate) -> bool:
+    """Whether `candidate` has more numbers to fit and still gains no more: the simpler one says it all."""
+    more = numbers(candidate) > numbers(best)
+    return more and candidate.total <= best.total + 2.0
+
+
+def numbers(candidate: Candidate) -> int:
+    """How many numbers its fit chose."""
+    return sum(np.size(value) for value in candidate.fits[0].z.values())
 
 
 def choose(
@@ -77,8 +89,9 @@ def choose(
         if not good or len(steps) == most:
             return Choice(tuple(steps), problem, tuple(ranking))
         best = good[0]
-        alike = tuple(c for c in good[1:] if not worse(c, best))
-        found = fit(best.effect, problem, everyone)
+        alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
+        values = tuple(to_values(best.effect, one.z) for one in best.fits)
+        found = fit(best.effect, problem, everyone, starts=values, fixed=best.effect.name in FINEST)
         say(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
         steps.append(Step(best, alike, tuple(ranking), found, best.chance))
         added = on_top(best.effect, problem, found.z)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit, partway
-from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.hints import FINEST, hints, rounded
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.split import folds
 from jaxsim.effects import Effect
@@ -19,15 +19,17 @@ FOLDS = 3
 THREADS = 2
 PART = 0.25
 """Of the way from the null to a fit at which units are asked whether they agree on its direction."""
-FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
-"""Effects whose step is read off the values, and the finest step that counts as rounding."""
+AGREE = 3
+"""Units that must agree: no gain counts for more than the third largest, no loss for more than the third."""
+SUDDEN = 20.0
+"""Nats that each of AGREE units must gain, and next to none lose, where an event is rare: most scenes lack it."""
 
 
 def clipped(gain: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-    """Units' gains, each held within 3 robust standard deviations of the median: no single scene decides."""
-    middle = float(np.median(gain))
-    reach = 3 * max(1.4826 * float(np.median(np.abs(gain - middle))), 0.5)
-    return np.clip(gain, middle - reach, middle + reach)
+    """Units' gains, the outermost held to the third: no one or two scenes decide."""
+    ordered = np.sort(gain)
+    k = min(AGREE - 1, (len(gain) - 1) // 2)
+    return np.clip(gain, ordered[k], ordered[-1 - k])
 
 
 @dataclass(frozen=True)
@@ -52,24 +54,15 @@ class Candidate:
         return min(1.0, 2 * min(p_value(clipped(self.by_unit)), p_value(clipped(self.slope))))
 
     @property
+    def sudden(self) -> bool:
+        """Whether few units gain so much, and the others lose so little, that no test over units is needed."""
+        gain = self.by_unit
+        lost = -gain[gain < 0].sum()
+        return (gain > SUDDEN).sum() >= AGREE and lost < 0.05 * gain[gain > 0].sum()
+
+    @property
     def total(self) -> float:
         return float(clipped(self.by_unit).sum())
-
-
-def rounded(problem: Problem) -> dict[str, float]:
-    """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
-    ev, steps = problem.ev, {}
-    back = np.asarray(ev.returned)
-    both = np.asarray(ev.rays.hit)
-    pairs = {
-        "intensity_quantization": (np.exp(ev.log_intensity)[back], np.exp(ev.rays.log_intensity)[both]),
-        "range_quantization": (np.asarray(ev.range_m)[back], np.asarray(ev.rays.range_m)[both]),
-    }
-    for name, (measured, simulated) in pairs.items():
-        step = lattice_step(measured, finest=FINEST[name])
-        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
-            steps[name] = step
-    return steps
 
 
 def null_fits(problem: Problem, *, count: int = FOLDS) -> list[Fit]:
@@ -86,9 +79,9 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
     unit = np.asarray(problem.ev.unit)
     groups = folds(unit, FOLDS)
     null = null or null_fits(problem)
-    starts = [replace(problem, noise=base.noise) for base in null]
+    problems = [replace(problem, noise=base.noise) for base in null]
 
-    steps = rounded(problem)
+    steps, more_starts = rounded(problem), hints(problem)
     effects = [effect for effect in effects if effect.name not in FINEST or effect.name in steps]
     returned = np.asarray(problem.ev.returned).sum((1, 2))
 
@@ -97,8 +90,9 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
         gain, slope, fits = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units), []
         step = steps.get(effect.name)
         at = None if step is None else ({"step": step},)
-        for fitted, base, start in zip(groups, null, starts, strict=True):
-            found = fit(effect, start, fitted, starts=at, fixed=at is not None)
+        starts = at or ({}, *effect.starts, *more_starts.get(effect.name, ()))
+        for fitted, base, start in zip(groups, null, problems, strict=True):
+            found = fit(effect, start, fitted, starts=starts, fixed=at is not None)
             more = np.zeros((len(unit), 3))
             more[:, used] = (found.score - base.score)[:, used]
             if step is not None:

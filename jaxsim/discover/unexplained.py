@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxsim.discover.curves import CURVES, fixed_basis, knots_of, with_basis
+from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.fit import Problem, to_values
-from jaxsim.discover.localise import CATEGORICAL, NAMED, Place, values_of
+from jaxsim.discover.localise import CATEGORICAL, KNOTS, NAMED, Place, knots_of, values_of
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
@@ -39,7 +39,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     hit = np.asarray(rays.hit)
     x = values_of(place.covariate, rays, hit).astype(np.float64)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = np.unique(x) if place.covariate in CATEGORICAL else knots_of(x)
+    grid = np.unique(x) if place.covariate in CATEGORICAL else knots_of(x, 2 * KNOTS)
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
     curves = heights @ basis.T
     y, band = curves.mean(0), 1.645 * curves.std(0, ddof=1)

@@ -32,8 +32,9 @@ from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict,
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
-BETTER = 1.3
-"""A free curve must gain this many times what the best effect gains to say that the effect is not in the catalogue."""
+BETTER = 1.1
+"""A free curve must gain this many times what the named effects of its channel gain together to say that the effect is
+not in the catalogue."""
 SURELY = 10.0
 """... and so many nats more."""
 
@@ -130,8 +131,10 @@ def _not_in_catalogue(
     curves = [(place, curve) for place, curve in free_curves(null, places) if accepted(curve)]
     if curves:
         place, curve = curves[0]
-        best = choice.steps[0].chosen if choice.steps else None
-        if best is None or (curve.total > BETTER * best.total + SURELY and worse(best, curve)):
+        rivals = [step.chosen for step in choice.steps if place.channel in step.chosen.effect.channels]
+        explained = sum(rival.total for rival in rivals)
+        best = max(rivals or [step.chosen for step in choice.steps], key=lambda rival: rival.total, default=None)
+        if best is None or (curve.total > BETTER * explained + SURELY and worse(best, curve)):
             empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last)
             return "not_in_catalogue", empty, describe(null, place, curve)
     if not choice.steps:

@@ -39,5 +39,5 @@ EFFECT = Effect(
     },
     source="sd of 1..3 cm, as 1 / sqrt(SNR)",
     apply=apply,
-    starts=({"sd_m": 0.01}, {"sd_m": 0.05}),
+    starts=({"sd_m": 0.003}, {"sd_m": 0.01}, {"sd_m": 0.05}),
 )

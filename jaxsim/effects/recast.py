@@ -73,14 +73,9 @@ def recast(
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell) if passes > 1 else cell
     surface = _surface(scan, rays.frame, row, column)
     here = inside[..., None]
-    met, cosine = _meet(
-        rays,
-        scan,
-        surface,
-        jnp.where(here, turned, jnp.zeros_like(turned)),
-        jnp.where(here, moved, jnp.zeros_like(moved)),
-    )
-    return replace(_place(rays, scan, surface, met, cosine), turned_rad=turned, moved_m=moved)
+    turn, move = (jnp.where(here, x, jnp.zeros_like(x)) for x in (turned, moved))
+    met, _ = _meet(rays, scan, surface, turn, move)
+    return replace(_place(rays, scan, surface, met, turn), turned_rad=turned, moved_m=moved)
 
 
 def _look_up(
@@ -198,11 +193,11 @@ def _meet(
     return jnp.where(s.hit, safe * share, FAR_M), towards
 
 
-def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], cosine: Float[Array, "*n"]) -> Rays:
+def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn: Float[Array, "*n 2"]) -> Rays:
     """The rays on their new surface. What earlier effects did to power, intensity and reading stays on them.
 
-    On the surface that a ray meets anyway its own intensity and incidence follow the planes: noise on a simulator's
-    normals then stays the ray's own.
+    Intensity follows Lambert's law on the plane, where it depends on the ray's direction alone. On the surface that a
+    ray meets anyway it starts from the ray's own, not the cell's: noise on a simulator's normals stays the ray's.
     """
     at = (rays.frame, s.row, s.column)
     range_m = jnp.where(s.hit, met_m, 0.0)
@@ -210,8 +205,7 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], cosin
     same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
     same = same & (scan.instance[at] == scan.instance[own])
     cell = tuple(jnp.where(same, mine, theirs) for mine, theirs in zip(own[1:], at[1:], strict=True))
-    nominal = _surface(scan, rays.frame, *cell)
-    cosine = cosine * jnp.sqrt((1 + nominal.u**2 + nominal.v**2) / (1 + s.u**2 + s.v**2))
+    _, cosine = _meet(rays, scan, _surface(scan, rays.frame, *cell), turn, jnp.zeros_like(rays.moved_m))
     angle, intensity = (raster[rays.frame, *cell] for raster in (scan.incidence_rad, scan.intensity))
     # First order in the cosine; the arccosine has no derivative head on.
     angle = jnp.clip(angle - (cosine - 1) * jnp.cos(angle) / jnp.maximum(jnp.sin(angle), 0.1), 0.0, 1.5708)

@@ -1,0 +1,93 @@
+"""Values read off the measurement: where a fit from elsewhere would feel no pull, it begins here.
+
+Borders between all and nothing (a ceiling, a gate, a hidden sector) and lattices have no slope away from themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.fit import Problem
+from jaxsim.discover.lattice import lattice_step
+
+FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
+"""Effects whose step is read off the values, and the finest step that counts as rounding."""
+PILE, PILED = 0.005, 0.002
+"""Readings within this share of the largest are piled up there, if they are at least so many of all."""
+BIN_RAD = np.deg2rad(1.0)
+HIDDEN = 0.8
+"""Share lost above which a bin of azimuth counts as hidden."""
+
+Start = dict[str, float]
+
+
+def rounded(problem: Problem) -> dict[str, float]:
+    """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
+    ev, steps = problem.ev, {}
+    back = np.asarray(ev.returned)
+    both = np.asarray(ev.rays.hit)
+    pairs = {
+        "intensity_quantization": (np.exp(ev.log_intensity)[back], np.exp(ev.rays.log_intensity)[both]),
+        "range_quantization": (np.asarray(ev.range_m)[back], np.asarray(ev.rays.range_m)[both]),
+    }
+    for name, (measured, simulated) in pairs.items():
+        step = lattice_step(measured, finest=FINEST[name])
+        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
+            steps[name] = step
+    return steps
+
+
+def hints(problem: Problem) -> dict[str, tuple[Start, ...]]:
+    """Further starts, by effect."""
+    ev = jax.tree.map(np.asarray, problem.ev)
+    return {name: found for name, read in READ.items() if (found := read(ev))}
+
+
+def _ceiling(ev: Evidence) -> tuple[Start, ...]:
+    values = np.exp(ev.log_intensity[ev.returned])
+    if not len(values):
+        return ()
+    top = float(values.max())
+    piled = np.mean(values > (1 - PILE) * top) >= PILED
+    return ({"ceiling": top},) if piled and top < 1 else ()
+
+
+def _gate(ev: Evidence) -> tuple[Start, ...]:
+    r, back = ev.rays.range_m, ev.returned & ev.rays.hit
+    if not back.any():
+        return ()
+    nearest, farthest = float(r[back].min()), float(r[back].max())
+    starts = []
+    if (ev.rays.hit & (r < nearest)).sum() >= 5:
+        starts.append({"minimum_m": nearest})
+    if (ev.rays.hit & (r > farthest)).sum() >= 5:
+        starts.append({"maximum_m": farthest})
+    return tuple(starts)
+
+
+def _sector(ev: Evidence) -> tuple[Start, ...]:
+    hit = ev.rays.hit
+    place = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
+    count = np.bincount(place)
+    lost = np.bincount(place, ~ev.returned[hit])
+    # Bins that no ray looked into belong to what lies around them.
+    seen = np.flatnonzero(count)
+    hidden = lost[seen] > HIDDEN * count[seen]
+    if not hidden.any():
+        return ()
+    runs = np.split(seen[hidden], np.flatnonzero(np.diff(np.flatnonzero(hidden)) > 1) + 1)
+    run = max(runs, key=len)
+    width = (run[-1] - run[0] + 1) * BIN_RAD
+    middle = (run[0] + run[-1] + 1) / 2 * BIN_RAD - np.pi
+    return tuple({"azimuth_rad": float(middle), "width_rad": float(share * width)} for share in (0.7, 1.0, 1.4))
+
+
+READ: dict[str, Callable[[Evidence], tuple[Start, ...]]] = {
+    "saturation": _ceiling,
+    "range_gate": _gate,
+    "sector_occlusion": _sector,
+}
