@@ -28,8 +28,8 @@ CURVATURE_SD = 0.002
 """Of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals leaves."""
 STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
-GROUND = (6, 7, 8, 9, 10, 22)
-"""Cityscapes ids of flat surfaces, whose normals a range image gives best."""
+GROUND, TERRAIN = (6, 7, 8, 9, 10), (22,)
+"""Cityscapes ids of flat surfaces, whose normals a range image gives best, and of those that roll."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
@@ -63,8 +63,8 @@ class Evidence:
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
     """Of the reflectance nuisance: 1, class indicators, curvature in the incidence, and how much brighter the surface
-    would be with the normal of the simulator's own range image, on the ground and elsewhere (the simulator's normals
-    may be noisy)."""
+    would be with the normal of the simulator's own range image, on flat ground, on terrain and elsewhere (the
+    simulator's normals may be noisy)."""
     ridge: Float[Array, " p"]
     strip: Int[Array, "b c r"]
     """The part of a surface that one column sees, which is alike: numbered through all frames, 0 none."""
@@ -201,10 +201,10 @@ def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *
     one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
     ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
     disagree = jnp.where(known, jnp.clip(ours, -1.5, 1.5), 0)
-    ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
-    apart = [jnp.where(ground, disagree, 0), jnp.where(ground, 0, disagree)]
+    flat, rolling = (jnp.isin(rays.semantic, jnp.asarray(ids)) for ids in (GROUND, TERRAIN))
+    apart = [jnp.where(kind, disagree, 0) for kind in (flat, rolling, ~flat & ~rolling)]
     features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, *apart], axis=-1)
-    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0, 1.0], np.float32)
+    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0, 1.0, 1.0], np.float32)
     return Evidence(
         rays=rays,
         returned=returned,

@@ -74,15 +74,15 @@ def _sector(ev: Evidence) -> tuple[Start, ...]:
     place = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
     count = np.bincount(place)
     lost = np.bincount(place, ~ev.returned[hit])
-    # Bins that no ray looked into belong to what lies around them.
     seen = np.flatnonzero(count)
-    hidden = lost[seen] > HIDDEN * count[seen]
-    if not hidden.any():
+    hidden = np.flatnonzero(lost[seen] > HIDDEN * count[seen])
+    if not len(hidden):
         return ()
-    runs = np.split(seen[hidden], np.flatnonzero(np.diff(np.flatnonzero(hidden)) > 1) + 1)
-    run = max(runs, key=len)
-    width = (run[-1] - run[0] + 1) * BIN_RAD
-    middle = (run[0] + run[-1] + 1) / 2 * BIN_RAD - np.pi
+    run = max(np.split(hidden, np.flatnonzero(np.diff(hidden) > 1) + 1), key=len)
+    # The border lies between the last bin that is seen and the first that is hidden.
+    ends = seen[np.clip([run[0] - 1, run[-1] + 1], 0, len(seen) - 1)]
+    low, high = (seen[run[0]] + ends[0]) / 2, (seen[run[-1]] + ends[1]) / 2
+    width, middle = (high - low) * BIN_RAD, ((low + high + 1) / 2) * BIN_RAD - np.pi
     return tuple({"azimuth_rad": float(middle), "width_rad": float(share * width)} for share in (0.7, 1.0, 1.4))
 
 

@@ -22,8 +22,8 @@ CLASS_MOST = 0.7
 """A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
 POSE_MOST = 0.15
 """Of its range that a frame's pose moves a reading at most."""
-OTHERS = 3
-"""Features behind the classes: curvature and the two of disagreeing normals."""
+OTHERS = 4
+"""Features behind the classes: curvature and the three of disagreeing normals."""
 
 
 @struct.dataclass

@@ -1,0 +1,57 @@
+"""What counts as agreement between scenes."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.name import accepted, padded
+from jaxsim.discover.survey import Candidate, clipped
+from jaxsim.effects import EFFECTS
+
+
+def candidate(name: str, gain, slope=None) -> Candidate:
+    gain = np.asarray(gain, float)
+    by_channel = np.stack([gain, 0 * gain, 0 * gain], axis=-1)
+    return Candidate(EFFECTS[name], by_channel, (), np.asarray(gain if slope is None else slope, float))
+
+
+def test_two_scenes_cannot_decide():
+    gain = np.array([900.0, 800.0, 3.0, -1.0, -2.0, -1.0, 1.0, -400.0, 2.0, -1.0, -2.0])
+    assert clipped(gain).max() == 3.0
+    assert clipped(gain).min() == -2.0
+    assert not accepted(candidate("beam_gain", gain))
+
+
+def test_scenes_that_agree_are_believed_and_scenes_that_do_not_are_not():
+    steady = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])
+    assert accepted(candidate("beam_gain", steady))
+    assert candidate("beam_gain", steady).chance == pytest.approx(2 / 2048)
+    assert not accepted(candidate("beam_gain", steady * np.array([1, -1, 1, 1, -1, 1, 1, -1, 1, 1, -1])))
+    assert not accepted(candidate("beam_gain", steady / 10))  # agreed, but next to nothing
+
+
+def test_the_direction_of_a_fit_can_be_agreed_where_its_length_is_not():
+    gain = np.array([30.0, 25, 12, -14, 9, 31, -9, 28, 11, 13, 14])
+    slope = np.array([9.0, 8, 4, 1, 3, 9, 0.5, 8, 4, 4, 5])
+    assert not accepted(candidate("beam_gain", gain))
+    assert accepted(candidate("beam_gain", gain, slope))
+
+
+def test_rare_events_need_three_scenes_and_no_others_against_them():
+    rare = np.array([210.0, 0, 0, 180, 0, -0.4, 0, 190, -0.3, 0, -0.2])
+    assert accepted(candidate("packet_loss", rare))
+    assert not accepted(candidate("packet_loss", np.where(rare > 200, 0, rare)))
+    assert not accepted(candidate("packet_loss", rare - 40))
+
+
+def test_more_numbers_must_gain_more():
+    from types import SimpleNamespace
+
+    def with_numbers(count, gain):
+        one = candidate("random_dropout", gain)
+        fits = (SimpleNamespace(z={"probability": np.zeros(count)}),)
+        return Candidate(one.effect, one.gain, fits, one.slope)  # pyright: ignore[reportArgumentType]
+
+    base = np.full(11, 20.0)
+    assert padded(with_numbers(4, base), with_numbers(1, base))
+    assert not padded(with_numbers(4, base + 2), with_numbers(1, base))
+    assert not padded(with_numbers(1, base), with_numbers(4, base))
