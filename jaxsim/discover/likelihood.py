@@ -112,7 +112,8 @@ def return_terms(
     nothing = jnp.logaddexp(near, -np.log(CLUTTER_REACH_M)) - np.log(2)
     surface = jnp.where(hit, surface, nothing)
 
-    missed = jnp.where(jnp.logical_or(edge, ev.step), jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
+    stepped = jnp.logical_or(edge, ev.step)
+    missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
     sky = ~jnp.isfinite(rays.beside_m).all(-1)
     missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
     false = jnp.where(edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))

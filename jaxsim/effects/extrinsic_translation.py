@@ -37,4 +37,5 @@ EFFECT = Effect(
     },
     source="extrinsic calibration; 1..10 cm in practice",
     apply=apply,
+    starts=tuple({axis: way} for axis in ("x_m", "y_m", "z_m") for way in (-0.03, 0.03)),
 )
