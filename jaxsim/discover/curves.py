@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.localise import CATEGORICAL, KNOTS, knots_of, values_of
+from jaxsim.discover.localise import CATEGORICAL, KNOTS, curve_basis, values_of
 from jaxsim.effects import Effect, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
@@ -63,14 +63,9 @@ def with_basis(problem: Problem, covariate: str) -> Problem:
 
 
 def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
-    """Hat functions between quantiles, or one column a category (rows in pairs of neighbours where they are many)."""
-    basis = np.zeros((len(x), COLUMNS), np.float32)
+    """`curve_basis`, filled up with zeros (rows in pairs of neighbours where they are many)."""
     if covariate in CATEGORICAL:
         values, place = np.unique(x, return_inverse=True)
-        place = place * COLUMNS // max(len(values), COLUMNS)
-        basis[np.arange(len(x)), place] = 1
-        return basis
-    knots = knots_of(x, 2 * KNOTS)
-    for k, one in enumerate(np.eye(len(knots))):
-        basis[:, k] = np.interp(x, knots, one)
-    return basis
+        return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
+    found = curve_basis(x, covariate, 2 * KNOTS)
+    return np.pad(found, ((0, 0), (0, COLUMNS - found.shape[1])))

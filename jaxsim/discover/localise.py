@@ -16,6 +16,9 @@ from jaxtyping import Float, Int
 from scipy.stats import rankdata
 
 KNOTS = 10
+FEW = 40
+"""Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not seen.
+"""
 RIDGE = 4.0
 """Observations' worth of pull of a curve's knots to 0."""
 
@@ -63,22 +66,22 @@ class Place:
     """Held-out nats, all units."""
 
 
-def curve_basis(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
-    """Hat functions between quantiles of a covariate, or one column a category."""
+def curve_basis(x: np.ndarray, name: str, most: int = KNOTS) -> Float[np.ndarray, "n k"]:
+    """Functions of a covariate that are nowhere negative and sum to 1: one column a category, hat functions between
+    at most `most` quantiles, or a parabola's Bernstein polynomials where a covariate has few values (one a frame)."""
     x = np.asarray(x, np.float64)
+    values = np.unique(x)
     if name in CATEGORICAL:
-        values = np.unique(x)
         return (x[:, None] == values).astype(np.float32)
-    knots = knots_of(x, KNOTS)
+    if len(values) < 2:
+        return np.zeros((len(x), 0), np.float32)
+    if len(values) <= FEW:
+        t = (x - values[0]) / (values[-1] - values[0])
+        return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1).astype(np.float32)
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))
     if len(knots) < 2:
         return np.zeros((len(x), 0), np.float32)
     return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1).astype(np.float32)
-
-
-def knots_of(x: np.ndarray, most: int) -> Float[np.ndarray, " k"]:
-    """Quantiles; half as many as there are different values, where a covariate has few (one a frame)."""
-    few = max(2, len(np.unique(x)) // 2)
-    return np.unique(np.quantile(x, np.linspace(0, 1, min(most, few))))
 
 
 def _gains(

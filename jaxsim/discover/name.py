@@ -20,12 +20,14 @@ from jaxsim.effects import Effect
 
 BAR = 10.0
 """Held-out nats in all that a candidate must gain."""
-LEVEL = 0.005
+LEVEL = 0.01
 """Of the sign-flip test over units."""
 ALIKE = 0.10
 """A candidate is a look-alike unless the paired test against the best falls below this ..."""
 CLEARLY = 0.75
 """... or it gains less than this share of the best's."""
+CLEAR = 0.5
+"""Share of the largest gain that a candidate must reach, accepted or not as that one may be."""
 MOST = 4
 """Effects added at most."""
 
@@ -85,7 +87,9 @@ def choose(
     everyone = np.ones(len(problem.ev.unit), np.float32)
     while True:
         ranking = survey(problem, left)
-        good = [candidate for candidate in ranking if accepted(candidate)]
+        # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
+        least = CLEAR * ranking[0].total if ranking else 0.0
+        good = [candidate for candidate in ranking if accepted(candidate) and candidate.total >= least]
         if not good or len(steps) == most:
             return Choice(tuple(steps), problem, tuple(ranking))
         best = good[0]

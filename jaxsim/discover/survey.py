@@ -21,7 +21,7 @@ PART = 0.25
 """Of the way from the null to a fit at which units are asked whether they agree on its direction."""
 AGREE = 3
 """Units that must agree: no gain counts for more than the third largest, no loss for more than the third."""
-SUDDEN = 20.0
+SUDDEN = 12.0
 """Nats that each of AGREE units must gain, and next to none lose, where an event is rare: most scenes lack it."""
 
 

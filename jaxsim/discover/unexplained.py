@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.fit import Problem, to_values
-from jaxsim.discover.localise import CATEGORICAL, KNOTS, NAMED, Place, knots_of, values_of
+from jaxsim.discover.localise import CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
@@ -39,7 +39,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     hit = np.asarray(rays.hit)
     x = values_of(place.covariate, rays, hit).astype(np.float64)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = np.unique(x) if place.covariate in CATEGORICAL else knots_of(x, 2 * KNOTS)
+    grid = _grid(x, place.covariate)
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
     curves = heights @ basis.T
     y, band = curves.mean(0), 1.645 * curves.std(0, ddof=1)
@@ -48,6 +48,13 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     name = NAMED.get(place.covariate, place.covariate)
     formula += f" (x: {READ.get(place.covariate, place.covariate)})"
     return Unexplained(place.channel, name, character, formula, *(tuple(map(float, v)) for v in (grid, y, band)))
+
+
+def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
+    """Where a curve is written down."""
+    values = np.unique(x)
+    few = covariate in CATEGORICAL or len(values) <= FEW
+    return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * KNOTS)))
 
 
 def _shape(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
