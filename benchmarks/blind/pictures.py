@@ -102,7 +102,7 @@ def power(rows: Sequence[Row]) -> Canvas:
         left, top = GAP + (k % 3) * (WIDTH + GAP), 34 + (k // 3) * (HEIGHT + GAP + 10)
         some = [row for row in single if keep(row)]
         per = len(some) / max(len(severities), 1)
-        canvas.text(left, top - 10, f"{title} ({per:.0f} cases a severity)", size=12)
+        canvas.text(left, top - 10, f"{title} (cases a severity: {per:.0f})", size=12)
         _panel(canvas, left, top, severities, some)
     y = canvas.height - 12
     for x, colour, what in ((GAP, AFTER, "right name first"), (GAP + 170, BEFORE, "in the set")):

@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.blind.plan import ONLY_JOINTLY
 from benchmarks.blind.rivals import RIVALS, judge_rival
+from jaxsim.effects import EFFECTS
 
 Row = dict[str, Any]
 
@@ -76,7 +77,7 @@ def _about(rows: Sequence[Row]) -> str:
     if len(codes) > 1:
         text += f" These rows were answered by {len(codes)} versions of the code: they are not one measurement."
     if failed:
-        text += f" {len(failed)} cases ended with an error and count as wrong: {', '.join(r['key'] for r in failed)}."
+        text += f" Ended with an error, counted as wrong ({len(failed)}): {', '.join(r['key'] for r in failed)}."
     return text
 
 
@@ -144,9 +145,9 @@ def shrinkage(gap: dict[str, list[float]], channels: Iterable[str], place: int) 
 
 
 def closures(row: Row) -> tuple[float, float] | None:
-    """(answer, placebo) as shares of what the true effects reach, fitted from their true parameters; None where these
-    shrink nothing."""
-    channels = sorted({name for name in row["gap"] if row["known"]["gap"][name][0] - row["known"]["gap"][name][1] > 0})
+    """(answer, placebo) as shares of what the true effects reach, fitted from their true parameters, in the channels
+    that these change; None where they shrink nothing."""
+    channels = sorted({channel for name in row["truth"] for channel in EFFECTS[name].channels})
     reach = shrinkage(row["known"]["gap"], channels, 1)
     if reach < LEAST:
         return None

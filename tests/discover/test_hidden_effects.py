@@ -128,7 +128,7 @@ def test_rows_of_two_versions_of_the_code_are_said_to_be_no_measurement():
 def test_an_error_counts_as_wrong():
     row = failed(Job("beam_gain+fog_backscatter", 2.0, "default", 0), SMALL, ValueError("bad"))
     assert (row["kind"], row["right"], row["f1"]) == ("combination", False, 0.0)
-    assert "1 cases ended with an error" in summary([row])
+    assert "counted as wrong (1): beam_gain+fog_backscatter 2 default 0" in summary([row])
 
 
 def test_a_rival_is_right_with_nothing_for_nothing_and_never_outside():
@@ -146,12 +146,13 @@ def test_the_best_covariate_stands_for_the_most_specific_effect():
     assert best_covariate([]) == []
 
 
-def test_closure_is_held_against_the_truth_in_the_channels_that_it_shrinks():
+def test_closure_is_held_against_the_truth_in_the_channels_that_it_changes():
     known = {"intensity": [0.2, 0.1, 0.1, 0.2], "range": [0.02, 0.02, 0.02, 0.02]}
     answer = {"intensity": [0.2, 0.11, 0.1, 0.18], "range": [0.02, 0.03, 0.02, 0.02]}
-    assert closures({"gap": answer, "known": {"gap": known}}) == pytest.approx((0.9, 0.2))
+    row = {"truth": ["beam_gain"]}
+    assert closures(row | {"gap": answer, "known": {"gap": known}}) == pytest.approx((0.9, 0.2))
     same = {name: [values[0]] * 4 for name, values in known.items()}
-    assert closures({"gap": answer, "known": {"gap": same}}) is None
+    assert closures(row | {"gap": answer, "known": {"gap": same}}) is None
 
 
 def test_the_command_shows_what_is_there_without_computing(tmp_path, capsys):
