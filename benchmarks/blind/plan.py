@@ -12,20 +12,10 @@ DEVELOPMENT = 10_000
 """Seeds below this are for development; sealed cases have seeds from here on."""
 LAST = 2**31
 
-ONLY_JOINTLY = (
-    "extrinsic_translation",
-    "oren_nayar",
-    "specular_lobe",
-    "gamma_response",
-    "intensity_offset",
-    "edge_dropout",
-    "ambient_light",
-    "incidence_range_bias",
-    "interference",
-)
-"""Effects that one set of such frames need not tell from their look-alikes: fixed before any case was run, after the
-grades of identifiability in the literature (B or C: only with other channels, or as a member of a set). The others
-are called separable."""
+ONLY_JOINTLY = ("oren_nayar", "specular_lobe", "gamma_response", "incidence_range_bias", "interference")
+"""Effects that such frames need not tell from their look-alikes, by the grades of identifiability in the literature
+alone (to be had only from several channels together, or as a member of a set). All others are called separable, those
+without a grade too."""
 
 
 @dataclass(frozen=True)
