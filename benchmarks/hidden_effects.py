@@ -1,143 +1,138 @@
-"""Blind naming of hidden effects: `python -m benchmarks.hidden_effects OUT [--help]`.
+"""Blind naming of hidden effects: `python -m benchmarks.hidden_effects OUT [--sealed] [--workers 2] [--help]`.
 
-Makes sealed cases with the independent generator of tests/hidden, runs `discover` on each, writes the verdicts,
-and only then opens the keys. One JSON line a case in OUT/cases.jsonl; a killed run goes on where it stopped.
-Prints the confusion of what was hidden with what was named, and the rates that docs/discover.md quotes.
+Makes cases with the independent generator of tests/hidden, runs `discover` on each, writes the verdicts, and only
+then opens the keys. One JSON line a case goes to OUT/cases.jsonl. The same command again goes on where it stopped,
+and with larger counts it adds the cases that are new: seeds follow from what a case hides, not from its place in the
+plan. `--table` computes nothing and shows what is there.
+
+Development cases have seeds below 10000; `--sealed` ones, on which nothing may be tuned, from 10000 on.
+
+Writes OUT/summary.md (also printed), OUT/confusion.png and OUT/power.png.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import shutil
-import time
-from collections import Counter, defaultdict
+import multiprocessing
+import os
+import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
-from jaxsim.cli import enable_compilation_cache
-from jaxsim.discover import discover_folders
-from tests.hidden import case_name, key_path, list_combinations, list_effects, list_outside, make_case, score_case
+from benchmarks.blind.plan import Counts, Job, Settings, plan
+from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.tables import summary
 
-DEVELOPMENT = 10_000
-"""Seeds below this are for development; sealed cases start here."""
-
-
-def plan(args: argparse.Namespace) -> Iterator[tuple[str, float, str, int]]:
-    """(effect, severity, nuisance, seed) of every case, in an order that has some of each kind early."""
-    jobs = [(effect, s, "default") for s in args.severity for effect in list_effects()]
-    jobs += [("none", 1.0, level) for level in ("exact", "misspecified") for _ in range(args.nulls)]
-    jobs += [(f"outside:{name}", max(args.severity), "default") for name in list_outside() for _ in range(args.outside)]
-    jobs += [
-        (name, max(args.severity), "default")
-        for size in (2, 3)
-        for name in list_combinations(size, args.pairs, args.seed)
-    ]
-    order = np.random.default_rng(args.seed).permutation(len(jobs))
-    for k in order[: args.most or None]:
-        yield (*jobs[k], args.seed + int(k))
+RECYCLE = 40
+"""Cases after which a worker starts anew: compiled programs of other shapes pile up in it."""
 
 
-def run(folder: Path, job: tuple[str, float, str, int], scenes: int) -> dict[str, Any]:
-    """Makes, answers and scores one case; keeps the verdict and throws the frames away."""
-    effect, severity, nuisance, seed = job
-    case = folder / case_name(seed)
-    for old in (case, key_path(case)):
-        if old.is_dir():
-            shutil.rmtree(old)
-        elif old.is_file():
-            old.unlink()
-    make_case(case, effect=effect, severity=severity, seed=seed, nuisance=nuisance, scenes=scenes)
-    begun = time.monotonic()
-    result = discover_folders(case / "simulated", case / "measured")
-    (case / "out").mkdir()
-    result.verdict.save(case / "out")
-    seconds = time.monotonic() - begun
-    scored = score_case(case, case / "out" / "verdict.json")
-    shutil.rmtree(case / "simulated")
-    shutil.rmtree(case / "measured")
-    closure = result.verdict.closure
-    return {"seed": seed, "seconds": seconds, **scored, "closure": closure.value if closure else None}
-
-
-def wilson(hits: int, n: int) -> str:
-    """A share with its 95 % Wilson interval."""
-    if not n:
-        return "-"
-    z, p = 1.96, hits / n
-    middle, half = (
-        (p + z * z / (2 * n)) / (1 + z * z / n),
-        z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n),
-    )
-    return f"{100 * p:.0f} % ({hits} of {n}; {100 * (middle - half):.0f}-{100 * (middle + half):.0f})"
-
-
-def summary(rows: list[dict[str, Any]]) -> str:
-    """The rates and the confusion table, in Markdown."""
-    single = [r for r in rows if r["kind"] == "single"]
-    lines = ["| measure | value |", "|---|---|"]
-    for severity in sorted({r["severity"] for r in single}):
-        some = [r for r in single if r["severity"] == severity]
-        lines.append(
-            f"| severity {severity:g}: right name first | {wilson(sum(r['first_right'] for r in some), len(some))} |"
-        )
-        lines.append(f"| severity {severity:g}: in the set | {wilson(sum(r['in_set'] for r in some), len(some))} |")
-    sizes = [r["set_size"] for r in single if r["set_size"]]
-    lines.append(f"| mean set size | {np.mean(sizes):.2f} |" if sizes else "| mean set size | - |")
-    for level in ("exact", "misspecified"):
-        some = [r for r in rows if r["kind"] == "none" and r["level"] == level]
-        lines.append(f"| {level} nulls: an effect named | {wilson(sum(r['named'] for r in some), len(some))} |")
-        lines.append(f"| {level} nulls: anything but none | {wilson(sum(not r['right'] for r in some), len(some))} |")
-    some = [r for r in rows if r["kind"] == "outside"]
-    lines.append(
-        f"| outside: right channel and covariate, nothing named | {wilson(sum(r['right'] for r in some), len(some))} |"
-    )
-    lines.append(f"| outside: an effect named | {wilson(sum(r['named'] for r in some), len(some))} |")
-    some = [r for r in rows if r["kind"] == "combination"]
-    lines.append(f"| pairs and triples: exact set | {wilson(sum(r['exact'] for r in some), len(some))} |")
-    lines.append(f"| pairs and triples: mean F1 | {np.mean([r['f1'] or 0 for r in some]):.2f} |" if some else "")
-    inside = [p["inside"] for r in rows for p in r["parameters"] if p["inside"] is not None]
-    lines.append(f"| 90 % intervals that cover | {100 * np.mean(inside):.0f} % of {len(inside)} |" if inside else "")
-    closure = [r["closure"] for r in single if r["first_right"] and r["closure"] is not None]
-    lines.append(f"| median closure, rightly named | {np.median(closure):.2f} |" if closure else "")
-    lines.append(f"| median seconds a case | {np.median([r['seconds'] for r in rows]):.0f} |" if rows else "")
-    table: dict[str, Counter[str]] = defaultdict(Counter)
-    for r in rows:
-        table[" + ".join(r["truth"]) or "none"][" + ".join(r["answer"]) or r["verdict"]] += 1
-    lines += ["", "| hidden | answers |", "|---|---|"]
-    lines += [
-        f"| {hidden} | {', '.join(f'{a} {n}' for a, n in table[hidden].most_common())} |" for hidden in sorted(table)
-    ]
-    return "\n".join(line for line in lines if line or line == "")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--seed", type=int, default=DEVELOPMENT, help="first seed; below 10000 is development")
-    parser.add_argument("--severity", type=float, nargs="+", default=[2.0, 4.0])
-    parser.add_argument("--nulls", type=int, default=100, help="of each level")
-    parser.add_argument("--outside", type=int, default=3, help="cases of each kind outside the catalogue")
-    parser.add_argument("--pairs", type=int, default=20, help="pairs, and as many triples")
-    parser.add_argument("--scenes", type=int, default=16)
-    parser.add_argument("--most", type=int, default=0, help="stop after so many cases; 0 runs all")
-    args = parser.parse_args()
-    enable_compilation_cache()
+def main(argv: list[str] | None = None) -> None:
+    args = _arguments(argv)
+    counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs)
+    settings = Settings(args.sealed, args.scenes)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    done = {row["seed"] for row in rows}
-    for job in tqdm(list(plan(args)), unit="case"):
-        if job[3] in done:
-            continue
-        rows.append(run(args.out, job, args.scenes))
-        with kept.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-    print(summary(rows))
+    rows = {row["key"]: row for row in read_rows(kept)}
+    check_settings(list(rows.values()), settings.__dict__)
+    jobs = [job for job in plan(counts, sealed=args.sealed) if not args.only or job.effect in args.only]
+    done = {key for key, row in rows.items() if row["verdict"] != "error"}
+    jobs = [job for job in jobs if job.key not in done][: args.most]
+    if not args.table:
+        for row in tqdm(answers(jobs, settings, args.out, workers=args.workers), total=len(jobs), unit="case"):
+            append_row(kept, row)
+            rows[row["key"]] = row
+    text = summary(list(rows.values()))
+    (args.out / "summary.md").write_text(text + "\n")
+    print(text)
+    if rows:
+        from benchmarks.blind.pictures import save_pictures
+
+        save_pictures(args.out, list(rows.values()))
+
+
+def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> Iterator[dict[str, Any]]:
+    """Rows as they come. Each worker computes on one core: two cases side by side waste less than one on two cores."""
+    if not jobs:
+        return
+    # Read by XLA and BLAS when a worker starts.
+    os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
+    for name in ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, spawn, initializer=_begin, max_tasks_per_child=RECYCLE)
+    try:
+        for future in as_completed([pool.submit(_answer, job, settings, out) for job in jobs]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin() -> None:
+    from jaxsim.cli import enable_compilation_cache
+    from jaxsim.discover import survey
+
+    enable_compilation_cache()
+    survey.THREADS = 1
+    code_version()
+
+
+def _answer(job: Job, settings: Settings, out: Path) -> dict[str, Any]:
+    """A case's row; a case that ends with an error has one too, counts as wrong, and is tried again by the next run."""
+    from benchmarks.blind.case import run_case
+
+    try:
+        return run_case(job, settings, out / "cases")
+    except Exception as error:
+        print(f"{job.key}: {error!r}", file=sys.stderr)
+        return failed(job, settings, error)
+
+
+def failed(job: Job, settings: Settings, error: Exception) -> dict[str, Any]:
+    outside, effects = job.effect.startswith("outside:"), [] if job.effect == "none" else job.effect.split("+")
+    kind = "outside" if outside else ("none", "single")[len(effects)] if len(effects) < 2 else "combination"
+    wrong = ("named", "first_right", "in_set", "exact", "where_right", "right")
+    return {
+        "key": job.key,
+        "settings": settings.__dict__,
+        "seed": job.seed(sealed=settings.sealed),
+        "code": code_version(),
+        "seconds": 0.0,
+        "cpu_seconds": 0.0,
+        "kind": kind,
+        "truth": effects,
+        "severity": job.severity,
+        "level": job.nuisance,
+        "verdict": "error",
+        "answer": [],
+        "set_size": None,
+        "f1": 0.0,
+        "parameters": [],
+        "error": repr(error),
+        **dict.fromkeys(wrong, False),
+    }
+
+
+def _arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    usual = Counts()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--sealed", action="store_true", help="the sealed cases instead of the development ones")
+    parser.add_argument("--workers", type=int, default=2, help="processes, one core each (default 2)")
+    parser.add_argument("--severity", type=float, nargs="+", default=list(usual.severities))
+    parser.add_argument("--repeats", type=int, default=usual.repeats, help="of each effect at each severity")
+    parser.add_argument("--nulls", type=int, default=usual.nulls, help="of each level")
+    parser.add_argument("--outside", type=int, default=usual.outside, help="cases of each kind outside the catalogue")
+    parser.add_argument("--pairs", type=int, default=usual.pairs, help="pairs, and as many triples")
+    parser.add_argument("--scenes", type=int, default=Settings().scenes)
+    parser.add_argument("--most", type=int, default=None, help="stop after so many new cases")
+    parser.add_argument("--only", nargs="+", metavar="EFFECT", help="cases that hide this alone, as in 'none'")
+    parser.add_argument("--table", action="store_true", help="run nothing; show what OUT holds")
+    return parser.parse_args(argv)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,15 @@
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.result import CurveLine, Result
 from jaxsim.discover.verdict import Verdict
-from jaxsim.discover.workflow import discover, discover_folders
+from jaxsim.discover.workflow import discover, discover_folders, judge_known
 
-__all__ = ["Comparison", "CurveLine", "Result", "Verdict", "discover", "discover_folders", "read_comparison"]
+__all__ = [
+    "Comparison",
+    "CurveLine",
+    "Result",
+    "Verdict",
+    "discover",
+    "discover_folders",
+    "judge_known",
+    "read_comparison",
+]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.survey import Candidate
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
@@ -39,3 +40,5 @@ class Result:
     maps_before: dict[str, Float[np.ndarray, "r c"]]
     maps_after: dict[str, Float[np.ndarray, "r c"]]
     curves: tuple[CurveLine, ...]
+    candidates: tuple[Candidate, ...] = ()
+    """The whole first ranking with its fits, for who wants to choose by another rule."""

@@ -43,6 +43,9 @@ class Candidate:
     """One a fold."""
     slope: Float[np.ndarray, " u"]
     """Gain by unit of the first PART of the way to each fit: what the units say of its direction."""
+    inside: float = 0.0
+    """Log-likelihood over the null on the very units that were fitted, nats, mean of the folds: no evidence, but what
+    a choice without held-out units would go by."""
 
     @property
     def by_unit(self) -> Float[np.ndarray, " u"]:
@@ -87,7 +90,8 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
 
     def one(effect: Effect) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
-        gain, slope, fits = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units), []
+        gain, slope = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units)
+        fits, inside = [], []
         step = steps.get(effect.name)
         at = None if step is None else ({"step": step},)
         starts = at or ({}, *effect.starts, *more_starts.get(effect.name, ()))
@@ -98,6 +102,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
             if step is not None:
                 # A reading known to a step instead of to the finest step is as much more probable.
                 more[:, CHANNELS.index(effect.channels[0])] += returned * np.log(step / FINEST[effect.name])
+            inside.append(more[fitted > 0].sum())
             more[fitted > 0] = 0
             begun = more if at else np.zeros((len(unit), 3))
             if not at:
@@ -106,7 +111,8 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
             slope += np.bincount(unit, begun.sum(-1), problem.ev.units)
             gain += np.stack([np.bincount(unit, more[:, k], problem.ev.units) for k in range(3)], axis=-1)
             fits.append(found)
-        return Candidate(effect, gain[np.unique(unit)], tuple(fits), slope[np.unique(unit)])
+        seen = np.unique(unit)
+        return Candidate(effect, gain[seen], tuple(fits), slope[seen], float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(one, effects))

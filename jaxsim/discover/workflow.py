@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.columns import blocks
+from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather
-from jaxsim.discover.fit import Problem, fit, on_top, to_values
+from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise
 from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
@@ -28,7 +28,7 @@ from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps
 from jaxsim.discover.split import Split, split
 from jaxsim.discover.survey import Candidate, clipped
 from jaxsim.discover.unexplained import describe, free_curves
-from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
+from jaxsim.discover.verdict import Gap, Interval, Named, Rank, Unexplained, Verdict, Where
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
@@ -66,15 +66,9 @@ def discover(
     chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
     parts = split(chosen.unit)
 
-    def evidence(names: Sequence[str]) -> tuple[Evidence, np.ndarray]:
-        keep = np.array([unit in names for unit in chosen.unit])
-        order = {name: k for k, name in enumerate(names)}
-        unit = np.array([order[name] for name, kept in zip(chosen.unit, keep, strict=True) if kept])
-        return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit), unit
-
     # Find: the null model with its nuisances, and what its residuals still depend on.
     say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on")
-    ev, unit = evidence(parts.find)
+    ev, unit = _evidence(scan, measured, chosen, parts.find)
     everyone = np.ones(len(unit), np.float32)
     null, _ = fit_null(scan, ev, everyone)
     places = _places(null, everyone, unit)
@@ -93,8 +87,9 @@ def discover(
 
     # Show: the scenes that nothing has seen.
     say("judging on unseen scenes")
-    both, both_unit = evidence((*parts.find, *parts.judge))
-    shown = _show(scan, both, both_unit, len(parts.find), null, choice, [(e, found.z) for e, _, found in fitted])
+    both, both_unit = _evidence(scan, measured, chosen, (*parts.find, *parts.judge))
+    chain = [(e, found.z) for e, _, found in fitted]
+    shown = _show(scan, both, both_unit, len(parts.find), null, choice.problem.noise, chain, _runner_up(choice))
     verdict = Verdict(
         verdict=answer,
         effects=tuple(_named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
@@ -116,7 +111,44 @@ def discover(
         notes=_notes(comparison, parts),
     )
     grid = comparison.scan.grid
-    return Result(verdict, sensor, grid, shown["maps_before"], shown["maps_after"], shown["curves"])
+    ranking = choice.steps[0].ranking if choice.steps else choice.last
+    return Result(verdict, sensor, grid, shown["maps_before"], shown["maps_after"], shown["curves"], ranking)
+
+
+def judge_known(
+    comparison: Comparison, known: Mapping[str, Mapping[str, Any]]
+) -> tuple[dict[str, Gap], Interval | None]:
+    """The gap on judge scenes that an answer known in advance reaches: `known` are the effects and the parameters that
+    their fits begin at. What `discover` finds can be held against it; nothing is named, and there is no placebo.
+
+    Raises ValueError for unknown effects and where the scenes are too few.
+    """
+    effects = [get_effect(name) for name in known]
+    scan = jax.tree.map(jnp.asarray, comparison.scan)
+    measured = jax.tree.map(jnp.asarray, comparison.measured)
+    chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+    parts = split(chosen.unit)
+    ev, unit = _evidence(scan, measured, chosen, parts.find)
+    everyone = np.ones(len(unit), np.float32)
+    null, _ = fit_null(scan, ev, everyone)
+    starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
+    fitted = refit(null, effects, starts, everyone)
+    chain = [(effect, found.z) for effect, _, found in fitted]
+    problem = null
+    for effect, z in sorted(chain, key=lambda pair: list(EFFECTS).index(pair[0].name)):
+        problem = on_top(effect, problem, z)
+    problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
+    both, both_unit = _evidence(scan, measured, chosen, (*parts.find, *parts.judge))
+    shown = _show(scan, both, both_unit, len(parts.find), null, problem.noise, chain, None)
+    return shown["gap"], shown["closure"]
+
+
+def _evidence(scan: Any, measured: Any, chosen: Blocks, names: Sequence[str]) -> tuple[Evidence, np.ndarray]:
+    """The evidence of the named units, and the place of each block's unit among `names`."""
+    keep = np.array([unit in names for unit in chosen.unit])
+    order = {name: k for k, name in enumerate(names)}
+    unit = np.array([order[name] for name, kept in zip(chosen.unit, keep, strict=True) if kept])
+    return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit), unit
 
 
 def _places(problem: Problem, everyone: Float[np.ndarray, " b"], unit: np.ndarray) -> list[Place]:
@@ -165,9 +197,17 @@ def refit(
 
 
 def _show(
-    scan: Any, ev: Evidence, unit: np.ndarray, find: int, null: Problem, choice: Choice, chain: list[tuple[Effect, Any]]
+    scan: Any,
+    ev: Evidence,
+    unit: np.ndarray,
+    find: int,
+    null: Problem,
+    noise: Any,
+    chain: list[tuple[Effect, Any]],
+    rival: Candidate | None,
 ) -> dict[str, Any]:
-    """Everything that is shown of judge scenes; shared nuisances come from the find scenes."""
+    """Everything that is shown of judge scenes with the effects of `chain` in place, which leave `noise`; `rival` is
+    the placebo. Shared nuisances come from the find scenes."""
     fitted = (unit < find).astype(np.float32)
     judged = unit >= find
 
@@ -183,11 +223,10 @@ def _show(
         found = distances(problem.ev.rays, problem.ev, problem.noise, problem.weights, jnp.asarray(fitted))
         return by_scene(np.asarray(found)[judged], unit[judged])
 
-    before, after = problem_of([], null.noise), problem_of(chain, choice.problem.noise)
-    rival = _runner_up(choice)
+    before, after = problem_of([], null.noise), problem_of(chain, noise)
     placebo = problem_of([(rival.effect, rival.fits[0].z)], null.noise) if rival else before
-    channels = {name for step in choice.steps for name in step.chosen.effect.channels}
-    covariates = {name for step in choice.steps for name in step.chosen.effect.covariates} or set(COVARIATES)
+    channels = {name for effect, _ in chain for name in effect.channels}
+    covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
     floor = floors(before, fitted, judged, unit, distance(before), sorted(covariates))
     gap, closure = gaps(distance(before), distance(after), distance(placebo), floor, sorted(channels))
     return {
@@ -195,7 +234,7 @@ def _show(
         "closure": closure,
         "maps_before": maps_of(before, fitted, judged),
         "maps_after": maps_of(after, fitted, judged),
-        "curves": curves_along(before, after, fitted, judged, unit, [step.chosen.effect for step in choice.steps]),
+        "curves": curves_along(before, after, fitted, judged, unit, [effect for effect, _ in chain]),
     }
 
 

@@ -8,6 +8,7 @@ under test is imported.
 from .case import Key, case_name, key_path, make_case
 from .catalogue import list_combinations, list_effects, list_outside, unit_of
 from .score import score, score_case
+from .units import oracle_power
 
 __all__ = [
     "Key",
@@ -17,6 +18,7 @@ __all__ = [
     "list_effects",
     "list_outside",
     "make_case",
+    "oracle_power",
     "score",
     "score_case",
     "unit_of",

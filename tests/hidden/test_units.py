@@ -6,7 +6,7 @@ import pytest
 
 from .case import look_at, make_setting, measure, plant, predict
 from .catalogue import EFFECTS, OUTSIDE, UNITS_FILE, Choice, amount_of, unit_of
-from .units import noncentrality
+from .units import noncentrality, oracle_power
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +41,13 @@ def test_the_table_has_a_row_for_all_that_can_be_hidden_and_the_command_that_mad
         floor = EFFECTS[name].floor if name in EFFECTS else OUTSIDE[name].floor
         assert row["floor"] == pytest.approx(floor, rel=0.01)
         assert amount_of(name, 2) == pytest.approx(2 * unit_of(name))
+
+
+def test_the_oracle_detects_its_own_size_half_the_time_and_nothing_at_the_tests_level():
+    table = json.loads(UNITS_FILE.read_text())["units"]
+    found = {"name": "retroreflection", "amount": table["retroreflection"]["oracle"]}
+    assert oracle_power({"effects": [found], "outside": None}) == pytest.approx(0.5, abs=1e-3)
+    assert oracle_power({"effects": [found, found], "outside": None}) > 0.7
+    assert oracle_power({"effects": [], "outside": None}) == pytest.approx(0.05, abs=1e-3)
+    assert oracle_power({"effects": [], "outside": {"name": "hue_gain", "amount": 0.08}}) > 0.99
+    assert oracle_power({"effects": [{"name": "range_quantization", "amount": 0.01}], "outside": None}) == 1

@@ -12,8 +12,10 @@ default size; the table says which of the two it is.
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from .case import Setting, look_at, make_setting, measure, predict
 from .catalogue import EFFECTS, OUTSIDE, UNITS_FILE, cap_of, floor_of, maker_of
@@ -117,6 +119,19 @@ def oracle_amount(name: str, setting: Setting, simulated: list, base: list[State
         x = float(np.clip(x - y / slope, low, high))
     x, y = min(tried, key=lambda t: abs(t[1]))
     return float(np.exp(x)), y > 0.3
+
+
+def oracle_power(key: dict[str, Any]) -> float:
+    """Chance that the oracle's test at 5 % detects what a key hides, by the table of units; 0.05 of nothing.
+
+    λ grows with the amount as in the table's case; several effects add their squares.
+    """
+    table = json.loads(UNITS_FILE.read_text())["units"]
+    hidden = key["effects"] + ([key["outside"]] if key["outside"] else [])
+    if any(table[entry["name"]]["oracle"] == 0 for entry in hidden):
+        return 1.0
+    squares = [(LAMBDA * entry["amount"] / table[entry["name"]]["oracle"]) ** 2 for entry in hidden]
+    return float(ndtr(np.sqrt(sum(squares)) - LAMBDA))
 
 
 def make_table(seed: int = 1, scenes: int = 16, rows: int = 48, columns: int = 384) -> dict:

@@ -1,0 +1,1 @@
+"""Parts of benchmarks/hidden_effects.py: which cases, one case, what others would answer, tables, pictures."""

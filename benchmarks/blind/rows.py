@@ -1,0 +1,68 @@
+"""Rows of a run on disk: one JSON line a case, each written whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("jaxsim/discover", "jaxsim/effects", "jaxsim/geometry", "tests/hidden", "benchmarks/blind")
+"""What an answer and its score depend on."""
+
+
+@cache
+def code_version() -> str:
+    """Hash of the sources that rows depend on: rows of different code are not one measurement.
+
+    Of the files as they are when it is first called: a worker calls it when it starts."""
+    files = sorted(path for folder in SOURCES for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".json"))
+    parts = [f"{path.relative_to(ROOT)} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:12]
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Rows of a run, the last one of each case; a line that a killed run left half written is cut off the file.
+
+    Raises ValueError for a line that is no row.
+    """
+    if not path.is_file():
+        return []
+    text = path.read_bytes()
+    whole = text[: text.rfind(b"\n") + 1]
+    if len(whole) < len(text):
+        os.truncate(path, len(whole))
+    rows: dict[str, dict[str, Any]] = {}
+    for number, line in enumerate(whole.decode().splitlines(), 1):
+        try:
+            row = json.loads(line)
+            rows[row["key"]] = row
+        except (json.JSONDecodeError, KeyError, TypeError) as error:
+            raise ValueError(
+                f"{path}, line {number} is no row of this benchmark ({error!r}); give another OUT"
+            ) from error
+    return list(rows.values())
+
+
+def append_row(path: Path, row: dict[str, Any]) -> None:
+    """Adds a row in one write, and has it on the disk before it returns."""
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(handle, (json.dumps(row) + "\n").encode())
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def check_settings(rows: Sequence[dict[str, Any]], settings: dict[str, Any]) -> None:
+    """Raises ValueError where rows were made with other settings than these."""
+    for row in rows:
+        other = {name: (row["settings"].get(name), value) for name, value in settings.items()}
+        other = {name: pair for name, pair in other.items() if pair[0] != pair[1]}
+        if other:
+            told = ", ".join(f"{name} {was} (now {now})" for name, (was, now) in other.items())
+            raise ValueError(f"OUT holds cases with {told}; give another OUT, or the same settings")

@@ -1,0 +1,165 @@
+"""The benchmark of hidden effects: its plan, its files, its tables, and a slice of it from case to picture."""
+
+import json
+from dataclasses import asdict
+
+import pytest
+
+from benchmarks.blind.case import run_case
+from benchmarks.blind.pictures import save_pictures
+from benchmarks.blind.plan import DEVELOPMENT, Counts, Job, Settings, plan
+from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
+from benchmarks.blind.rows import append_row, check_settings, read_rows
+from benchmarks.blind.tables import closures, summary, wilson
+from benchmarks.hidden_effects import failed, main
+from tests.hidden import list_effects
+
+SMALL = Settings(scenes=12, rows=24, columns=192)
+CANDIDATES = ("beam_gain", "range_falloff", "random_dropout", "range_walk")
+SLICE = (
+    Job("beam_gain", 4.0, "default", 0),
+    Job("range_walk", 8.0, "default", 0),
+    Job("outside:azimuth_periodic_drop", 8.0, "default", 0),
+    Job("none", 1.0, "exact", 0),
+)
+
+
+@pytest.fixture(scope="module")
+def slice_rows(tmp_path_factory):
+    import jax
+
+    folder = tmp_path_factory.mktemp("slice")
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        return {job.effect: run_case(job, SMALL, folder, effects=CANDIDATES) for job in SLICE}
+
+
+def test_the_slice_names_what_is_hidden_and_nothing_else(slice_rows):
+    assert slice_rows["beam_gain"]["right"]
+    assert slice_rows["range_walk"]["in_set"]
+    assert slice_rows["none"]["right"]
+    assert not slice_rows["outside:azimuth_periodic_drop"]["false_names"]
+
+
+def test_the_true_effect_shrinks_the_gap_as_the_named_one_does(slice_rows):
+    reached, placebo = closures(slice_rows["beam_gain"])
+    assert reached == pytest.approx(1, abs=0.15)
+    assert placebo < 0.5
+    assert slice_rows["none"]["known"] is None
+
+
+def test_rivals_answer_from_the_same_fits(slice_rows):
+    for row in slice_rows.values():
+        assert row["rivals"]["always none"] == []
+        assert {name for names in row["rivals"].values() for name in names} <= set(list_effects())
+    assert slice_rows["beam_gain"]["rivals"]["held-out likelihood"] == ["beam_gain"]
+
+
+def test_the_slice_becomes_tables_and_pictures(slice_rows, tmp_path):
+    rows = json.loads(json.dumps(list(slice_rows.values())))
+    text = summary(rows)
+    assert "4 development cases" in text
+    assert "| severity 8: right name first |" in text
+    assert "| exact nulls: an effect named | 0 % (0 of 1; 0 to 79 %) |" in text
+    save_pictures(tmp_path, rows)
+    assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "power.png"}
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_seeds_stay_when_counts_grow(sealed):
+    few = {job.key: job.seed(sealed=sealed) for job in plan(Counts((2.0,), 1, 3, 1, 4), sealed=sealed)}
+    more = {job.key: job.seed(sealed=sealed) for job in plan(Counts((1.0, 2.0), 2, 9, 2, 8), sealed=sealed)}
+    assert len(few) == 38 + 6 + 14 + 8
+    assert few.items() <= more.items()
+    assert all((seed >= DEVELOPMENT) == sealed for seed in more.values())
+
+
+def test_cases_lie_in_folders_of_their_own_that_tell_nothing():
+    jobs = plan(Counts(), sealed=True)
+    assert len({job.key for job in jobs}) == len(jobs) == len({job.place(sealed=True) for job in jobs})
+
+
+def test_a_half_written_row_is_cut_off_and_the_last_row_of_a_case_counts(tmp_path):
+    path = tmp_path / "cases.jsonl"
+    for verdict in ("error", "none"):
+        append_row(path, {"key": "a", "verdict": verdict})
+    with path.open("a") as file:
+        file.write('{"key": "b", "verd')
+    assert read_rows(path) == [{"key": "a", "verdict": "none"}]
+    append_row(path, {"key": "c"})
+    assert [row["key"] for row in read_rows(path)] == ["a", "c"]
+    path.write_text("no row\n")
+    with pytest.raises(ValueError, match="line 1 is no row"):
+        read_rows(path)
+
+
+def test_cases_of_other_settings_are_not_mixed():
+    row = {"settings": asdict(SMALL)}
+    check_settings([row], asdict(SMALL))
+    with pytest.raises(ValueError, match=r"sealed False \(now True\)"):
+        check_settings([row], asdict(Settings(True, 12, 24, 192)))
+
+
+def _row(**more):
+    row = failed(Job("range_falloff", 2.0, "default", 0), SMALL, ValueError("none"))
+    rivals = {name: [] for name in RIVALS} | {"held-out likelihood": ["beam_gain"]}
+    return row | {"verdict": "named", "rivals": rivals, "oracle": 1.0} | more
+
+
+def test_rates_are_counted_by_kind():
+    right = {"first_right": True, "in_set": True, "right": True, "answer": ["range_falloff"], "set_size": 1.0}
+    rows = [_row(**right), _row(key="b", answer=["beam_gain"], set_size=2.0), _row(key="c", truth=["oren_nayar"])]
+    text = summary(rows)
+    assert "| severity 2: right name first | 33 % (1 of 3; 6 to 79 %) |" in text
+    assert "| separable effects, severity >= 2: right name first | 50 % (1 of 2; 9 to 91 %) |" in text
+    assert "| mean size of the set | 1.50 |" in text
+    assert "| range_falloff | 1 / 1 of 2 |" in text
+    assert "| oren_nayar* | 0 / 0 of 1 |" in text
+
+
+def test_wilson_covers_what_no_case_has_shown():
+    assert wilson(0, 100) == pytest.approx((0, 0.037), abs=1e-3)
+    assert wilson(0, 0) == (0, 1)
+
+
+def test_rows_of_two_versions_of_the_code_are_said_to_be_no_measurement():
+    assert "not one measurement" in summary([_row(), _row(key="b", code="old")])
+
+
+def test_an_error_counts_as_wrong():
+    row = failed(Job("beam_gain+fog_backscatter", 2.0, "default", 0), SMALL, ValueError("bad"))
+    assert (row["kind"], row["right"], row["f1"]) == ("combination", False, 0.0)
+    assert "counted as wrong (1): beam_gain+fog_backscatter 2 default 0" in summary([row])
+
+
+def test_a_rival_is_right_with_nothing_for_nothing_and_never_outside():
+    null, pair = {"kind": "none", "truth": []}, {"kind": "combination", "truth": ["a", "b"]}
+    assert judge_rival(null, [])["right"]
+    assert not judge_rival(null, ["a"])["right"]
+    assert judge_rival({"kind": "single", "truth": ["a"]}, ["a"])["right"]
+    assert judge_rival(pair, ["a"]) == {"named": True, "right": False, "f1": pytest.approx(2 / 3)}
+    assert judge_rival({"kind": "outside", "truth": ["outside:x"]}, [])["right"] is False
+
+
+def test_the_best_covariate_stands_for_the_most_specific_effect():
+    assert best_covariate([{"channel": "intensity", "covariate": "row"}]) == ["beam_gain"]
+    assert best_covariate([{"channel": "drop", "covariate": "hue"}]) == []
+    assert best_covariate([]) == []
+
+
+def test_closure_is_held_against_the_truth_in_the_channels_that_it_changes():
+    known = {"intensity": [0.2, 0.1, 0.1, 0.2], "range": [0.02, 0.02, 0.02, 0.02]}
+    answer = {"intensity": [0.2, 0.11, 0.1, 0.18], "range": [0.02, 0.03, 0.02, 0.02]}
+    row = {"truth": ["beam_gain"]}
+    assert closures(row | {"gap": answer, "known": {"gap": known}}) == pytest.approx((0.9, 0.2))
+    same = {name: [values[0]] * 4 for name, values in known.items()}
+    assert closures(row | {"gap": answer, "known": {"gap": same}}) is None
+
+
+def test_the_command_shows_what_is_there_without_computing(tmp_path, capsys):
+    append_row(tmp_path / "cases.jsonl", _row())
+    with pytest.raises(ValueError, match="rows 24"):
+        main([str(tmp_path), "--table", "--scenes", "12"])
+    append_row(tmp_path / "cases.jsonl", _row(settings=asdict(Settings())))
+    main([str(tmp_path), "--table"])
+    assert "1 development cases" in capsys.readouterr().out
+    assert (tmp_path / "summary.md").is_file()
