@@ -122,7 +122,8 @@ def answer(case: Path) -> Verdict:
     for effect in verdict.effects:
         parameters = ", ".join(f"{name} {_value(value)}" for name, value in effect.parameters.items())
         gain, alike = effect.gain, ", ".join(effect.look_alikes) or "-"
-        print(f"| {effect.name} | {alike} | {gain.value:.0f} ({gain.low:.0f}-{gain.high:.0f}) | {effect.p_value:.4f} | {parameters} |")  # fmt: skip
+        nats = f"{gain.value:.0f} ({gain.low:.0f}-{gain.high:.0f})"
+        print(f"| {effect.name} | {alike} | {nats} | {effect.p_value:.4f} | {parameters} |")
     places = ", ".join(f"{w.channel} on {w.covariate} ({100 * w.share:.1f} %)" for w in verdict.where)
     print(f"\nwhere: {places or 'nowhere'}")
     if verdict.unexplained:
