@@ -126,7 +126,7 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work)
     name = next(iter(frames))
     image, more = read_frame(work / "sim" / "polar", name)
     assert image.range_m.shape == (len(grid.elevation_rad), 64)
-    assert set(more) == {"semantic", "instance", "rgb"}
+    assert set(more) == {"semantic", "instance", "rgb", "incidence"}
     points = np.fromfile(work / "sim" / "clouds" / f"{name}.bin", "<f4").reshape(-1, 4)
     assert len(points) == image.valid.sum() > 0
     np.testing.assert_allclose(

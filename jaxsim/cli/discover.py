@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Literal
 
+import tyro
+
+from jaxsim.data import open_dataset, select
 from jaxsim.discover import discover_folders
 from jaxsim.report import verdict_sentence, write_report
+from jaxsim.simulate import load
+from jaxsim.simulate.paired import write_pairs
 
 
 @dataclass(frozen=True)
@@ -14,9 +20,16 @@ class Discover:
     """Finds where simulated and measured frames disagree, names the effect that the simulation lacks, and shows
     the gap with the effect added.
 
-    Both folders hold polar frames: grid.json, and one NAME.npz a frame with range (m, 0 = no return) and intensity,
+        jaxsim discover --measured DIR --simulated DIR --out OUT
+        jaxsim discover runs/NAME --data kitti_raw --root DIR --out OUT
+
+    Two folders of polar frames: grid.json, and one NAME.npz a frame with range (m, 0 = no return) and intensity,
     which lies in 0..1; both are rows x columns. Frames of the same name are compared. The format is
     docs/polar-frames.md; `jaxsim simulate` writes such a folder as OUT/polar.
+
+    Or a trained run against the drive that it should imitate: its frames are simulated on the run's polar window and
+    compared with their own scans. The ranges are those of the camera's dense depth, as `jaxsim simulate` has them.
+    The frames go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
     catalogue does not hold.
@@ -24,25 +37,65 @@ class Discover:
     Writes verdict.json, sensor.json (for `jaxsim simulate --sensor`), report.html and figures/ to OUT.
     """
 
-    measured: Path
-    """Folder of polar frames of the sensor."""
-    simulated: Path
-    """Folder of polar frames of the simulator: same names, same grid. With semantic, instance, rgb and incidence
-    arrays more effects can be told apart."""
     out: Path
     """Folder to write to."""
+    run: Annotated[Path | None, tyro.conf.Positional] = None
+    """Folder of a trained run, instead of the two folders."""
+    measured: Path | None = None
+    """Folder of polar frames of the sensor."""
+    simulated: Path | None = None
+    """Folder of polar frames of the simulator: same names, same grid. With semantic, instance, rgb and incidence
+    arrays more effects can be told apart."""
+    data: Literal["same", "synthetic", "kitti_raw", "kitti_object"] = "same"
+    """Data set to hold a run against; `same`: the run's own."""
+    root: Annotated[Path | None, tyro.conf.arg(aliases=["--data.root"])] = None
+    """Folder of the data set, where it is not the run's."""
+    frames: str = ""
+    """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
 
     def __call__(self) -> None:
-        for flag, folder in (("--measured", self.measured), ("--simulated", self.simulated)):
-            if not folder.is_dir():
-                raise ValueError(
-                    f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
-                    "(docs/polar-frames.md)"
-                )
-        print(f"reading {self.simulated} and {self.measured}", flush=True)
-        result = discover_folders(self.simulated, self.measured, say=lambda line: print(line, flush=True))
+        simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
+        print(f"reading {simulated} and {measured}", flush=True)
+        result = discover_folders(simulated, measured, say=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
+
+    def folders(self) -> tuple[Path, Path]:
+        """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
+        for flag in ("data", "root", "frames"):
+            if getattr(self, flag) != getattr(Discover, flag):
+                raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
+        return _folder("--simulated", self.simulated), _folder("--measured", self.measured)
+
+    def pairs_of(self, run: Path) -> tuple[Path, Path]:
+        """Simulates a run's frames; the simulated and the measured folder."""
+        if self.measured or self.simulated:
+            raise ValueError(
+                "discover: a run and --measured or --simulated were given; a run is held against the scans of its data "
+                "set (--data, --root): give one or the other"
+            )
+        sensor = load(run)
+        own = sensor.run.experiment.data
+        foreign = self.data != "same"
+        root = self.root or (None if foreign else own.root)
+        dataset = open_dataset(replace(own, kind=self.data if foreign else own.kind, root=root))
+        wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
+        return write_pairs(sensor, dataset, select(wanted, len(dataset)), self.out, say=say)
+
+
+def _folder(flag: str, folder: Path | None) -> Path:
+    if folder is None:
+        raise ValueError(f"discover: {flag} is missing; give --measured and --simulated, or a trained run")
+    if not folder.is_dir():
+        raise ValueError(
+            f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
+            "(docs/polar-frames.md)"
+        )
+    return folder
+
+
+def say(line: str) -> None:
+    print(line, flush=True)

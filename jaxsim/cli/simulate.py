@@ -7,10 +7,9 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import jax
-import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -20,10 +19,10 @@ from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
-from jaxsim.prepare import dense_view
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
-from jaxsim.simulate import LearnedSensor, load
+from jaxsim.simulate import load
 from jaxsim.simulate.effects import settle_sensor, with_effects
+from jaxsim.simulate.paired import rasters, simulate_batch, take
 
 
 @dataclass(frozen=True)
@@ -125,30 +124,7 @@ class Simulate:
             view = draw_cloud(points, title=f"{name}: {len(points)} points")
             save_picture(self.out / "previews" / f"{name}_cloud.png", view)
             save_picture(self.out / "previews" / f"{name}.png", simulated_picture(image, painted, title=name))
-        write_frame(
-            self.out / "polar",
-            name,
-            image,
-            semantic=np.asarray(painted.semantic).astype(np.uint8),
-            instance=painted.instance,
-            rgb=np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
-        )
-
-
-def take(tree: Any, k: int) -> Any:
-    """Item k of a batch."""
-    return jax.tree.map(lambda leaf: leaf[k], tree)
-
-
-def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted, float]:
-    """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
-    from dense views to results."""
-    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
-    views += [views[-1]] * (size - len(views))
-    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
-    begun = time.monotonic()
-    image, painted = jax.device_get(sensor.simulate_view(batch))
-    return image, painted, time.monotonic() - begun
+        write_frame(self.out / "polar", name, image, **rasters(painted, grid))
 
 
 def speed(batches_s: Sequence[float], size: int, *, total_s: float) -> str:

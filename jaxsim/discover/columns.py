@@ -13,7 +13,7 @@ RAYS = 20_000
 FEWEST_COLUMNS = 8
 """Of each frame that are looked at in any case."""
 SECTORS = 12
-"""A single scan is cut into so many."""
+"""Frames of a single drive are cut into so many."""
 GUARD_COLUMNS = 4
 """Left out on each side of a sector: neighbouring rays share a surface."""
 
@@ -28,22 +28,33 @@ class Blocks:
 
 
 def blocks(scenes: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, seed: int = 0) -> Blocks:
-    """Columns spread evenly over each frame, the first at random; of frames of one scene, sectors of the scan."""
+    """Columns spread evenly over each frame, the first at random; of frames of one scene, sectors of the scan.
+
+    Where all frames are of one scene, a sector of all of them is one unit: what a car or a wall does to one frame it
+    does to the next. Raises ValueError where sectors would be too narrow.
+    """
     rng = np.random.default_rng(seed)
-    if len(set(scenes)) == 1 and len(scenes) == 1:
+    frames = len(scenes)
+    if len(set(scenes)) == 1:
         width = columns // SECTORS
-        inner = np.arange(GUARD_COLUMNS, width - GUARD_COLUMNS)
-        if len(inner) < FEWEST_COLUMNS:
+        inner = width - 2 * GUARD_COLUMNS
+        if inner < FEWEST_COLUMNS:
             raise ValueError(
-                f"discover: one scan of {columns} columns is too narrow to be cut into {SECTORS} independent sectors; "
-                "give more frames, of several drives"
+                f"discover: frames of one drive, of {columns} columns, are too narrow to be cut into {SECTORS} "
+                "independent sectors; give frames of several drives, or "
+                f"{SECTORS * (FEWEST_COLUMNS + 2 * GUARD_COLUMNS)} columns or more"
             )
-        column = np.arange(SECTORS)[:, None] * width + inner
-        count = max(FEWEST_COLUMNS, min(len(inner), rays // (rows * SECTORS)))
-        chosen = np.linspace(0, len(inner) - 1, count).round().astype(int)
-        return Blocks(np.zeros(SECTORS, int), column[:, chosen], tuple(f"sector {k:02d}" for k in range(SECTORS)))
-    count = min(columns, max(FEWEST_COLUMNS, rays // (rows * len(scenes))))
+        count = min(inner, max(-(-FEWEST_COLUMNS // frames), rays // (rows * SECTORS * frames)))
+        within = GUARD_COLUMNS + _spread(rng, frames, inner, count)
+        column = np.arange(SECTORS)[None, :, None] * width + within[:, None, :]
+        sectors = [f"sector {k:02d}" for k in range(SECTORS)]
+        return Blocks(np.repeat(np.arange(frames), SECTORS), column.reshape(-1, count), (*sectors,) * frames)
+    count = min(columns, max(FEWEST_COLUMNS, rays // (rows * frames)))
+    return Blocks(np.arange(frames), _spread(rng, frames, columns, count), tuple(scenes))
+
+
+def _spread(rng: np.random.Generator, frames: int, columns: int, count: int) -> Int[np.ndarray, "frames count"]:
+    """Even steps through so many columns, each frame from another start."""
     step = columns / count
-    first = rng.uniform(0, step, (len(scenes), 1))
-    column = np.floor(first + step * np.arange(count)).astype(int)
-    return Blocks(np.arange(len(scenes)), np.minimum(column, columns - 1), tuple(scenes))
+    first = rng.uniform(0, step, (frames, 1))
+    return np.minimum(np.floor(first + step * np.arange(count)).astype(int), columns - 1)

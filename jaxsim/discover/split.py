@@ -33,8 +33,8 @@ def split(names: Sequence[str]) -> Split:
     if len(names) < FEWEST:
         raise ValueError(
             f"discover: {len(names)} independent scenes; a verdict needs {FEWEST} or more (12 to tell effects apart "
-            "well). Frames of one drive count as one scene: give more drives, or, for a single scan, at least "
-            f"{FEWEST} sectors"
+            "well). Frames of one drive count as one scene: give more drives, or one drive alone, which is cut into "
+            "sectors of azimuth"
         )
     order = sorted(names, key=lambda name: hashlib.sha256(name.encode()).hexdigest())
     count = max(2, round(len(names) * JUDGE_SHARE))

@@ -11,6 +11,7 @@ import numpy as np
 from jaxsim.effects import scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Painted, PolarGrid, PolarImage
+from jaxsim.simulate.paired import rasters
 
 
 def with_effects(
@@ -21,12 +22,7 @@ def with_effects(
     `time_s` counts from the recording's first frame. The effects see what the polar frame's file holds, so that
     effects which `discover` found in files act here on the same rays.
     """
-    more = {
-        "semantic": np.asarray(painted.semantic),
-        "instance": np.asarray(painted.instance),
-        "rgb": np.round(np.asarray(painted.rgb) * 255),
-    }
-    scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [more])
+    scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)])
     scan = replace(scan, time_s=np.full(1, time_s, np.float32))
     return jax.tree.map(lambda leaf: leaf[0], model.simulate(scan, key))
 

@@ -174,13 +174,18 @@ def test_too_few_scenes_says_how_many_it_needs(folders: Folders, tmp_path: Path)
 def test_frames_of_one_drive_count_as_one_scene(folders: Folders, tmp_path: Path):
     grid, _ = read_grid(folders[0])
     for folder in folders:
-        write_grid(folder, grid, frames={name: {"scene": "one drive"} for name in frame_names(folder)})
-    assert "1 independent scenes" in complaint(folders, tmp_path / "out")
+        scenes = {name: {"scene": "early" if name < "drive4" else "late"} for name in frame_names(folder)}
+        write_grid(folder, grid, frames=scenes)
+    assert "2 independent scenes" in complaint(folders, tmp_path / "out")
 
 
-def test_a_single_scan_that_is_too_narrow_for_sectors(folders: Folders, tmp_path: Path):
-    for k in range(1, 8):
+@pytest.mark.parametrize("frames", [1, 8])
+def test_a_single_drive_that_is_too_narrow_for_sectors(folders: Folders, tmp_path: Path, frames: int):
+    for k in range(frames, 8):
         (folders[0] / f"drive{k}.npz").unlink()
+    grid, _ = read_grid(folders[0])
+    for folder in folders:
+        write_grid(folder, grid, frames={name: {"scene": "one drive"} for name in frame_names(folder)})
     text = complaint(folders, tmp_path / "out")
     assert "48 columns" in text
-    assert "give more frames" in text
+    assert "give frames of several drives, or 192 columns" in text

@@ -1,0 +1,117 @@
+"""A trained run beside the sensor that it learned from: simulated and measured polar frames of one drive."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxsim.data import Dataset
+from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
+from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
+from jaxsim.geometry import incidence, points_to_polar
+from jaxsim.metrics.paired import DROP_BELOW
+from jaxsim.prepare import dense_view
+from jaxsim.simulate.sensor import LearnedSensor, Window
+
+_POINTS = 2**15
+"""Clouds are padded to a multiple, so that the kernel is not compiled for every frame."""
+
+
+def take(tree: Any, k: int) -> Any:
+    """Item k of a batch."""
+    return jax.tree.map(lambda leaf: leaf[k], tree)
+
+
+def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted, float]:
+    """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
+    from dense views to results."""
+    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
+    views += [views[-1]] * (size - len(views))
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
+    begun = time.monotonic()
+    image, painted = jax.device_get(sensor.simulate_view(batch))
+    return image, painted, time.monotonic() - begun
+
+
+def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
+    """What a simulated polar frame holds besides range and intensity, by the names of the format.
+
+    The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
+    median.
+    """
+    angle, known = (np.asarray(x) for x in incidence(painted.range_m, painted.valid, grid))
+    middle = np.median(angle[known]) if known.any() else 0
+    return {
+        "semantic": np.asarray(painted.semantic).astype(np.uint8),
+        "instance": np.asarray(painted.instance),
+        "rgb": np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
+        "incidence": np.where(known, angle, middle).astype(np.float32),
+    }
+
+
+def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
+    """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
+
+    Raises ValueError where the cloud has no laser lines.
+    """
+    grid, place = window
+    if frame.cloud.row is None:
+        raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
+    cloud = replace(frame.cloud, row=(frame.cloud.row - round(float(place[0]) * (lines - 1))).astype(np.int32))
+    more = -cloud.intensity.shape[-1] % _POINTS
+    cloud = jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
+    return jax.device_get(points_to_polar(cloud, grid)[0])
+
+
+def comparable(measured: PolarImage, seen: Array) -> PolarImage:
+    """What a run can be compared with: returns on cells that the camera saw. Those whose intensity rounds to 0 count
+    as lost, as they do in training: the network's 0 stands for both."""
+    return replace(measured, valid=measured.valid & (measured.intensity >= DROP_BELOW) & np.asarray(seen))
+
+
+def write_pairs(
+    sensor: LearnedSensor,
+    dataset: Dataset,
+    positions: Sequence[int],
+    out: Path,
+    *,
+    batch: int = 8,
+    say: Callable[[str], None] = lambda line: None,
+) -> tuple[Path, Path]:
+    """Simulates frames of a data set with a run and writes them to OUT/simulated, and the scans themselves, on the
+    same polar window, to OUT/measured. Returns the two folders.
+
+    The simulated frames are what the run reports: the range of the camera's dense depth (given, or completed from the
+    scan itself: `PrepareConfig.depth`), the network's intensity, and no return where that is 0. Only cells that the
+    camera saw hold anything on either side. grid.json names each frame's drive, and its time where it is known.
+
+    Raises ValueError where the folders hold frames of another comparison.
+    """
+    names = [dataset.name_of(p) for p in positions]
+    folders = out / "simulated", out / "measured"
+    for folder in folders:
+        if others := sorted({*frame_names(folder)} - {*names}):
+            raise ValueError(
+                f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
+            )
+    window, lines = sensor.window, sensor.run.spec.rows
+    about: dict[str, dict[str, Any]] = {}
+    for first in range(0, len(positions), batch):
+        frames = [dataset[p] for p in positions[first : first + batch]]
+        images, painted, _ = simulate_batch(sensor, frames, min(batch, len(positions)))
+        for k, frame in enumerate(frames):
+            image, under = take((images, painted), k)
+            write_frame(folders[0], frame.name, image, **rasters(under, window[0]))
+            scan = measured_in(window, frame, lines=lines)
+            write_frame(folders[1], frame.name, comparable(scan, under.valid))
+            about[frame.name] = {"scene": frame.scene} | ({} if frame.time_s is None else {"time": frame.time_s})
+        say(f"{len(about)} of {len(positions)} frames simulated")
+    for folder in folders:
+        write_grid(folder, window[0], frames=about)
+    return folders

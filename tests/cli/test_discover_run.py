@@ -1,0 +1,164 @@
+"""`jaxsim discover RUN`: a run's frames beside the scans that it should imitate. The run is not trained: what is
+tested is what lies in the two folders."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import configs
+from jaxsim.cli import discover, stop_on_error
+from jaxsim.data import open_dataset
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
+from jaxsim.discover import discover_folders
+from jaxsim.discover.read import read_comparison
+from jaxsim.frame import PolarImage
+from jaxsim.pix2pix import ema_generator, state_shapes
+from jaxsim.prepare import input_channels
+from jaxsim.simulate import Checkpoints, describe, load, prepared, start_run
+from jaxsim.simulate.paired import comparable, measured_in
+from tests.report import results
+
+FRAMES = "0,4,8"
+"""Of three streets."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A run on the embedded world that has saved its first, random, generator."""
+    folder = tmp_path_factory.mktemp("runs") / "tiny"
+    base, _ = configs.load("synthetic")
+    experiment = replace(
+        base,
+        data=replace(base.data, train="0", validation=FRAMES, cache=folder.parent / "cache"),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+        discriminator=replace(base.discriminator, filters=4, max_filters=8),
+    )
+    dataset = open_dataset(experiment.data)
+    start_run(folder, describe(experiment, dataset.spec, dataset[0].camera))
+    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
+    rng = np.random.default_rng(0)
+    weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
+    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def out(run: Path, tmp_path_factory) -> Path:
+    """The folders that the command makes of the run's validation frames."""
+    out = tmp_path_factory.mktemp("out")
+    discover.Discover(run=run, out=out).pairs_of(run)
+    return out
+
+
+def complaint(command: discover.Discover) -> str:
+    with pytest.raises(SystemExit) as stop, stop_on_error():
+        command()
+    return str(stop.value)
+
+
+def test_both_folders_hold_the_same_frames_on_the_runs_window(run: Path, out: Path):
+    window, _ = load(run).window
+    for folder in (out / "simulated", out / "measured"):
+        grid, about = read_grid(folder)
+        np.testing.assert_allclose(grid.elevation_rad, window.elevation_rad, atol=1e-6)
+        np.testing.assert_allclose(grid.azimuth_rad, window.azimuth_rad, atol=1e-6)
+        np.testing.assert_allclose(grid.origin_m, window.origin_m, atol=1e-5)
+        assert sorted(about) == frame_names(folder)
+    compared = read_comparison(out / "simulated", out / "measured")
+    assert len(set(compared.scenes)) == len(compared.names) == 3
+
+
+def test_measured_frames_are_the_scans_that_the_run_is_trained_on(run: Path, out: Path):
+    experiment = load(run).run.experiment
+    pairs = prepared(open_dataset(experiment.data), [0, 4, 8], experiment.data, experiment.prepare)
+    for name, pair in zip(pairs.names, pairs, strict=True):
+        measured, _ = read_frame(out / "measured", name)
+        counts = pair.measured.valid & (pair.measured.intensity >= 0.005) & pair.painted.valid
+        np.testing.assert_array_equal(measured.valid, counts)
+        np.testing.assert_allclose(measured.range_m[counts], pair.measured.range_m[counts], rtol=1e-5)
+        np.testing.assert_array_equal(measured.intensity[counts], pair.measured.intensity[counts])
+
+
+def test_simulated_frames_say_what_lies_under_a_ray_also_where_it_is_dropped(run: Path, out: Path):
+    experiment = load(run).run.experiment
+    pairs = prepared(open_dataset(experiment.data), [0], experiment.data, experiment.prepare)
+    image, more = read_frame(out / "simulated", pairs.names[0])
+    painted = pairs[0].painted
+    assert set(more) == {"semantic", "instance", "rgb", "incidence"}
+    np.testing.assert_allclose(image.range_m[image.valid], painted.range_m[image.valid], rtol=1e-5)
+    assert not (image.valid & ~painted.valid).any()
+    np.testing.assert_array_equal(more["semantic"], painted.semantic)
+    known = pairs[0].incidence_rad < np.pi / 2
+    np.testing.assert_allclose(more["incidence"][known], pairs[0].incidence_rad[known], atol=1e-4)
+
+
+def test_a_return_that_rounds_to_zero_counts_as_lost():
+    intensity = np.array([[0.0, 0.004, 0.005, 0.3]], np.float32)
+    image = PolarImage(np.full((1, 4), 9.0, np.float32), intensity, np.ones((1, 4), bool))
+    assert comparable(image, np.array([[True, True, True, False]])).valid.tolist() == [[False, False, True, False]]
+
+
+def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
+    sensor = load(run)
+    frame = open_dataset(sensor.run.experiment.data)[0]
+    with pytest.raises(ValueError, match="no laser lines"):
+        measured_in(sensor.window, replace(frame, cloud=frame.cloud.replace(row=None)), lines=64)
+
+
+def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
+    seen = []
+
+    def answer(simulated, measured, *, say):
+        seen.extend([simulated, measured, *read_comparison(simulated, measured).names])
+        return results.none()
+
+    monkeypatch.setattr(discover, "discover_folders", answer)
+    command = discover.Discover(run=run, out=tmp_path, frames="4")
+    command()
+    command()
+    name = open_dataset("synthetic").name_of(4)
+    assert seen == [tmp_path / "simulated", tmp_path / "measured", name] * 2
+    assert json.loads((tmp_path / "verdict.json").read_text())["verdict"] == "none"
+    assert "1 of 1 frames simulated" in capsys.readouterr().out
+    text = complaint(replace(command, frames="8"))
+    assert f"simulated holds other frames ({name}" in text
+    assert "give another --out" in text
+
+
+def test_a_run_and_folders_at_once(run: Path, out: Path, tmp_path: Path):
+    assert "give one or the other" in complaint(discover.Discover(run=run, measured=out / "measured", out=tmp_path))
+
+
+def test_flags_of_a_run_without_one(out: Path, tmp_path: Path):
+    both = {"simulated": out / "simulated", "measured": out / "measured"}
+    assert "--frames is for a trained run" in complaint(discover.Discover(**both, frames="3", out=tmp_path))
+    assert "--data is for a trained run" in complaint(discover.Discover(**both, data="kitti_raw", out=tmp_path))
+
+
+def test_one_folder_alone(out: Path, tmp_path: Path):
+    assert "--simulated is missing" in complaint(discover.Discover(measured=out / "measured", out=tmp_path))
+
+
+def test_frames_that_the_data_set_does_not_have(run: Path, tmp_path: Path):
+    assert "'x' is no frame number" in complaint(discover.Discover(run=run, frames="x", out=tmp_path))
+
+
+@pytest.mark.slow
+def test_another_gain_for_every_beam_is_found_beside_a_run(run: Path, tmp_path: Path):
+    discover.Discover(run=run, out=tmp_path, frames="0-47:4").pairs_of(run)
+    gain = np.random.default_rng(0).normal(0, 0.3, len(read_grid(tmp_path / "simulated")[0].elevation_rad))
+    # The sensor is the run itself with gains: an untrained network is no model of any other.
+    for name in frame_names(tmp_path / "simulated"):
+        image, _ = read_frame(tmp_path / "simulated", name)
+        bright = np.clip(0.5 * image.intensity * np.exp(gain[:, None]), 0, 1).astype(np.float32)
+        write_frame(tmp_path / "measured", name, image.replace(intensity=bright))
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        result = discover_folders(tmp_path / "simulated", tmp_path / "measured", effects=("beam_gain", "range_falloff"))
+    assert [effect.name for effect in result.verdict.effects] == ["beam_gain"]
+    found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
+    assert np.corrcoef(found, gain)[0, 1] > 0.9
