@@ -47,8 +47,9 @@ class PrepareConfig:
     """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
     network_size: tuple[int, int] = (64, 512)
     """Rows and columns the window is scaled to for the network."""
-    depth: Literal["given", "ip_basic"] = "given"
-    """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic."""
+    depth: Literal["given", "ip_basic", "ip_basic_fast"] = "given"
+    """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
+    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps."""
     denoise: Literal["none", "non_local_means"] = "none"
     """Denoiser of the target intensity."""
     occlusion_m: float = 1.0

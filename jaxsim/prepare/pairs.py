@@ -60,8 +60,8 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """
     try:
         view = crop_image(frame.camera, config.image_crop)
-        if config.depth == "ip_basic":
-            view = _completed(view, _padded(frame.cloud))
+        if config.depth != "given":
+            view = _completed(view, _padded(frame.cloud), config.depth)
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -73,7 +73,7 @@ def check_view(view: CameraFrame, config: PrepareConfig) -> None:
     if view.depth_m is None or view.depth_valid is None:
         raise ValueError(
             "prepare: the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's "
-            "points with --prepare.depth ip_basic"
+            "points with --prepare.depth ip_basic_fast"
         )
     needed = [name for name in ("semantic", "edges") if name in config.inputs]
     if needed and view.semantic is None:
@@ -138,9 +138,9 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
         )
 
 
-def _completed(view: CameraFrame, cloud: Cloud) -> CameraFrame:
+def _completed(view: CameraFrame, cloud: Cloud, method: str) -> CameraFrame:
     depth_m, valid = sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1])
-    depth_m, valid = complete_depth(np.asarray(depth_m), np.asarray(valid), "ip_basic")
+    depth_m, valid = complete_depth(np.asarray(depth_m), np.asarray(valid), method)
     return replace(view, depth_m=depth_m, depth_valid=valid)
 
 

@@ -63,6 +63,16 @@ def test_without_extrapolation_the_sky_stays_empty():
     assert extended.all()
 
 
+def test_wide_gaps_between_lines_are_closed_by_the_multi_scale_form_alone():
+    depth = np.zeros((80, 40), np.float32)
+    depth[20::24] = 10.0
+    _, closed = complete_depth(depth, depth > 0, "ip_basic")
+    _, open_between = complete_depth(depth, depth > 0)
+    assert closed[22:66].all()
+    assert not open_between[30:34].any()
+    assert open_between[20::24].all()
+
+
 def test_an_empty_scan_says_so():
     with pytest.raises(ValueError, match="not one pixel has depth"):
         complete_depth(np.zeros((8, 8), np.float32), np.zeros((8, 8), bool))

@@ -118,9 +118,9 @@ def test_labels_are_not_needed_where_no_input_asks_for_them():
     assert not pair.painted.semantic.any()
 
 
-@pytest.fixture(scope="module")
-def real(samples):
-    config = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic")
+@pytest.fixture(scope="module", params=["ip_basic", "ip_basic_fast"])
+def real(request, samples):
+    config = PrepareConfig(inputs=("rgb", "depth", "row"), depth=request.param)
     raw, single = KittiRaw(samples / "kitti_raw"), KittiObject(samples / "kitti_object")
     frames = [(raw[0], raw.spec), (raw[5], raw.spec), (single[1], single.spec)]
     return [prepare_frame(one, spec, config) for one, spec in frames]
