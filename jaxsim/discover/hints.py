@@ -18,6 +18,8 @@ FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
 """Effects whose step is read off the values, and the finest step that counts as rounding."""
 PILE, PILED = 0.005, 0.002
 """Readings within this share of the largest are piled up there, if they are at least so many of all."""
+GATED, PAST_M = 20.0, (0.02, 0.05, 0.1)
+"""Nats by which a border between lost and returned must be likelier than none; how far past it a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
 HIDDEN = 0.8
 """Share lost above which a bin of azimuth counts as hidden."""
@@ -57,15 +59,17 @@ def _ceiling(ev: Evidence) -> tuple[Start, ...]:
 
 
 def _gate(ev: Evidence) -> tuple[Start, ...]:
-    r, back = ev.rays.range_m, ev.returned & ev.rays.hit
-    if not back.any():
-        return ()
-    nearest, farthest = float(r[back].min()), float(r[back].max())
+    smooth = ev.rays.hit & ~ev.edge
+    r, lost = ev.rays.range_m[smooth], ~ev.returned[smooth]
     starts = []
-    if (ev.rays.hit & (r < nearest)).sum() >= 5:
-        starts.append({"minimum_m": nearest})
-    if (ev.rays.hit & (r > farthest)).sum() >= 5:
-        starts.append({"maximum_m": farthest})
+    for name, sign in (("minimum_m", 1.0), ("maximum_m", -1.0)):
+        order = np.argsort(sign * r)
+        # Nine of ten lost on one side, as against one of a hundred.
+        score = np.cumsum(np.where(lost[order], np.log(90.0), np.log(0.1)))
+        score = score[: int(np.argmax(score < -GATED)) or None]  # returns have begun
+        if len(score) and score.max() > GATED:
+            border = float(r[order][int(score.argmax())])
+            starts += [{name: border + sign * past} for past in PAST_M]
     return tuple(starts)
 
 

@@ -20,16 +20,16 @@ THREADS = 2
 PART = 0.25
 """Of the way from the null to a fit at which units are asked whether they agree on its direction."""
 AGREE = 3
-"""Units that must agree: no gain counts for more than the third largest, no loss for more than the third."""
+"""Units that must agree: no gain or loss counts for more than the third largest."""
 SUDDEN = 12.0
 """Nats that each of AGREE units must gain, and next to none lose, where an event is rare: most scenes lack it."""
 
 
 def clipped(gain: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-    """Units' gains, the outermost held to the third: no one or two scenes decide."""
-    ordered = np.sort(gain)
-    k = min(AGREE - 1, (len(gain) - 1) // 2)
-    return np.clip(gain, ordered[k], ordered[-1 - k])
+    """Units' gains and losses, none larger than the third largest of either: no one or two scenes decide."""
+    sizes = np.sort(np.abs(gain))
+    most = sizes[-min(AGREE, len(sizes))]
+    return np.clip(gain, -most, most)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ def candidate(name: str, gain, slope=None) -> Candidate:
 
 def test_two_scenes_cannot_decide():
     gain = np.array([900.0, 800.0, 3.0, -1.0, -2.0, -1.0, 1.0, -400.0, 2.0, -1.0, -2.0])
-    assert clipped(gain).max() == 3.0
-    assert clipped(gain).min() == -2.0
+    assert clipped(gain).max() == 400.0
+    assert clipped(gain).min() == -400.0
+    assert clipped(gain).sum() < 410
     assert not accepted(candidate("beam_gain", gain))
 
 
