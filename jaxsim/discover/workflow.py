@@ -303,7 +303,8 @@ def _notes(comparison: Comparison, parts: Split) -> tuple[str, ...]:
     notes = list(comparison.notes)
     if len(set(comparison.scenes)) == 1:
         notes.append(
-            "one scan alone: cut into sectors with gaps between them; sectors are less independent than drives"
+            "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
+            "independent than drives"
         )
     if len(parts.find) < 8:
         notes.append(f"{len(parts.find)} scenes to find with are few: weak effects cannot be told from none")
