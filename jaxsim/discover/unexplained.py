@@ -44,7 +44,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     curves = heights @ basis.T
     y, band = curves.mean(0), 1.645 * curves.std(0, ddof=1)
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
-    character, formula = _shape(grid, y, weight, place)
+    character, formula = shape_of(grid, y, weight, place)
     name = NAMED.get(place.covariate, place.covariate)
     formula += f" (x: {READ.get(place.covariate, place.covariate)})"
     return Unexplained(place.channel, name, character, formula, *(tuple(map(float, v)) for v in (grid, y, band)))
@@ -57,7 +57,7 @@ def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
     return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * KNOTS)))
 
 
-def _shape(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
+def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
     """Best of a line, a step and a wave by weighted least squares, with a price for freedom."""
     if place.covariate == "class":
         top = np.argsort(-np.abs(y))[:3]
