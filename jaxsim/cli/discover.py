@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.data import open_dataset, select
-from jaxsim.discover import discover_folders
+from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate import load
 from jaxsim.simulate.paired import write_pairs
@@ -52,11 +52,20 @@ class Discover:
     """Folder of the data set, where it is not the run's."""
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
+    unpaired: bool = False
+    """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
+    can be told; the answer lists the others. Needs eight drives on each side."""
 
     def __call__(self) -> None:
+        if self.unpaired and self.run:
+            raise ValueError(
+                "discover: --unpaired came with a run, whose frames are simulated on the measured streets; leave it "
+                "out, or give --measured and --simulated instead of the run"
+            )
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
-        result = discover_folders(simulated, measured, say=say)
+        compare = discover_unpaired if self.unpaired else discover_folders
+        result = compare(simulated, measured, say=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)

@@ -2,6 +2,7 @@
 
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.result import CurveLine, Result
+from jaxsim.discover.unpaired import discover_unpaired
 from jaxsim.discover.verdict import Verdict
 from jaxsim.discover.workflow import discover, discover_folders, judge_known
 
@@ -12,6 +13,7 @@ __all__ = [
     "Verdict",
     "discover",
     "discover_folders",
+    "discover_unpaired",
     "judge_known",
     "read_comparison",
 ]

@@ -27,7 +27,8 @@ class Comparison:
     """What a reader of the verdict must know of the folders."""
 
 
-def _same_grid(ours: PolarGrid, theirs: PolarGrid, simulated: Path, measured: Path) -> None:
+def same_grid(ours: PolarGrid, theirs: PolarGrid, simulated: Path, measured: Path) -> None:
+    """Raises ValueError where two folders' grids differ."""
     for what in ("azimuth_rad", "elevation_rad", "origin_m"):
         a, b = np.asarray(getattr(ours, what)), np.asarray(getattr(theirs, what))
         if a.shape != b.shape or not np.allclose(a, b, atol=1e-4):
@@ -47,7 +48,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     simulated, measured = Path(simulated), Path(measured)
     grid, about = read_grid(simulated)
     other, about_measured = read_grid(measured)
-    _same_grid(grid, other, simulated, measured)
+    same_grid(grid, other, simulated, measured)
     here, there = frame_names(simulated), frame_names(measured)
     names = sorted(set(here) & set(there))
     for folder, own in ((simulated, here), (measured, there)):
@@ -72,8 +73,8 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
                 f"discover: {name} is {image.valid.shape} simulated and {sensed[-1].valid.shape} measured; the grid "
                 f"has {len(grid.elevation_rad)} rows and {len(grid.azimuth_rad)} columns"
             )
-        _plausible(name, image, "simulated")
-        _plausible(name, sensed[-1], "measured")
+        plausible(name, image, "simulated")
+        plausible(name, sensed[-1], "measured")
     if all(
         np.array_equal(a.range_m, b.range_m) and np.array_equal(a.intensity, b.intensity)
         for a, b in zip(images, sensed, strict=True)
@@ -103,7 +104,8 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     )
 
 
-def _plausible(name: str, image: PolarImage, side: str) -> None:
+def plausible(name: str, image: PolarImage, side: str) -> None:
+    """Raises ValueError for a frame that is empty, dark, or not in metres."""
     valid = np.asarray(image.valid)
     range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
     if valid.mean() < 0.01:

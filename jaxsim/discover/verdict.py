@@ -118,7 +118,8 @@ class Verdict:
 
     def to_json(self) -> dict[str, Any]:
         """The content of verdict.json (docs/discover.md)."""
-        gap: dict[str, Any] = {name: _plain(value) for name, value in self.gap.items()}
+        # A channel that was not compared (unpaired: all but the intensity) is null.
+        gap: dict[str, Any] = {name: _plain(self.gap.get(name)) for name in ("intensity", "range", "drop")}
         gap["closure"] = _plain(self.closure)
         return {
             "verdict": self.verdict,

@@ -1,0 +1,128 @@
+"""Which effects of the catalogue act through covariates that two sets of streets share, and their columns.
+
+An effect is applied to rays whose geometry is that of the range image and whose intensity is what the law gives,
+spread as the simulator's readings are spread about it; the mean change of ln I is the effect's column. One that can
+be learned from neutral gives its derivative there (one column a beam for parameters of beams); one that cannot gives
+a column for each of its starts, of which the best counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.fit import LOOSE, fitted_parameters
+from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects.rays import Rays, Scan
+
+OF_INTENSITY = (
+    "incidence_cosine",
+    "oren_nayar",
+    "range_falloff",
+    "atmospheric_extinction",
+    "near_range_overlap",
+    "window_contamination",
+    "focal_compensation",
+    "beam_gain",
+)
+"""Functions of range, incidence, row and azimuth."""
+OF_CLASSES = ("specular_lobe", "retroreflection", "gamma_response", "intensity_offset", "saturation")
+"""These show in single classes, or in the contrast between them, and need the classes of both sides."""
+INCIDENCE_SET = ("incidence_cosine", "oren_nayar", "gamma_response", "intensity_offset")
+"""Where classes are not known, the contrast of angles is all that these show: they are told as a set."""
+OF_LOSS = ("random_dropout", "sector_occlusion", "packet_loss")
+"""Functions of row and azimuth alone: a ray that is lost has no range."""
+OF_READINGS = ("intensity_quantization", "range_quantization")
+"""Read off the values themselves."""
+STEP = 0.25
+"""Of a parameter's scale, for derivatives."""
+FREE = 1e-4
+"""Precision of the size of a start's column."""
+
+
+def untold(classes: bool) -> tuple[str, ...]:
+    """Effects that cannot be told where the streets differ."""
+    told = {*OF_INTENSITY, *OF_LOSS, *OF_READINGS, *(OF_CLASSES if classes else ())}
+    return tuple(name for name in EFFECTS if name not in told)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """An effect, or one start of it, as columns of the measured side."""
+
+    effect: Effect | None
+    """None of a free curve."""
+    start: dict[str, Any]
+    """Values of the parameters at which the columns were taken; empty for neutral."""
+    columns: Float[np.ndarray, "n c"]
+    precision: Float[np.ndarray, " c"]
+    sign: int = 0
+
+
+def change_of(
+    effect: Effect, rays: Rays, scan: Scan, spread: Float[np.ndarray, " q"]
+) -> Callable[[dict[str, Any]], Float[np.ndarray, " n"]]:
+    """The function from values of the parameters to the mean change of ln I of every ray."""
+    rows = len(np.asarray(scan.grid.elevation_rad))
+    on_device = jax.tree.map(jnp.asarray, rays)
+    grid_alone = jax.tree.map(jnp.asarray, replace(scan, range_m=scan.range_m[:1]))
+
+    @jax.jit
+    def mean(values: dict[str, Any]) -> Any:
+        total = jnp.zeros_like(on_device.range_m)
+        for off in spread:
+            moved = replace(
+                on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off
+            )
+            total = total + effect.apply(values, moved, grid_alone).log_intensity - moved.log_intensity
+        return total / len(spread)
+
+    return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
+
+
+def columns_of(effect: Effect, change: Callable[..., np.ndarray], row: np.ndarray, rows: int) -> list[Columns]:
+    """The effect's columns at neutral, or at each of its starts."""
+    if not effect.starts:
+        return [at(effect, {}, change, row, rows)]
+    result = []
+    for start in effect.starts:
+        whole = change(start)
+        of_rows = [name for name, p in fitted_parameters(effect).items() if p.shape == "row"]
+        more = at(effect, start, change, row, rows, names=of_rows)
+        columns = np.concatenate([whole[:, None].astype(np.float32), more.columns], axis=1)
+        result.append(Columns(effect, start, columns, np.concatenate([[FREE], more.precision]), 1))
+    return result
+
+
+def at(
+    effect: Effect,
+    values: dict[str, Any],
+    change: Callable[..., np.ndarray],
+    row: np.ndarray,
+    rows: int,
+    *,
+    names: list[str] | None = None,
+) -> Columns:
+    """Derivatives in the named parameters (all that are fitted) at `values`, per scale of each; one column a beam
+    for those of beams."""
+    parts, held = [np.zeros((len(row), 0), np.float32)], [np.zeros(0)]
+    here = change(values)
+    for name, p in fitted_parameters(effect).items():
+        if names is not None and name not in names:
+            continue
+        now = np.asarray(values.get(name, p.neutral), float)
+        step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
+        slope = (change({**values, name: now + step}) - here) / (step[row] if step.ndim else step) * p.scale
+        if p.shape == "row":
+            parts.append((slope[:, None] * (row[:, None] == np.arange(rows))).astype(np.float32))
+            held.append(np.ones(rows))
+        else:
+            parts.append(slope[:, None].astype(np.float32))
+            held.append(np.full(1, 1 / LOOSE**2))
+    return Columns(effect, values, np.concatenate(parts, axis=1), np.concatenate(held))

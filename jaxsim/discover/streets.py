@@ -1,0 +1,254 @@
+"""Two folders that show different streets: the rays of each, with the covariates that a range image alone gives.
+
+Letters: n rays (of both sides, thinned), s scenes. Measured ranges are noisy and simulated ones are not; angles
+and heights are taken from both range images after the simulated one was given the noise of the measured one, or
+the noise itself would look like an effect of the angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.read import plausible, same_grid
+from jaxsim.discover.survey import FINEST
+from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
+from jaxsim.effects.scan import scan_of
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.geometry.normals import normals
+from jaxsim.geometry.polar import directions
+
+PER_SCENE = 4000
+"""Rays of a scene that are looked at."""
+STEEPEST_RAD = np.deg2rad(80.0)
+"""Intensity is compared below this incidence."""
+BEND = 0.03
+"""A ray whose neighbours' mean of 1 / range is off by more than this share does not lie on one smooth surface."""
+SAME_M, SAME_SHARE = 0.3, 0.5
+"""Frames of one name whose ranges agree this well at so many rays show the same street."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """Frames of one folder (f, r, c) with what their range images say."""
+
+    names: tuple[str, ...]
+    scenes: tuple[str, ...]
+    images: tuple[PolarImage, ...]
+    semantic: Int[np.ndarray, "f r c"] | None
+
+
+@dataclass(frozen=True)
+class Streets:
+    """Thinned rays of both folders; rays that can be compared alone."""
+
+    grid: PolarGrid
+    scan: Scan
+    """Of all frames, as if each range image were ideal geometry; intensities as read."""
+    rays: Rays
+    """(n,), host."""
+    log_intensity: Float[np.ndarray, " n"]
+    height_m: Float[np.ndarray, " n"]
+    """Above the ground."""
+    rise: Float[np.ndarray, " n"]
+    """Vertical part of the surface normal: 1 flat ground, 0 walls."""
+    bend: Float[np.ndarray, " n"]
+    """By how much the surface is not flat, share of the range."""
+    semantic: Int[np.ndarray, " n"] | None
+    """Classes, where both folders give them; else of simulated rays alone."""
+    shared_classes: bool
+    scene: Int[np.ndarray, " n"]
+    scenes: tuple[str, ...]
+    """`simulated/NAME` and `measured/NAME`."""
+    measured: Bool[np.ndarray, " s"]
+    """Whether a scene was measured."""
+    lost: Bool[np.ndarray, "f r c"]
+    frame_scene: Int[np.ndarray, " f"]
+    frames: tuple[int, int]
+    """Simulated and measured."""
+    steps: dict[str, float]
+    """Of the lattices on which measured readings lie and simulated ones do not, by the effect that makes them."""
+    noise_m: float
+    """Given to the simulated ranges."""
+    notes: tuple[str, ...] = ()
+
+
+def read_side(folder: Path, word: str) -> tuple[PolarGrid, Side]:
+    """One folder. Raises ValueError as `read_comparison` does."""
+    grid, about = read_grid(folder)
+    names = frame_names(folder)
+    if not names:
+        raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
+    images, labels = [], []
+    for name in names:
+        image, more = read_frame(folder, name)
+        if image.valid.shape != (len(grid.elevation_rad), len(grid.azimuth_rad)):
+            raise ValueError(
+                f"discover: {word} frame {name} is {image.valid.shape}; the grid has {len(grid.elevation_rad)} rows "
+                f"and {len(grid.azimuth_rad)} columns"
+            )
+        plausible(name, image, word)
+        images.append(image)
+        labels.append(more.get("semantic"))
+    semantic = _all_or_none(folder, "semantic", labels)
+    scenes = tuple(f"{word}/{about.get(name, {}).get('scene', name)}" for name in names)
+    return grid, Side(tuple(names), scenes, tuple(images), semantic)
+
+
+def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    given = [one for one in rasters if one is not None]
+    if len(given) not in (0, len(rasters)):
+        raise ValueError(f"discover: some frames of {folder} have {what} and others have not; give it for all or none")
+    return np.stack(given).astype(np.int32) if given else None
+
+
+def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, seed: int = 0) -> Streets:
+    """Reads two folders of polar frames that need share no street and no names.
+
+    Raises ValueError where grids differ, values have wrong units, frames are empty, or both folders hold a frame of
+    the same readings.
+    """
+    simulated, measured = Path(simulated), Path(measured)
+    grid, ours = read_side(simulated, "simulated")
+    other, theirs = read_side(measured, "measured")
+    same_grid(grid, other, simulated, measured)
+    _no_copy(ours, theirs, simulated, measured)
+    noise_m = _extra_noise(ours, theirs)
+    rng = np.random.default_rng(seed)
+    noisy = [
+        image.replace(range_m=np.where(image.valid, image.range_m + rng.normal(0, noise_m, image.range_m.shape), 0))
+        for image in ours.images
+    ]
+    images = [*noisy, *theirs.images]
+    images = [image.replace(range_m=np.maximum(image.range_m, 0).astype(np.float32)) for image in images]
+    kinds = [side.semantic for side in (ours, theirs)]
+    shape = images[0].valid.shape
+    filled = [np.zeros((len(side.names), *shape), np.int32) if k is None else k for side, k in zip((ours, theirs), kinds, strict=True)]
+    semantic = np.concatenate(filled)
+    both = all(k is not None for k in kinds)
+    # Effects of classes act where both sides know them.
+    scan = scan_of(grid, images, [{"semantic": k if both else np.zeros_like(k)} for k in semantic])
+    scenes = tuple(dict.fromkeys((*ours.scenes, *theirs.scenes)))
+    frame_scene = np.array([scenes.index(name) for name in (*ours.scenes, *theirs.scenes)])
+    height, rise, bend, smooth = _surface(scan, len(ours.names))
+    lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
+    good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
+    at = _thinned(good, frame_scene, per_scene, rng)
+    rays = jax.tree.map(np.asarray, rays_at(scan, *(part.astype(np.int32) for part in at)))
+    return Streets(
+        grid=grid,
+        scan=scan,
+        rays=rays,
+        log_intensity=np.log(np.maximum(scan.intensity[at], FLOOR)).astype(np.float64),
+        height_m=height[at],
+        rise=rise[at],
+        bend=bend[at],
+        semantic=None if kinds[0] is None else semantic[at],
+        shared_classes=both,
+        scene=frame_scene[at[0]],
+        scenes=scenes,
+        measured=np.array([name.startswith("measured/") for name in scenes]),
+        lost=~np.stack([np.asarray(image.valid) for image in images]),
+        frame_scene=frame_scene,
+        frames=(len(ours.names), len(theirs.names)),
+        steps=_steps(ours, theirs),
+        noise_m=noise_m,
+        notes=_same_streets(ours, theirs),
+    )
+
+
+def _no_copy(ours: Side, theirs: Side, simulated: Path, measured: Path) -> None:
+    seen = {(image.range_m.tobytes(), image.intensity.tobytes()): name for name, image in zip(ours.names, ours.images, strict=True)}
+    for name, image in zip(theirs.names, theirs.images, strict=True):
+        twin = seen.get((image.range_m.tobytes(), image.intensity.tobytes()))
+        if twin is not None:
+            raise ValueError(
+                f"discover: {twin} of {simulated} and {name} of {measured} hold the same readings; compare a simulation "
+                "with a sensor"
+            )
+
+
+def _same_streets(ours: Side, theirs: Side) -> tuple[str, ...]:
+    common = [name for name in ours.names if name in theirs.names]
+    agree = []
+    for name in common[:8]:
+        a, b = ours.images[ours.names.index(name)], theirs.images[theirs.names.index(name)]
+        both = a.valid & b.valid
+        agree.append(np.mean(np.abs(a.range_m - b.range_m)[both] < SAME_M) if both.any() else 0.0)
+    if agree and np.mean(agree) > SAME_SHARE:
+        return (
+            f"{len(common)} frames of the same name show the same street on both sides: without --unpaired they are "
+            "compared ray by ray, which tells many more effects apart",
+        )
+    return ()
+
+
+def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
+    """Standard deviation of the range noise that the steps between neighbours on planes show, m.
+
+    On a plane 1 / range is straight along a row; what is left of it has 1.5 times the variance of one reading.
+    """
+    r = np.where(valid, range_m, np.nan).astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = ((1 / r[..., :-2] + 1 / r[..., 2:]) / 2 * r[..., 1:-1] - 1) * r[..., 1:-1]
+    near = np.abs(off) < BEND * r[..., 1:-1]
+    return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
+
+
+def _extra_noise(ours: Side, theirs: Side) -> float:
+    """What the simulated ranges lack of the measured ones' noise, m."""
+    of = [roughness_m(*(np.stack([getattr(i, n) for i in side.images]) for n in ("range_m", "valid"))) for side in (ours, theirs)]
+    return float(np.sqrt(max(of[1] ** 2 - of[0] ** 2, 0.0)))
+
+
+def _steps(ours: Side, theirs: Side) -> dict[str, float]:
+    found = {}
+    for name, what in (("intensity_quantization", "intensity"), ("range_quantization", "range_m")):
+        simulated, measured = (
+            np.concatenate([np.asarray(getattr(i, what))[i.valid] for i in side.images]) for side in (ours, theirs)
+        )
+        step = lattice_step(measured, finest=FINEST[name])
+        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
+            found[name] = step
+    return found
+
+
+def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Height above the ground, vertical part of the normal, bend, and where a ray meets a smooth surface."""
+    grid = scan.grid
+    height = scan.range_m * np.asarray(directions(grid))[..., 2] + np.asarray(grid.origin_m)[:, None]
+    rise, known = np.zeros_like(height), np.zeros(height.shape, bool)
+    for k in range(len(height)):
+        normal, sure = (np.asarray(x) for x in normals(scan.range_m[k], scan.hit[k], grid))
+        rise[k], known[k] = np.abs(normal[..., 2]), sure
+    for side in (slice(None, simulated), slice(simulated, None)):
+        flat = known[side] & (rise[side] > 0.9) & (height[side] < -0.3)
+        if flat.any():
+            height[side] -= np.median(height[side][flat])
+    r = np.where(scan.hit, scan.range_m, np.nan).astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along, down = (1 / np.roll(r, 1, axis) + 1 / np.roll(r, -1, axis) for axis in (2, 1))
+        sides, stack = np.abs(along / 2 * r - 1), np.abs(down / 2 * r - 1)
+    sides[..., [0, -1]] = np.nan
+    smooth = known & scan.hit & (sides < BEND)
+    return height, rise, np.nan_to_num(np.minimum(stack, 1.0), nan=1.0), smooth
+
+
+def _thinned(good: np.ndarray, frame_scene: np.ndarray, per_scene: int, rng: Any) -> tuple[np.ndarray, ...]:
+    """Places of at most `per_scene` rays of each scene."""
+    frame, row, column = np.nonzero(good)
+    scene = frame_scene[frame]
+    keep: list[Sequence[int]] = []
+    for s in np.unique(scene):
+        own = np.flatnonzero(scene == s)
+        keep.append(own if len(own) <= per_scene else np.sort(rng.choice(own, per_scene, replace=False)))
+    chosen = np.concatenate(keep)
+    return frame[chosen], row[chosen], column[chosen]
