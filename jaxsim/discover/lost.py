@@ -70,7 +70,9 @@ def losses(streets: Streets, find: Bool[np.ndarray, " s"]) -> Losses:
             "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
         )
         return Losses(tuple(found), rows, tuple(notes))
-    single = [_of_scenes(_share(lost, e, hidden, rows), s) for lost, e, s in zip((here, there), empty, scene, strict=True)]
+    single = [
+        _of_scenes(_share(lost, e, hidden, rows), s) for lost, e, s in zip((here, there), empty, scene, strict=True)
+    ]
     p, share = _test(*single)
     if p <= LEVEL and share.value > USUAL:
         thirds = np.array_split(np.flatnonzero(rows), 3)

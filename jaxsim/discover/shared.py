@@ -77,9 +77,7 @@ def change_of(
     def mean(values: dict[str, Any]) -> Any:
         total = jnp.zeros_like(on_device.range_m)
         for off in spread:
-            moved = replace(
-                on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off
-            )
+            moved = replace(on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off)
             total = total + effect.apply(values, moved, grid_alone).log_intensity - moved.log_intensity
         return total / len(spread)
 

@@ -131,7 +131,10 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
     images = [image.replace(range_m=np.maximum(image.range_m, 0).astype(np.float32)) for image in images]
     kinds = [side.semantic for side in (ours, theirs)]
     shape = images[0].valid.shape
-    filled = [np.zeros((len(side.names), *shape), np.int32) if k is None else k for side, k in zip((ours, theirs), kinds, strict=True)]
+    filled = [
+        np.zeros((len(side.names), *shape), np.int32) if k is None else k
+        for side, k in zip((ours, theirs), kinds, strict=True)
+    ]
     semantic = np.concatenate(filled)
     both = all(k is not None for k in kinds)
     # Effects of classes act where both sides know them.
@@ -166,13 +169,16 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
 
 
 def _no_copy(ours: Side, theirs: Side, simulated: Path, measured: Path) -> None:
-    seen = {(image.range_m.tobytes(), image.intensity.tobytes()): name for name, image in zip(ours.names, ours.images, strict=True)}
+    seen = {
+        (image.range_m.tobytes(), image.intensity.tobytes()): name
+        for name, image in zip(ours.names, ours.images, strict=True)
+    }
     for name, image in zip(theirs.names, theirs.images, strict=True):
         twin = seen.get((image.range_m.tobytes(), image.intensity.tobytes()))
         if twin is not None:
             raise ValueError(
-                f"discover: {twin} of {simulated} and {name} of {measured} hold the same readings; compare a simulation "
-                "with a sensor"
+                f"discover: {twin} of {simulated} and {name} of {measured} hold the same readings; compare a "
+                "simulation with a sensor"
             )
 
 
@@ -205,7 +211,10 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
 
 def _extra_noise(ours: Side, theirs: Side) -> float:
     """What the simulated ranges lack of the measured ones' noise, m."""
-    of = [roughness_m(*(np.stack([getattr(i, n) for i in side.images]) for n in ("range_m", "valid"))) for side in (ours, theirs)]
+    of = [
+        roughness_m(*(np.stack([getattr(i, n) for i in side.images]) for n in ("range_m", "valid")))
+        for side in (ours, theirs)
+    ]
     return float(np.sqrt(max(of[1] ** 2 - of[0] ** 2, 0.0)))
 
 

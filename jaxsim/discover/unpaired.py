@@ -18,7 +18,7 @@ import numpy as np
 
 from jaxsim.discover.choose_unpaired import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
 from jaxsim.discover.conditional import Conditional, compare
-from jaxsim.discover.gap_unpaired import Shown, show
+from jaxsim.discover.gap_unpaired import show
 from jaxsim.discover.law import exchanged
 from jaxsim.discover.localise import Place, p_value
 from jaxsim.discover.lost import Losses, losses
@@ -78,7 +78,7 @@ def discover_unpaired(
 
     # Show: the scenes that nothing has seen.
     say("judging on unseen scenes")
-    shown: Shown = show(problem, steps, refined)
+    shown = show(problem, steps, refined)
     verdict = Verdict(
         verdict=answer,
         effects=named,
@@ -153,7 +153,7 @@ def values_of(problem: Conditional, covariate: str) -> np.ndarray:
     """A covariate of all rays, as verdicts compare it."""
     r = problem.rays
     of = {"range": np.log(r.range_m), "incidence": r.incidence_rad, "azimuth": r.azimuth_rad, "row": r.row}
-    return np.asarray(of[covariate] if covariate in of else problem.streets.semantic, float)
+    return np.asarray(of.get(covariate, problem.streets.semantic), float)
 
 
 def _of_intensity(problem: Conditional, steps: Sequence[Step], refined: Refined) -> list[Named]:
