@@ -19,6 +19,7 @@ import numpy as np
 from jaxsim.discover.choose_unpaired import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
 from jaxsim.discover.conditional import Conditional, compare
 from jaxsim.discover.gap_unpaired import show
+from jaxsim.discover.hints import FINEST
 from jaxsim.discover.law import exchanged
 from jaxsim.discover.localise import Place, p_value
 from jaxsim.discover.lost import Losses, losses
@@ -27,7 +28,7 @@ from jaxsim.discover.result import Result
 from jaxsim.discover.shared import INCIDENCE_SET, untold
 from jaxsim.discover.split import Split, split
 from jaxsim.discover.streets import PER_SCENE, Streets, read_streets
-from jaxsim.discover.survey import FINEST, clipped
+from jaxsim.discover.survey import clipped
 from jaxsim.discover.unexplained import shape_of
 from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
 from jaxsim.effects import EFFECTS

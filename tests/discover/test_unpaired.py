@@ -66,7 +66,9 @@ def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
 def test_the_command_writes_a_report_that_says_so(gains, tmp_path, monkeypatch):
     _, folder, result = gains
     monkeypatch.setattr(command, "discover_unpaired", lambda simulated, measured, *, say: result)
-    command.Discover(folder / "measured", folder / "simulated", tmp_path / "out", unpaired=True)()
+    command.Discover(
+        measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
+    )()
     assert "different streets" in (tmp_path / "out" / "report.html").read_text()
     verdict = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert set(verdict["gap"]) == {"intensity", "range", "drop", "closure"}
@@ -98,7 +100,9 @@ def test_too_few_streets(tmp_path, standard_promotion):
     folder = tmp_path / "case"
     make_unpaired(folder, seed=1, **SMALL | {"scenes": 7})
     with pytest.raises(SystemExit) as stop, stop_on_error():
-        command.Discover(folder / "measured", folder / "simulated", tmp_path / "out", unpaired=True)()
+        command.Discover(
+            measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
+        )()
     assert "7 simulated scenes; where the streets differ each side needs 8" in str(stop.value)
 
 
