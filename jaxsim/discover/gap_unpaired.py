@@ -143,5 +143,7 @@ def _curves(
             scenes.append(np.where(k > 0, total / np.maximum(k, 1), means[0]))
         band = 1.645 * np.std(scenes, axis=0) / np.sqrt(max(len(scenes) - 1, 1))
         centre = np.bincount(place, x, size) / count
-        lines.append(CurveLine("intensity", name, "ln I, measured minus the law of both sides", centre, *means, band))
+        lines.append(
+            CurveLine("intensity", name, "ln I, measured minus the law of both sides", centre, means[0], means[1], band)
+        )
     return tuple(lines)

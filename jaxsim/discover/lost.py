@@ -55,7 +55,7 @@ def losses(streets: Streets, find: Bool[np.ndarray, " s"]) -> Losses:
     here, there = streets.lost[use & sensed], streets.lost[use & ~sensed]
     rows = there.mean((0, 2)) < 1 - SURE
     scene = streets.frame_scene[use & sensed], streets.frame_scene[use & ~sensed]
-    empty = here.all(1), there.all(1)
+    empty = np.all(here, axis=1, keepdims=True)[:, 0], np.all(there, axis=1, keepdims=True)[:, 0]
     hidden = (empty[0].mean(0) > MOSTLY) & (empty[1].mean(0) < 1 - MOSTLY)
     found, notes = [], []
     if hidden.any():
@@ -95,10 +95,8 @@ def _sector(streets: Streets, hidden: np.ndarray, scenes: int) -> Loss:
     run = max(runs, key=len)
     middle, width = float(azimuth[run].mean()), len(run) * step
     values = {"azimuth_rad": (middle, step / 2), "width_rad": (width, step)}
-    bounds = EFFECTS["sector_occlusion"].parameters
     parameters = {
-        name: Interval(*(float(np.clip(x, bounds[name].low, bounds[name].high)) for x in (v, v - e, v + e)), "rad")
-        for name, (v, e) in values.items()
+        name: _as(Interval(v, v - e, v + e, "rad"), "sector_occlusion", name) for name, (v, e) in values.items()
     }
     share = float(hidden.mean())
     return Loss("sector_occlusion", 2.0**-scenes, parameters, Interval(share, share, share, "share of rays"))
@@ -128,4 +126,8 @@ def _test(measured: np.ndarray, simulated: np.ndarray) -> tuple[float, Interval]
 
 def _as(share: Interval, effect: str, parameter: str) -> Interval:
     p = EFFECTS[effect].parameters[parameter]
-    return Interval(*(float(np.clip(x, p.low, p.high)) for x in (share.value, share.low, share.high)), p.unit)
+
+    def clip(x: float) -> float:
+        return float(np.clip(x, p.low, p.high))
+
+    return Interval(clip(share.value), clip(share.low), clip(share.high), p.unit)

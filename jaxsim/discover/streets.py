@@ -8,7 +8,7 @@ the noise itself would look like an effect of the angle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +103,12 @@ def read_side(folder: Path, word: str) -> tuple[PolarGrid, Side]:
     return grid, Side(tuple(names), scenes, tuple(images), semantic)
 
 
+def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float[np.ndarray, "r c"]:
+    range_m, valid = np.asarray(image.range_m), np.asarray(image.valid)
+    moved = np.maximum(range_m + rng.normal(0, noise_m, range_m.shape), 0.01)
+    return np.where(valid, moved if noise_m else range_m, 0).astype(np.float32)
+
+
 def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) -> np.ndarray | None:
     given = [one for one in rasters if one is not None]
     if len(given) not in (0, len(rasters)):
@@ -123,12 +129,10 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
     _no_copy(ours, theirs, simulated, measured)
     noise_m = _extra_noise(ours, theirs)
     rng = np.random.default_rng(seed)
-    noisy = [
-        image.replace(range_m=np.where(image.valid, image.range_m + rng.normal(0, noise_m, image.range_m.shape), 0))
-        for image in ours.images
+    images = [
+        replace(image, range_m=_noisy(image, noise_m if k < len(ours.names) else 0.0, rng))
+        for k, image in enumerate((*ours.images, *theirs.images))
     ]
-    images = [*noisy, *theirs.images]
-    images = [image.replace(range_m=np.maximum(image.range_m, 0).astype(np.float32)) for image in images]
     kinds = [side.semantic for side in (ours, theirs)]
     shape = images[0].valid.shape
     filled = [
@@ -255,7 +259,7 @@ def _thinned(good: np.ndarray, frame_scene: np.ndarray, per_scene: int, rng: Any
     """Places of at most `per_scene` rays of each scene."""
     frame, row, column = np.nonzero(good)
     scene = frame_scene[frame]
-    keep: list[Sequence[int]] = []
+    keep: list[np.ndarray] = []
     for s in np.unique(scene):
         own = np.flatnonzero(scene == s)
         keep.append(own if len(own) <= per_scene else np.sort(rng.choice(own, per_scene, replace=False)))
