@@ -25,7 +25,7 @@ _COLUMNS = 900
 step that leaves 1.5 % of the cells empty which are no dropped returns."""
 
 
-def read_lidar_top(path: Path, *, columns: int = _COLUMNS) -> Sweep:
+def read_lidar_top(path: Path | str, *, columns: int = _COLUMNS) -> Sweep:
     """One sweep, the car's forward direction in the middle; cells without return include rays that hit the car.
 
     Raises ValueError for a truncated file, non-finite points, a ring that is no beam, intensity off 0..255.

@@ -20,9 +20,9 @@ _FULL_SCALE: dict[str, float] = {"reflectivity": 255.0, "signal": 65535.0}
 
 
 def read_pcap(
-    path: Path,
+    path: Path | str,
     *,
-    meta: Path | None = None,
+    meta: Path | str | None = None,
     intensity: str = "reflectivity",
     full_scale: float | None = None,
 ) -> Iterator[Sweep]:

@@ -19,7 +19,7 @@ from jaxsim.frame import PolarGrid, PolarImage
 REQUIRED = ("range", "intensity")
 
 
-def write_grid(folder: Path, grid: PolarGrid, *, frames: dict[str, dict[str, Any]] | None = None) -> None:
+def write_grid(folder: Path | str, grid: PolarGrid, *, frames: dict[str, dict[str, Any]] | None = None) -> None:
     """Writes `grid.json`; `frames` maps a frame's name to any of time (s), speed (m/s), heading (rad), scene."""
     content = {
         "azimuth": np.asarray(grid.azimuth_rad, float).round(9).tolist(),
@@ -31,7 +31,7 @@ def write_grid(folder: Path, grid: PolarGrid, *, frames: dict[str, dict[str, Any
         path.write_text(json.dumps(content))
 
 
-def read_grid(folder: Path) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
+def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
     """The grid of a folder and what it says of its frames. Raises ValueError where the file is not a grid."""
     path = Path(folder) / "grid.json"
     if not path.is_file():
@@ -72,12 +72,12 @@ def _angles(path: Path, name: str, given: Any) -> np.ndarray:
     return angles
 
 
-def frame_names(folder: Path) -> list[str]:
+def frame_names(folder: Path | str) -> list[str]:
     """Names of a folder's frames, sorted."""
     return sorted(path.stem for path in Path(folder).glob("*.npz"))
 
 
-def write_frame(folder: Path, name: str, image: PolarImage, **more: Any) -> Path:
+def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -> Path:
     """Writes one frame; `more` are further rasters by the names of the format (semantic, instance, rgb, ...)."""
     valid = np.asarray(image.valid)
     arrays = {
@@ -91,7 +91,7 @@ def write_frame(folder: Path, name: str, image: PolarImage, **more: Any) -> Path
     return target
 
 
-def read_frame(folder: Path, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
+def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
     """One frame and its further rasters. Raises ValueError on missing arrays, wrong shapes or wrong units."""
     path = Path(folder) / f"{name}.npz"
     try:

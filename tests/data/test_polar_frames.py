@@ -1,8 +1,12 @@
 import json
+import re
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from jaxsim.data import read_lidar_top, read_pcap
 from jaxsim.data.polar_frames import read_frame, read_grid, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
 
@@ -59,3 +63,31 @@ def test_frames_of_wrong_content_are_refused(tmp_path, change, message):
     np.savez(tmp_path / "a.npz", **{key: value for key, value in arrays.items() if value is not None})
     with pytest.raises(ValueError, match=message):
         read_frame(tmp_path, "a")
+
+
+def test_the_pages_example_turns_a_recording_into_polar_frames(samples, tmp_path, monkeypatch):
+    pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    for suffix in ("pcap", "json"):
+        shutil.copy(samples / f"ouster/OS-1-32-G_v2.1.1_1024x10.{suffix}", tmp_path / f"recording.{suffix}")
+    page = (Path(__file__).parents[2] / "docs" / "polar-frames.md").read_text()
+    (example,) = (b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "read_pcap" in b)
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})
+    grid, frames = read_grid(tmp_path / "measured")
+    assert len(grid.elevation_rad) == 32
+    (name,) = frames
+    (sweep,) = read_pcap(tmp_path / "recording.pcap")
+    got, _ = read_frame(tmp_path / "measured", name)
+    np.testing.assert_array_equal(got.valid, sweep.image.valid)
+    np.testing.assert_allclose(got.intensity[got.valid], sweep.image.intensity[got.valid])
+
+
+def test_a_nuscenes_sweep_is_kept_as_a_polar_frame(samples, tmp_path):
+    sweep = read_lidar_top(next((samples / "nuscenes").rglob("*.pcd.bin")))
+    write_grid(tmp_path, sweep.grid, frames={sweep.name: {"scene": sweep.scene, "time": sweep.time_s}})
+    write_frame(tmp_path, sweep.name, sweep.image)
+    grid, frames = read_grid(tmp_path)
+    got, _ = read_frame(tmp_path, sweep.name)
+    assert list(frames) == [sweep.name]
+    assert got.range_m.shape == (32, len(grid.azimuth_rad))
+    np.testing.assert_array_equal(got.range_m[got.valid], sweep.image.range_m[sweep.image.valid])
