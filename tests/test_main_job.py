@@ -175,9 +175,11 @@ def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work):
         assert 0.6 < real.valid.sum() / ideal.valid.sum() < 0.8
         assert not (real.valid & ~ideal.valid).any()
         np.testing.assert_allclose(real.range_m[real.valid], 1.01 * ideal.range_m[real.valid], rtol=1e-5)
-    mixed = simulate("--frames", "4-6", "--out", "real")
-    assert mixed.returncode != 0
-    assert "give another --out" in mixed.stderr
+    for wrong in (("--out", "real"), ("--sensor", "sensor.json", "--seed", "4", "--out", "real")):
+        mixed = simulate("--frames", "4-6", *wrong)
+        assert mixed.returncode != 0
+        assert "give another --out" in mixed.stderr
+        assert "Traceback" not in mixed.stderr
 
 
 def test_the_readmes_first_lines_make_a_point_cloud(work):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import jax
+import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -22,6 +23,7 @@ from jaxsim.geometry import polar_to_points
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate import load
 from jaxsim.simulate.effects import settle_sensor, with_effects
+from jaxsim.simulate.origin import settle_origin
 from jaxsim.simulate.paired import rasters, simulate_batch, take
 
 
@@ -66,6 +68,8 @@ class Simulate:
         grid, _ = learned.window
         model = SensorModel.load(self.sensor, rows=len(grid.elevation_rad)) if self.sensor else None
         settle_sensor(self.out, model)
+        kind = self.data if foreign else own.kind
+        settle_origin(self.out, sensor=learned.fingerprint, data=kind, seed=self.seed if model else None)
         first_s = dataset[positions[0]].time_s if model else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 
@@ -105,10 +109,11 @@ class Simulate:
         folder, known = self.out / "polar", {}
         if (folder / "grid.json").is_file():
             old, known = read_grid(folder)
-            if old.azimuth_rad.shape != grid.azimuth_rad.shape or old.elevation_rad.shape != grid.elevation_rad.shape:
+            if not same_rays(old, grid):
                 raise ValueError(
-                    f"simulate: {folder} holds frames of {len(old.elevation_rad)} x {len(old.azimuth_rad)} "
-                    f"cells, these have {len(grid.elevation_rad)} x {len(grid.azimuth_rad)}; give another --out"
+                    f"simulate: {folder} holds frames of another grid ("
+                    f"{len(old.elevation_rad)} x {len(old.azimuth_rad)} cells; these have {len(grid.elevation_rad)} x "
+                    f"{len(grid.azimuth_rad)}); give another --out"
                 )
         about = {f.name: {"scene": f.scene} | ({} if f.time_s is None else {"time": f.time_s}) for f in frames}
         write_grid(folder, grid, frames=known | about)
@@ -125,6 +130,12 @@ class Simulate:
             save_picture(self.out / "previews" / f"{name}_cloud.png", view)
             save_picture(self.out / "previews" / f"{name}.png", simulated_picture(image, painted, title=name))
         write_frame(self.out / "polar", name, image, **rasters(painted, grid))
+
+
+def same_rays(a: PolarGrid, b: PolarGrid) -> bool:
+    """Whether two grids have the same angles, to 1e-5 rad."""
+    pairs = (a.azimuth_rad, b.azimuth_rad), (a.elevation_rad, b.elevation_rad)
+    return all(x.shape == y.shape and np.allclose(x, y, rtol=0, atol=1e-5) for x, y in pairs)
 
 
 def speed(batches_s: Sequence[float], size: int, *, total_s: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -52,6 +53,16 @@ class LearnedSensor:
         prepare = run.experiment.prepare
         self.generate = make_generate(run.experiment, input_channels(prepare))
         self._simulate = jax.jit(partial(simulate_frame, generate=self.generate, prepare=prepare))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """SHA-256 of its weights, beams, camera and preparation: of all that decides what it simulates."""
+        run = self.run
+        settings = (run.experiment.prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
+        digest = hashlib.sha256(repr(settings).encode())
+        for leaf in jax.tree.leaves(self.params):
+            digest.update(np.ascontiguousarray(leaf).tobytes())
+        return digest.hexdigest()
 
     @cached_property
     def window(self) -> Window:
