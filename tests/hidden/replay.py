@@ -143,12 +143,13 @@ def _about(states: Sequence[f.State], grid: f.Grid) -> About:
     step = max(1, len(states) * states[0].hit.size // 30000)
     fields = ("range_m", "theta", "semantic", "intensity", "power", "row", "azimuth")
     parts = [[getattr(s, name).ravel()[::step][s.hit.ravel()[::step]] for name in fields] for s in states]
-    values = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    if not len(values[0]):
+    values = dict(zip(fields, (np.concatenate(column) for column in zip(*parts, strict=True)), strict=True))
+    if not len(values["range_m"]):
         raise ValueError("no ray of the frames hits anything; give frames with returns")
     width = (grid.azimuth[0] - grid.azimuth[-1]) / (len(grid.azimuth) - 1)
     edge = (float(grid.azimuth[-1] - width / 2), float(grid.azimuth[0] + width / 2))
-    return About(*values, edge, len(grid.elevation), max(len(states) / 60, 1e-3))
+    minutes = max(len(states) / 60, 1e-3)
+    return About(**values, edge_azimuth=edge, rows=len(grid.elevation), minutes=minutes)
 
 
 def _example() -> About:
