@@ -8,9 +8,9 @@ import pytest
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
-from jaxsim.discover.law import Block, equations, exchanged, hats, lowered, solve
-from jaxsim.discover.shared import untold
-from jaxsim.discover.streets import read_streets, roughness_m
+from jaxsim.discover.unpaired.law import Block, equations, exchanged, hats, lowered, solve
+from jaxsim.discover.unpaired.shared import untold
+from jaxsim.discover.unpaired.streets import read_streets, roughness_m
 from jaxsim.effects.chain import SensorModel
 from tests.hidden.streets import make_unpaired
 

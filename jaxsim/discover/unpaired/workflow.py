@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.choose_unpaired import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
-from jaxsim.discover.conditional import Conditional, compare
-from jaxsim.discover.gap_unpaired import show
 from jaxsim.discover.hints import FINEST
-from jaxsim.discover.law import exchanged
 from jaxsim.discover.localise import Place, p_value
-from jaxsim.discover.lost import Losses, losses
-from jaxsim.discover.refine import Refined, refine
 from jaxsim.discover.result import Result
-from jaxsim.discover.shared import INCIDENCE_SET, untold
 from jaxsim.discover.split import Split, split
-from jaxsim.discover.streets import PER_SCENE, Streets, read_streets
 from jaxsim.discover.survey import clipped
 from jaxsim.discover.unexplained import shape_of
+from jaxsim.discover.unpaired.choose import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
+from jaxsim.discover.unpaired.conditional import Conditional, compare
+from jaxsim.discover.unpaired.gap import show
+from jaxsim.discover.unpaired.law import exchanged
+from jaxsim.discover.unpaired.lost import Losses, losses
+from jaxsim.discover.unpaired.refine import Refined, refine
+from jaxsim.discover.unpaired.shared import INCIDENCE_SET, untold
+from jaxsim.discover.unpaired.streets import PER_SCENE, Streets, read_streets
 from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel

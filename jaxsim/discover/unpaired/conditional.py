@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.law import RIDGE, Block, Equations, each, equations, freedom, hats, lowered, one_hot
-from jaxsim.discover.shared import OF_CLASSES, OF_INTENSITY, Columns, change_of, columns_of
-from jaxsim.discover.streets import Streets
+from jaxsim.discover.unpaired.law import RIDGE, Block, Equations, each, equations, freedom, hats, lowered, one_hot
+from jaxsim.discover.unpaired.shared import OF_CLASSES, OF_INTENSITY, Columns, change_of, columns_of
+from jaxsim.discover.unpaired.streets import Streets
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.rays import REFERENCE_M, Rays
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.streets import Streets
+from jaxsim.discover.unpaired.streets import Streets
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.conditional import Candidate, Conditional
-from jaxsim.discover.law import Block, lowered, solve
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.survey import clipped
+from jaxsim.discover.unpaired.conditional import Candidate, Conditional
+from jaxsim.discover.unpaired.law import Block, lowered, solve
 
 DRAWS = 400
 """Exchanges of scenes, the true one included."""

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.choose_unpaired import Step
-from jaxsim.discover.conditional import Conditional
-from jaxsim.discover.law import Block, Equations, solve
 from jaxsim.discover.localise import CATEGORICAL
-from jaxsim.discover.refine import Refined, equations_of
 from jaxsim.discover.result import CurveLine
+from jaxsim.discover.unpaired.choose import Step
+from jaxsim.discover.unpaired.conditional import Conditional
+from jaxsim.discover.unpaired.law import Block, Equations, solve
+from jaxsim.discover.unpaired.refine import Refined, equations_of
 from jaxsim.discover.verdict import Gap, Interval
 from jaxsim.effects import EFFECTS
 
