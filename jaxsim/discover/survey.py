@@ -93,7 +93,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
         gain, slope = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units)
         fits, inside = [], []
         step = steps.get(effect.name)
-        at = None if step is None else ({"step": step},)
+        at = None if step is None else ({next(iter(effect.parameters)): step},)
         starts = at or ({}, *effect.starts, *more_starts.get(effect.name, ()))
         for fitted, base, start in zip(groups, null, problems, strict=True):
             found = fit(effect, start, fitted, starts=starts, fixed=at is not None)

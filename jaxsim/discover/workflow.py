@@ -16,6 +16,7 @@ from jaxtyping import Float
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather
 from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
+from jaxsim.discover.hints import FINEST
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise
 from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
@@ -190,7 +191,7 @@ def refit(
             problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
             # Values that are read off the data (steps of rounding) stay.
             start = ({n: np.asarray(v) for n, v in to_values(effects[k], values[k]).items()},)
-            found = fit(effects[k], problem, everyone, starts=start, steps=80, fixed="step" in values[k])
+            found = fit(effects[k], problem, everyone, starts=start, steps=80, fixed=effects[k].name in FINEST)
             values[k] = found.z
             result[k] = (effects[k], problem, found)
     return [result[k] for k in range(len(effects))]
