@@ -9,8 +9,10 @@ from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
 from jaxsim.discover.unpaired.law import Block, equations, exchanged, hats, lowered, solve
+from jaxsim.discover.unpaired.lost import losses
 from jaxsim.discover.unpaired.shared import untold
 from jaxsim.discover.unpaired.streets import read_streets, roughness_m
+from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.effects.chain import SensorModel
 from tests.hidden.streets import make_unpaired
 
@@ -88,6 +90,20 @@ def test_nothing_is_named_where_nothing_can_be_told(tmp_path, standard_promotion
     verdict = answer(tmp_path, effect=effect, severity=4.0, seed=7).verdict
     assert verdict.verdict == "none"
     assert any("beam_range_bias" in note for note in verdict.notes)
+
+
+@pytest.mark.parametrize("effect", ["none", "random_dropout", "sector_occlusion", "window_contamination"])
+def test_lost_rays_are_told_where_row_and_azimuth_suffice(tmp_path, standard_promotion, effect):
+    folder = tmp_path / "case"
+    key = make_unpaired(folder, effect=effect, severity=4.0, seed=13, **SMALL)
+    streets = read_streets(folder / "simulated", folder / "measured", per_scene=50)
+    found = losses(streets, divide(streets)[1]).found
+    if effect in ("random_dropout", "sector_occlusion"):
+        assert [one.name for one in found] == [effect]
+        for name, truth in key.effects[0]["parameters"].items():
+            assert found[0].parameters[name].low <= truth <= found[0].parameters[name].high
+    else:
+        assert not found
 
 
 def test_every_effect_is_told_or_listed_as_untold():
