@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.discover.hints import hints
 from jaxsim.discover.null import fit_null
+from tests.discover.conftest import toy
 
 
 @pytest.fixture(scope="module")
@@ -18,8 +19,6 @@ def problem(evidence, scan):
 
 @pytest.fixture(scope="module")
 def scan():
-    from tests.discover.conftest import toy
-
     return toy()[0]
 
 

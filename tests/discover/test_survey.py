@@ -1,5 +1,7 @@
 """What counts as agreement between scenes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -45,8 +47,6 @@ def test_rare_events_need_three_scenes_and_no_others_against_them():
 
 
 def test_more_numbers_must_gain_more():
-    from types import SimpleNamespace
-
     def with_numbers(count, gain):
         one = candidate("random_dropout", gain)
         fits = (SimpleNamespace(z={"probability": np.zeros(count)}),)
