@@ -1,5 +1,6 @@
 """A small comparison, made without the package's effects: a flat road, a wall all round, a sensor with noise."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -54,3 +55,10 @@ def device(*trees):
     import jax
 
     return tuple(jax.tree.map(jnp.asarray, tree) for tree in trees)
+
+
+@pytest.fixture(scope="module")
+def standard_promotion():
+    """SciPy's and NumPy's float64 meet the kernels' float32 here."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield

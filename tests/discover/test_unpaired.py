@@ -21,15 +21,6 @@ RAYS = 1000
 
 
 @pytest.fixture(scope="module")
-def standard_promotion():
-    """SciPy's and NumPy's float64 meet the kernels' float32 here."""
-    import jax
-
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
-
-
-@pytest.fixture(scope="module")
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("streets") / "case"
     key = make_unpaired(folder, effect="beam_gain", severity=4.0, seed=5, **SMALL)

@@ -16,15 +16,6 @@ SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 
 
 @pytest.fixture(scope="module")
-def standard_promotion():
-    """SciPy's float64 vectors meet the kernels' float32 here."""
-    import jax
-
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
-
-
-@pytest.fixture(scope="module")
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("hidden") / "case"
     key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
