@@ -29,7 +29,7 @@ from jaxsim.data import open_dataset, read_pcap
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders
 from jaxsim.discover.columns import blocks
-from jaxsim.discover.evidence import gather
+from jaxsim.discover.evidence import gather, with_planes
 from jaxsim.discover.fit import Problem, fit, to_values
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.read import Comparison, read_comparison
@@ -150,10 +150,11 @@ def _value(value: object) -> str:
 
 def _problem(compared: Comparison) -> tuple[Problem, np.ndarray, np.ndarray]:
     """The null model on all blocks; each block's frame and its unit."""
-    scan, measured = (jax.tree.map(jnp.asarray, part) for part in (compared.scan, compared.measured))
+    given, measured = (jax.tree.map(jnp.asarray, part) for part in (compared.scan, compared.measured))
+    scan = with_planes(given)
     chosen = blocks(compared.scenes, *compared.scan.range_m.shape[1:])
     unit = np.unique(chosen.unit, return_inverse=True)[1]
-    ev = gather(scan, measured, chosen.frame, chosen.column, unit)
+    ev = gather(scan, measured, chosen.frame, chosen.column, unit, given_rad=given.incidence_rad)
     return fit_null(scan, ev, np.ones(len(unit), np.float32))[0], chosen.frame, unit
 
 

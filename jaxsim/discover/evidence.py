@@ -6,6 +6,7 @@ is what statistics count: a scene (drive), or a sector. Whole columns are kept, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +17,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edge_dropout import at_edge
-from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
+from jaxsim.effects.rays import FLOOR, Rays, Scan, neighbours_m, rays_at
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence
@@ -53,6 +54,8 @@ class Evidence:
     returned: Bool[Array, "b c r"]
     range_m: Float[Array, "b c r"]
     log_intensity: Float[Array, "b c r"]
+    given_rad: Float[Array, "b c r"]
+    """The simulator's own angle of incidence, which its intensity follows; noisy, it may be."""
     compared: Bool[Array, "b c r"]
     """The intensity is that of the predicted surface: it returned, close by, at no edge, not at grazing incidence."""
     edge: Bool[Array, "b c r"]
@@ -90,17 +93,33 @@ PLANAR = 0.01
 """Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
 
 
-def bends(rays: Rays, elevation_rad: Float[Array, " r"]) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+def bends(
+    range_m: Float[Array, "*n"],
+    beside_m: Float[Array, "*n 4"],
+    row: Int[Array, "*n"],
+    elevation_rad: Float[Array, " r"],
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
     1 / range (straight on a plane) over the ray's own, less 1."""
-    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4), 0.1)
+    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(beside_m), beside_m, 1e4), 0.1)
     last = elevation_rad.shape[0] - 1
-    above = jnp.abs(elevation_rad[jnp.maximum(rays.row - 1, 0)] - rays.elevation_rad)
-    below = jnp.abs(elevation_rad[jnp.minimum(rays.row + 1, last)] - rays.elevation_rad)
+    above = jnp.abs(elevation_rad[jnp.maximum(row - 1, 0)] - elevation_rad[row])
+    below = jnp.abs(elevation_rad[jnp.minimum(row + 1, last)] - elevation_rad[row])
     share = below / jnp.maximum(above + below, 1e-6)
-    sides = (inverse[..., 0] + inverse[..., 1]) / 2 * rays.range_m - 1
-    stack = (share * inverse[..., 2] + (1 - share) * inverse[..., 3]) * rays.range_m - 1
+    sides = (inverse[..., 0] + inverse[..., 1]) / 2 * range_m - 1
+    stack = (share * inverse[..., 2] + (1 - share) * inverse[..., 3]) * range_m - 1
     return jnp.abs(sides), jnp.abs(stack)
+
+
+@jax.jit
+def with_planes(scan: Scan) -> Scan:
+    """The scan with incidence angles from its range image wherever that shows a plane: a simulator's normals may be
+    noisy, and effects that grow with the tangent of the angle would look weaker than they are."""
+    slant, known = incidence(scan.range_m, scan.hit, scan.grid)
+    row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
+    sides, stack = bends(scan.range_m, neighbours_m(scan), row, scan.grid.elevation_rad)
+    plane = scan.hit & known & (sides < PLANAR) & (stack < PLANAR)
+    return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
 
 
 def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
@@ -111,7 +130,7 @@ def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
     side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
-    sides, stack = bends(rays, elevation_rad)
+    sides, stack = bends(rays.range_m, rays.beside_m, rays.row, elevation_rad)
     last = elevation_rad.shape[0] - 1
     # The border repeats the ray itself: half of the step to its one neighbour is left.
     bent = (sides > BEND) | (stack > jnp.where((rays.row == 0) | (rays.row == last), 0.2, BEND))
@@ -134,8 +153,19 @@ def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
     return jnp.moveaxis(jax.vmap(lambda axis: jax.jvp(reading, (jnp.zeros(6),), (axis,))[1])(jnp.eye(6)), 0, -1)
 
 
-def gather(scan: Scan, measured: Measured, frame: np.ndarray, column: np.ndarray, unit: np.ndarray) -> Evidence:
-    """The evidence of chosen columns: `frame` (b,), `column` (b, c), `unit` (b,) of each block."""
+def gather(
+    scan: Scan,
+    measured: Measured,
+    frame: np.ndarray,
+    column: np.ndarray,
+    unit: np.ndarray,
+    *,
+    given_rad: Array | None = None,
+) -> Evidence:
+    """The evidence of chosen columns: `frame` (b,), `column` (b, c), `unit` (b,) of each block.
+
+    `given_rad` (f, r, c) are the simulator's own incidence angles, where those of `scan` are better (`with_planes`).
+    """
     rows = scan.range_m.shape[1]
     shape = (*column.shape, rows)
     at = (
@@ -148,6 +178,7 @@ def gather(scan: Scan, measured: Measured, frame: np.ndarray, column: np.ndarray
     return _gather(
         scan,
         measured,
+        scan.incidence_rad if given_rad is None else given_rad,
         at,
         (strip, surface, hold),
         unit.astype(np.int32),
@@ -183,7 +214,9 @@ def _room(count: int) -> int:
 
 
 @partial(jax.jit, static_argnames=("classes", "units"))
-def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *, classes: Any, units: int) -> Evidence:
+def _gather(
+    scan: Scan, measured: Measured, given_rad: Array, at: Any, surfaces: Any, unit: Any, *, classes: Any, units: int
+) -> Evidence:
     rays = rays_at(scan, *at)
     returned, range_m = measured.valid[at], measured.range_m[at]
     pose = pose_derivatives(scan, rays)
@@ -191,16 +224,13 @@ def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
     near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
-    slant, known = incidence(scan.range_m, scan.hit, scan.grid)
-    sides, stack = bends(rays, scan.grid.elevation_rad)
-    slant, known = slant[at], known[at] & (sides < PLANAR) & (stack < PLANAR)
+    given = given_rad[at]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
-    moderate = (rays.incidence_rad < STEEPEST_RAD) & (~known | (slant < STEEPEST_RAD))
+    moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
     compared = rays.hit & returned & near & ~edge & moderate
-    steep = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    steep, better = (jnp.minimum(angle, STEEPEST_RAD) for angle in (given, rays.incidence_rad))
     one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
-    ours = jnp.log(jnp.cos(jnp.minimum(slant, STEEPEST_RAD))) - jnp.log(jnp.cos(steep))
-    disagree = jnp.where(known, jnp.clip(ours, -1.5, 1.5), 0)
+    disagree = jnp.clip(jnp.log(jnp.cos(better)) - jnp.log(jnp.cos(steep)), -1.5, 1.5)
     flat, rolling = (jnp.isin(rays.semantic, jnp.asarray(ids)) for ids in (GROUND, TERRAIN))
     apart = [jnp.where(kind, disagree, 0) for kind in (flat, rolling, ~flat & ~rolling)]
     features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, *apart], axis=-1)
@@ -210,6 +240,7 @@ def _gather(scan: Scan, measured: Measured, at: Any, surfaces: Any, unit: Any, *
         returned=returned,
         range_m=range_m,
         log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
+        given_rad=given,
         compared=compared,
         edge=edge,
         step=step,

@@ -126,13 +126,17 @@ class Objective:
 
     def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
         z, level = self.unravel(jnp.asarray(x, jnp.float32))
-        p = self.problem
-        seen, taken = _forward(self.effect, z, p.ev.rays, p.scan)
-        counted = self.fitted if counted is None else counted
-        found = value_and_slopes(
+        seen, taken = _forward(self.effect, z, self.problem.ev.rays, self.problem.scan)
+        return z, level, self.blocks_of(seen, taken, level, counted)
+
+    def blocks_of(
+        self, seen: dict[str, Array], taken: dict[str, Array], level: Noise, counted: Array | None = None
+    ) -> Any:
+        """Of rays as an effect leaves them."""
+        p, counted = self.problem, self.fitted if counted is None else counted
+        return value_and_slopes(
             seen, taken, p.ev, level, p.weights, self.fitted, counted, channels=self.channels, clutter=self.clutter
         )
-        return z, level, found
 
     def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
         """Value and slope without the priors."""
@@ -174,14 +178,47 @@ def fit(
     return Fit(jax.tree.map(np.asarray, z), level, np.asarray(blocks), float(found.fun))
 
 
+def score_at(
+    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], z: dict[str, np.ndarray], noise: Noise
+) -> Float[np.ndarray, "b 3"]:
+    """Log-likelihood of every block by channel at given values, nothing fitted."""
+    objective = Objective(effect, problem, fitted)
+    return np.asarray(objective.blocks(np.asarray(ravel_pytree((z, noise))[0], np.float64))[2][1])
+
+
 def partway(
     effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
-    """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit."""
+    """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
+
+    The way is that of what the effect does to each ray, not of its parameters: a quarter of a distance or of a
+    threshold may do nothing at all.
+    """
     objective = Objective(effect, problem, fitted)
-    null = objective.start({})
-    x = np.asarray(ravel_pytree((found.z, found.noise))[0], np.float64)
-    return np.asarray(objective.blocks(null + share * (x - null))[2][1])
+    null, _ = objective.unravel(jnp.asarray(objective.start({}), jnp.float32))
+    blend = _between(effect, null, found.z, problem.ev.rays, problem.scan, problem.noise, found.noise, share)
+    return np.asarray(objective.blocks_of(*blend)[1])
+
+
+@partial(jax.jit, static_argnames="effect")
+def _between(
+    effect: Effect,
+    null: dict[str, Array],
+    z: dict[str, Array],
+    rays: Rays,
+    scan: Scan,
+    before: Noise,
+    after: Noise,
+    share: Array,
+) -> tuple[dict[str, Array], dict[str, Array], Noise]:
+    (old, taken), (new, hits) = _seen(effect, null, rays, scan), _seen(effect, z, rays, scan)
+    same = taken["hit"] == hits["hit"]
+
+    def mix(a: Array, b: Array) -> Array:
+        mixed = a + share * (b - a)
+        return jnp.where(same & jnp.isfinite(mixed), mixed, a) if a.ndim else mixed
+
+    return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, before, after)
 
 
 def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -55,7 +55,12 @@ class Choice:
 
 
 def accepted(candidate: Candidate) -> bool:
-    """Whether a candidate passes the bar, and the units agree that it should."""
+    """Whether a candidate passes the bar, and the units agree that it should; of an effect of single beams, also on
+    what its beams' numbers gain over a smooth change along the rows."""
+    if candidate.own is not None:
+        rough = clipped(candidate.own)
+        if rough.sum() <= BAR or p_value(rough) > LEVEL:
+            return False
     return candidate.total > BAR and (candidate.chance <= LEVEL or candidate.sudden)
 
 

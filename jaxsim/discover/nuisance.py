@@ -103,7 +103,7 @@ class Weights:
 
 
 def intensity_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
-    steep = jnp.minimum(ev.rays.incidence_rad, 1.4)
+    steep = jnp.minimum(ev.given_rad, 1.4)
     return jnp.exp(2 * noise.intensity) + jnp.exp(2 * noise.normals) * jnp.tan(steep) ** 2
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.beams import by_beam, smooth_score
 from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit, partway
 from jaxsim.discover.hints import FINEST, hints, rounded
 from jaxsim.discover.localise import p_value
@@ -43,6 +44,9 @@ class Candidate:
     """One a fold."""
     slope: Float[np.ndarray, " u"]
     """Gain by unit of the first PART of the way to each fit: what the units say of its direction."""
+    own: Float[np.ndarray, " u"] | None = None
+    """Of an effect with a number for each beam: gain by unit over the same effect with these numbers made smooth along
+    the rows. What is smooth may be what the rows see, not what the beams do."""
     inside: float = 0.0
     """Log-likelihood over the null on the very units that were fitted, nats, mean of the folds: no evidence, but what
     a choice without held-out units would go by."""
@@ -61,7 +65,7 @@ class Candidate:
         """Whether few units gain so much, and the others lose so little, that no test over units is needed."""
         gain = self.by_unit
         lost = -gain[gain < 0].sum()
-        return (gain > SUDDEN).sum() >= AGREE and lost < 0.05 * gain[gain > 0].sum()
+        return bool((gain > SUDDEN).sum() >= AGREE and lost < 0.05 * gain[gain > 0].sum())
 
     @property
     def total(self) -> float:
@@ -91,6 +95,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
     def one(effect: Effect) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
         gain, slope = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units)
+        own = np.zeros(problem.ev.units) if by_beam(effect) else None
         fits, inside = [], []
         step = steps.get(effect.name)
         at = None if step is None else ({next(iter(effect.parameters)): step},)
@@ -109,10 +114,14 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
                 begun[:, used] = (partway(effect, start, fitted, found, PART) - base.score)[:, used]
                 begun[fitted > 0] = 0
             slope += np.bincount(unit, begun.sum(-1), problem.ev.units)
+            if own is not None:
+                rough = (found.score - smooth_score(effect, start, fitted, found))[:, used].sum(-1)
+                own += np.bincount(unit, np.where(fitted > 0, 0, rough), problem.ev.units)
             gain += np.stack([np.bincount(unit, more[:, k], problem.ev.units) for k in range(3)], axis=-1)
             fits.append(found)
         seen = np.unique(unit)
-        return Candidate(effect, gain[seen], tuple(fits), slope[seen], float(np.mean(inside)))
+        beams = None if own is None else own[seen]
+        return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(one, effects))

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.columns import Blocks, blocks
-from jaxsim.discover.evidence import Evidence, gather
+from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
 from jaxsim.discover.hints import FINEST
 from jaxsim.discover.intervals import intervals
@@ -62,14 +62,15 @@ def discover(
     """
     catalogue = [get_effect(name) for name in effects]
     begun = time.monotonic()
-    scan = jax.tree.map(jnp.asarray, comparison.scan)
+    given = jax.tree.map(jnp.asarray, comparison.scan)
+    scan = with_planes(given)
     measured = jax.tree.map(jnp.asarray, comparison.measured)
     chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
     parts = split(chosen.unit)
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on")
-    ev, unit = _evidence(scan, measured, chosen, parts.find)
+    ev, unit = _evidence(scan, given.incidence_rad, measured, chosen, parts.find)
     everyone = np.ones(len(unit), np.float32)
     null, _ = fit_null(scan, ev, everyone)
     places = _places(null, everyone, unit)
@@ -88,7 +89,7 @@ def discover(
 
     # Show: the scenes that nothing has seen.
     say("judging on unseen scenes")
-    both, both_unit = _evidence(scan, measured, chosen, (*parts.find, *parts.judge))
+    both, both_unit = _evidence(scan, given.incidence_rad, measured, chosen, (*parts.find, *parts.judge))
     chain = [(e, found.z) for e, _, found in fitted]
     shown = _show(scan, both, both_unit, len(parts.find), null, choice.problem.noise, chain, _runner_up(choice))
     verdict = Verdict(
@@ -125,11 +126,12 @@ def judge_known(
     Raises ValueError for unknown effects and where the scenes are too few.
     """
     effects = [get_effect(name) for name in known]
-    scan = jax.tree.map(jnp.asarray, comparison.scan)
+    given = jax.tree.map(jnp.asarray, comparison.scan)
+    scan = with_planes(given)
     measured = jax.tree.map(jnp.asarray, comparison.measured)
     chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
     parts = split(chosen.unit)
-    ev, unit = _evidence(scan, measured, chosen, parts.find)
+    ev, unit = _evidence(scan, given.incidence_rad, measured, chosen, parts.find)
     everyone = np.ones(len(unit), np.float32)
     null, _ = fit_null(scan, ev, everyone)
     starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
@@ -139,17 +141,19 @@ def judge_known(
     for effect, z in sorted(chain, key=lambda pair: list(EFFECTS).index(pair[0].name)):
         problem = on_top(effect, problem, z)
     problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
-    both, both_unit = _evidence(scan, measured, chosen, (*parts.find, *parts.judge))
+    both, both_unit = _evidence(scan, given.incidence_rad, measured, chosen, (*parts.find, *parts.judge))
     shown = _show(scan, both, both_unit, len(parts.find), null, problem.noise, chain, None)
     return shown["gap"], shown["closure"]
 
 
-def _evidence(scan: Any, measured: Any, chosen: Blocks, names: Sequence[str]) -> tuple[Evidence, np.ndarray]:
+def _evidence(
+    scan: Any, given_rad: Any, measured: Any, chosen: Blocks, names: Sequence[str]
+) -> tuple[Evidence, np.ndarray]:
     """The evidence of the named units, and the place of each block's unit among `names`."""
     keep = np.array([unit in names for unit in chosen.unit])
     order = {name: k for k, name in enumerate(names)}
     unit = np.array([order[name] for name, kept in zip(chosen.unit, keep, strict=True) if kept])
-    return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit), unit
+    return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit, given_rad=given_rad), unit
 
 
 def _places(problem: Problem, everyone: Float[np.ndarray, " b"], unit: np.ndarray) -> list[Place]:
