@@ -18,8 +18,9 @@ from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
 from jaxsim.discover.hints import FINEST
 from jaxsim.discover.intervals import intervals
-from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise
-from jaxsim.discover.name import BAR, Choice, Step, accepted, choose, worse
+from jaxsim.discover.likelihood import CHANNELS
+from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise, p_value
+from jaxsim.discover.name import ALIKE, BAR, Choice, Step, accepted, choose
 from jaxsim.discover.nuisance import weights
 from jaxsim.discover.null import first_residuals, fit_null, left_over
 from jaxsim.discover.read import Comparison, read_comparison
@@ -168,10 +169,15 @@ def _not_in_catalogue(
     curves = [(place, curve) for place, curve in free_curves(null, places) if accepted(curve)]
     if curves:
         place, curve = curves[0]
-        rivals = [step.chosen for step in choice.steps if place.channel in step.chosen.effect.channels]
-        explained = sum(rival.total for rival in rivals)
-        best = max(rivals or [step.chosen for step in choice.steps], key=lambda rival: rival.total, default=None)
-        if best is None or (curve.total > BETTER * explained + SURELY and worse(best, curve)):
+        # In the curve's own channel: an effect may show in others besides.
+        k = CHANNELS.index(place.channel)
+        free, named = (
+            curve.gain[:, k],
+            sum((step.chosen.gain[:, k] for step in choice.steps), np.zeros(len(curve.gain))),
+        )
+        surplus = clipped(free - named)
+        much = clipped(free).sum() > BETTER * max(clipped(named).sum(), 0.0) + SURELY
+        if much and (not choice.steps or p_value(surplus) <= ALIKE):
             empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last)
             return "not_in_catalogue", empty, describe(null, place, curve)
     if not choice.steps:
