@@ -16,6 +16,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.lattice import FINEST, lattice_step
 from jaxsim.effects.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan, neighbours_m, rays_at
 from jaxsim.effects.recast import recast
@@ -31,6 +32,8 @@ STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
 GROUND, TERRAIN = (6, 7, 8, 9, 10), (22,)
 """Cityscapes ids of flat surfaces, whose normals a range image gives best, and of those that roll."""
+BLURRED = 3.0
+"""Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
@@ -57,7 +60,8 @@ class Evidence:
     given_rad: Float[Array, "b c r"]
     """The simulator's own angle of incidence, which its intensity follows; noisy, it may be."""
     compared: Bool[Array, "b c r"]
-    """The intensity is that of the predicted surface: it returned, close by, at no edge, not at grazing incidence."""
+    """The intensity is that of the predicted surface: it returned, close by, at no edge, not at grazing incidence, and
+    is not so weak that the sensor's rounding blurs it."""
     edge: Bool[Array, "b c r"]
     """A neighbour lies clearly nearer or farther, or one of the two hits nothing."""
     step: Bool[Array, "b c r"]
@@ -174,6 +178,8 @@ def gather(
         np.broadcast_to(column[:, :, None], shape).astype(np.int32),
     )
     strip, surface, hold = _surfaces(scan, at)
+    values, seen = np.asarray(measured.intensity)[at], np.asarray(measured.valid)[at]
+    step = lattice_step(values[seen], finest=FINEST["intensity_quantization"])
     classes = np.unique(np.asarray(scan.semantic)[at])
     return _gather(
         scan,
@@ -182,6 +188,7 @@ def gather(
         at,
         (strip, surface, hold),
         unit.astype(np.int32),
+        np.float32(BLURRED * step),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
     )
@@ -215,7 +222,16 @@ def _room(count: int) -> int:
 
 @partial(jax.jit, static_argnames=("classes", "units"))
 def _gather(
-    scan: Scan, measured: Measured, given_rad: Array, at: Any, surfaces: Any, unit: Any, *, classes: Any, units: int
+    scan: Scan,
+    measured: Measured,
+    given_rad: Array,
+    at: Any,
+    surfaces: Any,
+    unit: Any,
+    least: Any,
+    *,
+    classes: Any,
+    units: int,
 ) -> Evidence:
     rays = rays_at(scan, *at)
     returned, range_m = measured.valid[at], measured.range_m[at]
@@ -227,7 +243,9 @@ def _gather(
     given = given_rad[at]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
-    compared = rays.hit & returned & near & ~edge & moderate
+    # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
+    clear = rays.log_intensity > jnp.log(jnp.maximum(least, FLOOR))
+    compared = rays.hit & returned & near & ~edge & moderate & clear
     steep, better = (jnp.minimum(angle, STEEPEST_RAD) for angle in (given, rays.incidence_rad))
     one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
     disagree = jnp.clip(jnp.log(jnp.cos(better)) - jnp.log(jnp.cos(steep)), -1.5, 1.5)

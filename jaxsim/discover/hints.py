@@ -12,10 +12,8 @@ import numpy as np
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.lattice import FINEST, lattice_step
 
-FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
-"""Effects whose step is read off the values, and the finest step that counts as rounding."""
 PILE, PILED = 0.005, 0.002
 """Readings within this share of the largest are piled up there, if they are at least so many of all."""
 GATED, PAST_M = 20.0, (0.02, 0.05, 0.1)

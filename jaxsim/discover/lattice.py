@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
+"""Effects whose step is read off the values, and the finest step that counts as rounding."""
 SHARE = 0.995
 """Of the values that must lie on a lattice."""
 NEAR = 0.02

@@ -27,6 +27,8 @@ COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "incidence": lambda r: r.incidence_rad,
     "row": lambda r: r.row,
     "azimuth": lambda r: r.azimuth_rad,
+    "even rows": lambda r: r.row % 2,
+    "even columns": lambda r: r.column % 2,
     "class": lambda r: r.semantic,
     "power": lambda r: r.log_power,
     "intensity": lambda r: r.log_intensity,
@@ -41,8 +43,10 @@ COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
 }
 """Of rays on the host, by the name that a verdict uses."""
-CATEGORICAL = ("row", "class")
-NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb"}
+ALTERNATING = ("even rows", "even columns")
+"""Receivers and emitters often work in two banks, in turn."""
+CATEGORICAL = ("row", "class", *ALTERNATING)
+NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb", "even rows": "row", "even columns": "column"}
 """What a verdict calls a covariate that is a finer look at another."""
 
 

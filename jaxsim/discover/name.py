@@ -6,13 +6,13 @@ agree on its sign; the set of look-alikes is whatever accepted candidate is not 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jaxsim.discover.fit import Fit, Problem, fit, on_top, to_values
-from jaxsim.discover.hints import FINEST
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.survey import Candidate, clipped, survey
@@ -20,7 +20,7 @@ from jaxsim.effects import Effect
 
 BAR = 10.0
 """Held-out nats in all that a candidate must gain."""
-LEVEL = 0.01
+LEVEL = 0.02
 """Of the sign-flip test over units."""
 ALIKE = 0.10
 """A candidate is a look-alike unless the paired test against the best falls below this ..."""
@@ -86,8 +86,9 @@ def numbers(candidate: Candidate) -> int:
 def choose(
     problem: Problem, effects: Iterable[Effect], *, most: int = MOST, say: Callable[[str], None] = lambda line: None
 ) -> Choice:
-    """Adds the best accepted effect, refits the null on top, and again, until none is accepted."""
+    """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
     steps: list[Step] = []
+    null = problem
     left = list(effects)
     everyone = np.ones(len(problem.ev.unit), np.float32)
     while True:
@@ -96,7 +97,8 @@ def choose(
         least = CLEAR * ranking[0].total if ranking else 0.0
         good = [candidate for candidate in ranking if accepted(candidate) and candidate.total >= least]
         if not good or len(steps) == most:
-            return Choice(tuple(steps), problem, tuple(ranking))
+            kept = look_back(null, steps, say=say)
+            return Choice(kept, problem if len(kept) == len(steps) else _added(null, kept), tuple(ranking))
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
         values = tuple(to_values(best.effect, one.z) for one in best.fits)
@@ -106,3 +108,27 @@ def choose(
         added = on_top(best.effect, problem, found.z)
         problem, _ = fit_null(added.scan, added.ev, everyone, clutter=added.clutter)
         left = [effect for effect in left if effect.name != best.effect.name]
+
+
+def look_back(
+    null: Problem, steps: Sequence[Step], *, say: Callable[[str], None] = lambda line: None
+) -> tuple[Step, ...]:
+    """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
+    that came later."""
+    kept = list(steps)
+    for step in steps[:-1]:
+        others = [other for other in kept if other is not step]
+        [again] = survey(_added(null, others), [step.chosen.effect])
+        if not accepted(again):
+            say(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
+            kept = others
+    return tuple(kept)
+
+
+def _added(null: Problem, steps: Sequence[Step]) -> Problem:
+    """The null refitted on top of the effects of `steps`."""
+    problem = null
+    for step in steps:
+        problem = on_top(step.chosen.effect, problem, step.fitted.z)
+    everyone = np.ones(len(problem.ev.unit), np.float32)
+    return fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)[0]

@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.beams import by_beam, smooth_score
 from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit, partway
-from jaxsim.discover.hints import FINEST, hints, rounded
+from jaxsim.discover.hints import hints, rounded
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.split import folds
 from jaxsim.effects import Effect

@@ -8,7 +8,8 @@ import numpy as np
 
 from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.fit import Problem, to_values
-from jaxsim.discover.localise import CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
+from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
+from jaxsim.discover.name import accepted
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
@@ -20,17 +21,36 @@ READ = {
 }
 """What the x of a formula is, where it is not the covariate itself."""
 EACH = 3
-"""Covariates tried in each channel: those that its residuals depend on most."""
+"""Covariates tried in each channel: those that its residuals depend on most ..."""
+LEVEL = 0.005
+"""Of the sign-flip test of a curve."""
+TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed")}
+"""... and those along which residuals show little, because levels of streets and strips take up what there is."""
 
 
 def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
-    """Curves along the strongest covariates of each channel, fitted and judged like effects; best first."""
+    """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
+    like effects; best first."""
     found, null = [], null_fits(problem)
     for channel, curve in CURVES.items():
-        for place in [place for place in places if place.channel == channel][:EACH]:
+        strongest = [place for place in places if place.channel == channel][:EACH]
+        tried = {place.covariate for place in strongest}
+        more = [Place(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in tried]
+        for place in [*strongest, *(place for place in more if _varies(problem, place.covariate))]:
             [candidate] = survey(with_basis(problem, place.covariate), [curve], null=null)
             found.append((place, candidate))
     return sorted(found, key=lambda pair: -pair[1].total)
+
+
+def agreed(curve: Candidate) -> bool:
+    """Whether the units agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
+    least = 2 * 2.0 ** -len(curve.by_unit)
+    return accepted(curve) and (curve.chance <= max(LEVEL, 1.01 * least) or curve.sudden)
+
+
+def _varies(problem: Problem, covariate: str) -> bool:
+    rays = problem.ev.rays
+    return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
 
 
 def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplained:
@@ -63,6 +83,8 @@ def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> 
         top = np.argsort(-np.abs(y))[:3]
         return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
     letter = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}[place.channel]
+    if place.covariate in ALTERNATING:
+        return "periodic", f"{letter} ≈ {y[-1]:+.3g} on odd {place.covariate[5:]}, {y[0]:+.3g} on even ones"
     span = float(x[-1] - x[0]) or 1.0
     mean = np.average(y, weights=weight)
     whole = float((weight * (y - mean) ** 2).sum()) + 1e-12

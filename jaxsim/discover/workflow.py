@@ -16,8 +16,8 @@ from jaxtyping import Float
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
-from jaxsim.discover.hints import FINEST
 from jaxsim.discover.intervals import intervals
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.likelihood import CHANNELS
 from jaxsim.discover.localise import COVARIATES, NAMED, Place, localise, p_value
 from jaxsim.discover.name import ALIKE, BAR, Choice, Step, accepted, choose
@@ -29,7 +29,7 @@ from jaxsim.discover.result import Result
 from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.split import Split, split
 from jaxsim.discover.survey import Candidate, clipped
-from jaxsim.discover.unexplained import describe, free_curves
+from jaxsim.discover.unexplained import agreed, describe, free_curves
 from jaxsim.discover.verdict import Gap, Interval, Named, Rank, Unexplained, Verdict, Where
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -166,7 +166,7 @@ def _not_in_catalogue(
     null: Problem, choice: Choice, places: list[Place], everyone: np.ndarray, unit: np.ndarray
 ) -> tuple[str, Choice, Unexplained | None]:
     """Whether free curves explain clearly more than what was chosen, and what they leave."""
-    curves = [(place, curve) for place, curve in free_curves(null, places) if accepted(curve)]
+    curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve)]
     if curves:
         place, curve = curves[0]
         # In the curve's own channel: an effect may show in others besides.
@@ -182,7 +182,7 @@ def _not_in_catalogue(
             return "not_in_catalogue", empty, describe(null, place, curve)
     if not choice.steps:
         return "none", choice, None
-    left = [(p, c) for p, c in free_curves(choice.problem, _places(choice.problem, everyone, unit)) if accepted(c)]
+    left = [(p, c) for p, c in free_curves(choice.problem, _places(choice.problem, everyone, unit)) if agreed(c)]
     return "named", choice, describe(choice.problem, *left[0]) if left else None
 
 

@@ -52,8 +52,6 @@ def evidence() -> Evidence:
 
 
 def device(*trees):
-    import jax
-
     return tuple(jax.tree.map(jnp.asarray, tree) for tree in trees)
 
 

@@ -11,6 +11,7 @@ def rays(rng, shape):
         range_m=rng.uniform(3, 60, shape),
         incidence_rad=rng.uniform(0, 1.4, shape),
         row=rng.integers(0, 16, shape),
+        column=np.broadcast_to(np.arange(shape[1])[None, :, None], shape),
         azimuth_rad=rng.uniform(-3, 3, shape),
         semantic=rng.choice([7, 11, 26], shape),
         log_power=rng.normal(-2, 1, shape),

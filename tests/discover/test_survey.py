@@ -5,15 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jaxsim.discover import name
 from jaxsim.discover.name import accepted, padded
 from jaxsim.discover.survey import Candidate, clipped
+from jaxsim.discover.unexplained import agreed
 from jaxsim.effects import EFFECTS
 
 
-def candidate(name: str, gain, slope=None) -> Candidate:
+def candidate(effect: str, gain, slope=None) -> Candidate:
     gain = np.asarray(gain, float)
     by_channel = np.stack([gain, 0 * gain, 0 * gain], axis=-1)
-    return Candidate(EFFECTS[name], by_channel, (), np.asarray(gain if slope is None else slope, float))
+    return Candidate(EFFECTS[effect], by_channel, (), np.asarray(gain if slope is None else slope, float))
 
 
 def test_two_scenes_cannot_decide():
@@ -33,7 +35,7 @@ def test_scenes_that_agree_are_believed_and_scenes_that_do_not_are_not():
 
 
 def test_the_direction_of_a_fit_can_be_agreed_where_its_length_is_not():
-    gain = np.array([30.0, 25, 12, -14, 9, 31, -9, 28, 11, 13, 14])
+    gain = np.array([30.0, 25, 12, -29, 9, 31, -22, 28, 11, 3, 4])
     slope = np.array([9.0, 8, 4, 1, 3, 9, 0.5, 8, 4, 4, 5])
     assert not accepted(candidate("beam_gain", gain))
     assert accepted(candidate("beam_gain", gain, slope))
@@ -56,3 +58,34 @@ def test_more_numbers_must_gain_more():
     assert padded(with_numbers(4, base), with_numbers(1, base))
     assert not padded(with_numbers(4, base + 2), with_numbers(1, base))
     assert not padded(with_numbers(1, base), with_numbers(4, base))
+
+
+def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch):
+    def step(effect):
+        return name.Step(candidate(effect, np.full(11, 9.0)), (), (), SimpleNamespace(z={}), 0.001)  # pyright: ignore
+
+    again = {"gamma_response": np.full(11, 0.1), "range_falloff": np.full(11, 9.0)}
+    beside = []
+
+    def added(null, steps):
+        beside.append([one.chosen.effect.name for one in steps])
+        return null
+
+    monkeypatch.setattr(name, "_added", added)
+    monkeypatch.setattr(name, "survey", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects])
+    said = []
+    kept = name.look_back(None, [step(n) for n in ("gamma_response", "range_falloff", "beam_gain")], say=said.append)  # pyright: ignore
+    assert [one.chosen.effect.name for one in kept] == ["range_falloff", "beam_gain"]
+    assert beside == [["range_falloff", "beam_gain"], ["beam_gain"]]
+    assert said == ["gamma_response is not needed beside the others: 1 nats"]
+
+
+def test_scenes_must_agree_on_a_free_curve_more_than_on_an_effect():
+    steady = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])
+    against = np.where(np.arange(11) == 3, -6.0, steady)
+    assert 0.005 < candidate("beam_gain", against).chance <= 0.02
+    assert agreed(candidate("beam_gain", steady))
+    assert accepted(candidate("beam_gain", against))
+    assert not agreed(candidate("beam_gain", against))
+    # Of seven scenes no more than all can agree.
+    assert agreed(candidate("beam_gain", steady[:7]))

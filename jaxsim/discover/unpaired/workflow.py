@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.hints import FINEST
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import Place, p_value
 from jaxsim.discover.result import Result
 from jaxsim.discover.split import Split, split
