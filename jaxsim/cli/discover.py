@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 import tyro
 
 from jaxsim.data import open_dataset, select
+from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
+from jaxsim.effects.chain import SensorModel
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate import load
 from jaxsim.simulate.paired import write_pairs
@@ -52,6 +54,9 @@ class Discover:
     """Folder of the data set, where it is not the run's."""
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
+    sensor: Path | None = None
+    """sensor.json with effects that the simulation already has and its frames do not show, as an earlier answer's: what
+    does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
     unpaired: bool = False
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
@@ -62,15 +67,28 @@ class Discover:
                 "discover: --unpaired came with a run, whose frames are simulated on the measured streets; leave it "
                 "out, or give --measured and --simulated instead of the run"
             )
+        if self.unpaired and self.sensor:
+            raise ValueError(
+                "discover: --sensor came with --unpaired, which compares the frames as they are; leave it out, or "
+                "simulate the frames with it (`jaxsim simulate --sensor`)"
+            )
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
-        compare = discover_unpaired if self.unpaired else discover_folders
-        result = compare(simulated, measured, say=say)
+        if self.unpaired:
+            result = discover_unpaired(simulated, measured, say=say)
+        else:
+            result = discover_folders(simulated, measured, known=self.known(simulated), say=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
+
+    def known(self, simulated: Path) -> SensorModel:
+        """The sensor model that was given, checked against the sensor's beams; an empty one otherwise."""
+        if self.sensor is None:
+            return SensorModel()
+        return SensorModel.load(self.sensor, rows=len(read_grid(simulated)[0].elevation_rad))
 
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder that were given. Raises ValueError where one is missing."""

@@ -67,7 +67,8 @@ def gaps(
     floor: Float[np.ndarray, "u 3"],
     channels: Sequence[str],
 ) -> tuple[dict[str, Gap], Interval | None]:
-    """Gap by channel, and the closure (before - after) / (before - floor) of the named effects' channels together.
+    """Gap by channel, and the closure (before - after) / (before - floor) of the named effects' channels together;
+    none where the scenes do not agree that the floor lies below.
 
     Paired bootstrap over scenes.
     """
@@ -97,8 +98,8 @@ def gaps(
             room = before[:, k] - best
             share += np.stack([boot, np.nanmean(room[draws], axis=1)], axis=1) / values[0]
             whole += np.array([np.nanmean(shrunk), np.nanmean(room)]) / values[0]
-    if whole[1] <= 0:
-        return found, None
+    if whole[1] <= 0 or np.quantile(share[:, 1], 0.05) <= 0:
+        return found, None  # nothing that a black box could explain for certain
     ratio = share[:, 0] / np.maximum(share[:, 1], 1e-9)
     low, high = np.quantile(ratio, [0.05, 0.95])
     return found, Interval(float(whole[0] / whole[1]), float(low), float(high), "share of what can be explained")

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
-from jaxsim.discover.fit import Problem, fit, on_top, to_values, to_z
+from jaxsim.discover.fit import CLUTTER, Problem, fit, on_top, to_values, to_z
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.likelihood import CHANNELS
@@ -46,22 +46,36 @@ CHANCE = 0.05
 Say = Callable[[str], None]
 
 
+NOTHING_YET = SensorModel()
+
+
 def discover_folders(
-    simulated: Path, measured: Path, *, effects: Iterable[str] = tuple(EFFECTS), say: Say = lambda line: None
+    simulated: Path,
+    measured: Path,
+    *,
+    effects: Iterable[str] = tuple(EFFECTS),
+    known: SensorModel = NOTHING_YET,
+    say: Say = lambda line: None,
 ) -> Result:
     """`discover` on two folders of polar frames (docs/polar-frames.md)."""
-    return discover(read_comparison(simulated, measured), effects=effects, say=say)
+    return discover(read_comparison(simulated, measured), effects=effects, known=known, say=say)
 
 
 def discover(
-    comparison: Comparison, *, effects: Iterable[str] = tuple(EFFECTS), say: Say = lambda line: None
+    comparison: Comparison,
+    *,
+    effects: Iterable[str] = tuple(EFFECTS),
+    known: SensorModel = NOTHING_YET,
+    say: Say = lambda line: None,
 ) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
 
-    `effects` are the candidates, by default the whole catalogue. Raises ValueError where the scenes are too few to
-    decide anything, and for unknown effects.
+    `effects` are the candidates, by default the whole catalogue. `known` is what the sensor model already has and the
+    simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
+    back. Raises ValueError where the scenes are too few to decide anything, and for unknown effects.
     """
-    catalogue = [get_effect(name) for name in effects]
+    there = [name for name, _ in known.effects]
+    catalogue = [get_effect(name) for name in effects if name not in there]
     begun = time.monotonic()
     given = jax.tree.map(jnp.asarray, comparison.scan)
     scan = with_planes(given)
@@ -71,9 +85,9 @@ def discover(
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on")
-    ev, unit = _evidence(scan, given.incidence_rad, measured, chosen, parts.find)
+    ev, unit = _evidence(scan, given.incidence_rad, measured, chosen, parts.find, known)
     everyone = np.ones(len(unit), np.float32)
-    null, _ = fit_null(scan, ev, everyone)
+    null, _ = fit_null(scan, ev, everyone, clutter=bool({*there} & {*CLUTTER}))
     places = _places(null, everyone, unit)
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
@@ -86,11 +100,11 @@ def discover(
     added = [step.chosen.effect for step in choice.steps]
     fitted = refit(null, added, [step.fitted.z for step in choice.steps], everyone)
     parameters = [intervals(effect, problem, found) for effect, problem, found in fitted]
-    sensor = SensorModel(tuple((e.name, _plain(e, found.z)) for e, _, found in fitted))
+    sensor = SensorModel((*known.effects, *((e.name, _plain(e, found.z)) for e, _, found in fitted)))
 
     # Show: the scenes that nothing has seen.
     say("judging on unseen scenes")
-    both, both_unit = _evidence(scan, given.incidence_rad, measured, chosen, (*parts.find, *parts.judge))
+    both, both_unit = _evidence(scan, given.incidence_rad, measured, chosen, (*parts.find, *parts.judge), known)
     chain = [(e, found.z) for e, _, found in fitted]
     shown = _show(scan, both, both_unit, len(parts.find), null, choice.problem.noise, chain, _runner_up(choice))
     verdict = Verdict(
@@ -111,7 +125,7 @@ def discover(
         seconds=time.monotonic() - begun,
         moved=_moved(null, choice.problem),
         ranking=_ranking(choice),
-        notes=_notes(comparison, parts),
+        notes=_notes(comparison, parts, there),
     )
     grid = comparison.scan.grid
     ranking = choice.steps[0].ranking if choice.steps else choice.last
@@ -148,13 +162,14 @@ def judge_known(
 
 
 def _evidence(
-    scan: Any, given_rad: Any, measured: Any, chosen: Blocks, names: Sequence[str]
+    scan: Any, given_rad: Any, measured: Any, chosen: Blocks, names: Sequence[str], known: SensorModel = NOTHING_YET
 ) -> tuple[Evidence, np.ndarray]:
-    """The evidence of the named units, and the place of each block's unit among `names`."""
+    """The evidence of the named units, and the place of each block's unit among `names`; `known` effects in place."""
     keep = np.array([unit in names for unit in chosen.unit])
     order = {name: k for k, name in enumerate(names)}
     unit = np.array([order[name] for name, kept in zip(chosen.unit, keep, strict=True) if kept])
-    return gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit, given_rad=given_rad), unit
+    ev = gather(scan, measured, chosen.frame[keep], chosen.column[keep], unit, given_rad=given_rad)
+    return (replace(ev, rays=known.apply(ev.rays, scan)) if known.effects else ev), unit
 
 
 def _places(problem: Problem, everyone: Float[np.ndarray, " b"], unit: np.ndarray) -> list[Place]:
@@ -223,7 +238,7 @@ def _show(
     judged = unit >= find
 
     def problem_of(effects: Sequence[tuple[Effect, Any]], noise: Any) -> Problem:
-        problem = Problem(scan, ev, null.weights, noise)
+        problem = Problem(scan, ev, null.weights, noise, null.clutter)
         for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
             problem = on_top(effect, problem, z)
         raw = weights(problem.ev, noise, *first_residuals(problem.ev))
@@ -310,8 +325,10 @@ def _moved(null: Problem, after: Problem) -> dict[str, tuple[float, float]]:
     return {n: (float(getattr(null.noise, n)), float(getattr(after.noise, n))) for n in names}
 
 
-def _notes(comparison: Comparison, parts: Split) -> tuple[str, ...]:
+def _notes(comparison: Comparison, parts: Split, there: Sequence[str]) -> tuple[str, ...]:
     notes = list(comparison.notes)
+    if there:
+        notes.append(f"beside what the sensor model already had: {', '.join(there)}")
     if len(set(comparison.scenes)) == 1:
         notes.append(
             "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "

@@ -146,10 +146,14 @@ def _closed(verdict: Verdict) -> str:
     if verdict.closure is None:
         return ""
     c, count = verdict.closure, len(verdict.judge)
+    it = "them" if len(verdict.effects) > 1 else "it"
+    where = f"on {count} scenes that nothing was fitted to"
+    if min(c.value, c.low) > 0.999:
+        return f"; adding {it} brings the two as near as free curves can, or nearer, {where}"
     return (
-        f"; adding it closes {percent(c.value)} of the explainable gap (90 % interval {percent(c.low)} to "
-        f"{percent(c.high)}) on {count} scenes that nothing was fitted to"
-    ).replace("adding it", "adding them" if len(verdict.effects) > 1 else "adding it")
+        f"; adding {it} closes {percent(c.value)} of the explainable gap (90 % interval {percent(c.low)} to "
+        f"{percent(c.high)}) {where}"
+    )
 
 
 def _choice(verdict: Verdict) -> str:

@@ -54,8 +54,9 @@ def complaint(folders: Folders, out: Path) -> str:
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(simulated, measured, *, say):
+    def answer(simulated, measured, *, known, say):
         seen.extend([measured, simulated])
+        assert known == SensorModel()
         say("fitting")
         return make()
 
@@ -70,6 +71,17 @@ def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeyp
     printed = capsys.readouterr().out
     assert "fitting" in printed
     assert "The simulation lacks" in printed or "No missing effect" in printed
+
+
+def test_a_sensor_model_of_other_beams_or_beside_unpaired(folders: Folders, tmp_path: Path):
+    SensorModel((("beam_gain", {"gain": (0.1, -0.1)}),)).save(tmp_path / "sensor.json")
+    given = {"measured": folders[0], "simulated": folders[1], "out": tmp_path / "out"}
+    for more, words in (({}, "2"), ({"unpaired": True}, "--sensor came with --unpaired")):
+        with pytest.raises(SystemExit, match=words), stop_on_error():
+            discover.Discover(**given, sensor=tmp_path / "sensor.json", **more)()
+    with pytest.raises(SystemExit, match="no file"), stop_on_error():
+        discover.Discover(**given, sensor=tmp_path / "other.json")()
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_command_is_listed():

@@ -19,39 +19,49 @@ SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("hidden") / "case"
     key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
-    return key, discover_folders(folder / "simulated", folder / "measured", effects=FEW)
+    return key, discover_folders(folder / "simulated", folder / "measured", effects=FEW), folder
 
 
 def test_a_hidden_beam_gain_is_named_first(gains):
-    key, result = gains
+    key, result, _ = gains
     scored = score(key, result.verdict.to_json())
     assert scored["verdict"] == "named"
     assert scored["first_right"]
 
 
 def test_its_gains_are_those_that_were_hidden(gains):
-    key, result = gains
+    key, result, _ = gains
     truth = np.asarray(key.effects[0]["parameters"]["gain"])
     found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
     assert np.corrcoef(truth, found)[0, 1] > 0.9
 
 
 def test_the_gap_shrinks_on_scenes_that_nothing_was_fitted_to(gains):
-    _, result = gains
+    _, result, _ = gains
     gap = result.verdict.gap["intensity"]
     assert gap.after < gap.before
     assert gap.low > 0
     assert not set(result.verdict.find) & set(result.verdict.judge)
 
 
+def test_with_the_answer_fed_back_there_is_nothing_more(gains):
+    _, first, folder = gains
+    again = discover_folders(folder / "simulated", folder / "measured", effects=FEW, known=first.sensor)
+    assert again.verdict.verdict == "none"
+    assert again.sensor == first.sensor
+    assert again.verdict.notes[-1] == "beside what the sensor model already had: beam_gain"
+    before, after = first.verdict.gap["intensity"].after, again.verdict.gap["intensity"].before
+    assert after == pytest.approx(before, rel=0.02)
+
+
 def test_the_sensor_model_goes_through_its_file(gains, tmp_path):
-    _, result = gains
+    _, result, _ = gains
     result.sensor.save(tmp_path / "sensor.json")
     assert SensorModel.load(tmp_path / "sensor.json", rows=24) == result.sensor
 
 
 def test_the_verdict_is_plain_json(gains):
-    _, result = gains
+    _, result, _ = gains
     content = json.loads(json.dumps(result.verdict.to_json()))
     assert content["verdict"] == "named"
     assert set(content["gap"]) == {"intensity", "range", "drop", "closure"}
