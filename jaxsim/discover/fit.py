@@ -196,29 +196,27 @@ def partway(
     """
     objective = Objective(effect, problem, fitted)
     null, _ = objective.unravel(jnp.asarray(objective.start({}), jnp.float32))
-    blend = _between(effect, null, found.z, problem.ev.rays, problem.scan, problem.noise, found.noise, share)
-    return np.asarray(objective.blocks_of(*blend)[1])
+    rays, scan = problem.ev.rays, problem.scan
+    before, after = (
+        (*_forward(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))
+    )
+    return np.asarray(objective.blocks_of(*_between(before, after, jnp.float32(share)))[1])
 
 
-@partial(jax.jit, static_argnames="effect")
-def _between(
-    effect: Effect,
-    null: dict[str, Array],
-    z: dict[str, Array],
-    rays: Rays,
-    scan: Scan,
-    before: Noise,
-    after: Noise,
-    share: Array,
-) -> tuple[dict[str, Array], dict[str, Array], Noise]:
-    (old, taken), (new, hits) = _seen(effect, null, rays, scan), _seen(effect, z, rays, scan)
+Stage = tuple[dict[str, Array], dict[str, Array], Noise]
+
+
+@jax.jit
+def _between(before: Stage, after: Stage, share: Array) -> Stage:
+    """Rays and noise at `share` of the way; rays that hit where they did not before, or the reverse, stay."""
+    (old, taken, noise), (new, hits, changed) = before, after
     same = taken["hit"] == hits["hit"]
 
     def mix(a: Array, b: Array) -> Array:
         mixed = a + share * (b - a)
         return jnp.where(same & jnp.isfinite(mixed), mixed, a) if a.ndim else mixed
 
-    return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, before, after)
+    return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, noise, changed)
 
 
 def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
