@@ -5,13 +5,14 @@ from __future__ import annotations
 import tyro
 
 from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_on_error
+from jaxsim.cli.convert import Convert
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
 from jaxsim.cli.simulate import Simulate
 
 __all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
 
-COMMANDS = {"simulate": Simulate, "discover": Discover, "effects": Effects}
+COMMANDS = {"simulate": Simulate, "discover": Discover, "effects": Effects, "convert": Convert}
 """Every command: its name and what it takes."""
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
 
 from jaxsim.pix2pix.convolution import conv2d
+from jaxsim.weights import Converter, fit, read_state_dict
 
 Array = Any
 Weights = dict[str, Array]
@@ -21,11 +21,30 @@ the first convolution of each block is a feature of the loss: relu_1_1 ... relu_
 LAYER_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
+
+def _shapes() -> dict[str, tuple[int, ...]]:
+    """torchvision's names and shapes."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    channels = 3
+    for block, places in enumerate(BLOCKS):
+        width = min(64 * 2**block, 512)
+        for place in places:
+            shapes[f"features.{place}.weight"] = (width, channels, 3, 3)
+            shapes[f"features.{place}.bias"] = (width,)
+            channels = width
+    return shapes
+
+
+CONVERTER = Converter(
+    "VGG-19 of torchvision",
+    "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth",
+    lambda arrays: fit(arrays, _shapes()),
+    digest="dcbb9e9d",
+)
+"""What `jaxsim convert vgg19` makes of the published weights."""
 HOW_TO_GET = (
-    "fetch torchvision's VGG-19 (https://download.pytorch.org/models/vgg19-dcbb9e9d.pth) on a machine with "
-    "PyTorch, convert it with `import torch, numpy; numpy.savez('vgg19.npz', **{k: v.numpy() for k, v in "
-    "torch.load('vgg19-dcbb9e9d.pth', weights_only=True).items() if k.startswith('features')})`, "
-    "and pass --loss.vgg-weights vgg19.npz; or leave the term out with --loss.perceptual 0"
+    f"fetch torchvision's VGG-19 ({CONVERTER.fetch}), convert it with `jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out "
+    "vgg19.npz` and pass --loss.vgg-weights vgg19.npz; or leave the term out with --loss.perceptual 0"
 )
 
 
@@ -37,21 +56,11 @@ def load_vgg(path: Path | None) -> Weights:
     if path is None or not path.is_file():
         missing = "it needs VGG-19 weights" if path is None else f"no VGG-19 weights at {path}"
         raise FileNotFoundError(f"perceptual loss: {missing}; {HOW_TO_GET}")
-    weights: Weights = {}
-    with np.load(path) as arrays:
-        channels = 3
-        for block, places in enumerate(BLOCKS):
-            width = min(64 * 2**block, 512)
-            for place in places:
-                for part, shape in (("weight", (width, channels, 3, 3)), ("bias", (width,))):
-                    name = f"features.{place}.{part}"
-                    found = arrays[name].shape if name in arrays else "missing"
-                    if found != shape:
-                        raise ValueError(f"perceptual loss: {path}: {name} is {found}, not {shape}; {HOW_TO_GET}")
-                    array = arrays[name].astype(np.float32)
-                    weights[name] = array.transpose(2, 3, 1, 0) if part == "weight" else array
-                channels = width
-    return weights
+    try:
+        arrays = CONVERTER.convert(read_state_dict(path))
+    except ValueError as error:
+        raise ValueError(f"perceptual loss: {path}: {error} {HOW_TO_GET}") from error
+    return {name: array.transpose(2, 3, 1, 0) if array.ndim == 4 else array for name, array in arrays.items()}
 
 
 def vgg_features(weights: Weights, image: Float[Array, "b h w k"]) -> list[Float[Array, "b _h _w _c"]]:

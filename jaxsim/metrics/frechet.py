@@ -1,0 +1,179 @@
+"""Fréchet distance between two sets of features, each taken as a Gaussian (Heusel et al. 2017).
+
+d = |m1 - m2|^2 + tr(C1 + C2 - 2 (C1 C2)^(1/2)), with mean m and covariance C (divided by n - 1), in float64 on the
+host. The trace of the root is the sum of singular values of A1' A2 where C = A A': no root of a product is taken,
+so that singular covariances cost no accuracy.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+
+from jaxsim.atomic import replacing
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Count, mean and scatter (sum of outer products of what differs from the mean) of features."""
+
+    count: int
+    mean: Float[np.ndarray, " d"]
+    scatter: Float[np.ndarray, "d d"]
+
+    @staticmethod
+    def of(features: Float[np.ndarray, "n d"]) -> Moments:
+        """Of one batch."""
+        x = np.asarray(features, np.float64)
+        if not np.isfinite(x).all():
+            raise ValueError("frechet: features are not finite; look at the images that they were taken from")
+        mean = x.mean(0)
+        return Moments(len(x), mean, (x - mean).T @ (x - mean))
+
+    def merge(self, other: Moments) -> Moments:
+        """Of both sets together (Chan et al. 1983)."""
+        if self.mean.shape != other.mean.shape:
+            raise ValueError(f"frechet: sets have {self.mean.size} and {other.mean.size} features; they must agree")
+        count = self.count + other.count
+        step = other.mean - self.mean
+        share = other.count / count
+        scatter = self.scatter + other.scatter + np.outer(step, step) * (self.count * share)
+        return Moments(count, self.mean + step * share, scatter)
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "d d"]:
+        """Divided by n - 1. Raises ValueError for fewer than two samples."""
+        if self.count < 2:
+            raise ValueError(f"frechet: {self.count} sample has no covariance; give two or more")
+        return self.scatter / (self.count - 1)
+
+
+def moments(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Moments:
+    """Of features that arrive batch by batch. Raises ValueError where none does."""
+    total: Moments | None = None
+    for batch in batches:
+        more = Moments.of(batch)
+        total = more if total is None else total.merge(more)
+    if total is None:
+        raise ValueError("frechet: there are no images")
+    return total
+
+
+def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]:
+    """A with A A' = C, without the directions in which C is nothing but rounding."""
+    values, vectors = scipy.linalg.eigh(covariance)
+    kept = values > values[-1] * len(values) * np.finfo(np.float64).eps
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def frechet_distance(a: Moments, b: Moments) -> float:
+    """Squared Fréchet distance between the Gaussians of two sets, in units of the features squared."""
+    if a.mean.shape != b.mean.shape:
+        raise ValueError(f"frechet: sets have {a.mean.size} and {b.mean.size} features; they must agree")
+    first, second = a.covariance, b.covariance
+    root = scipy.linalg.svdvals(_factor(first).T @ _factor(second)).sum() if first.any() and second.any() else 0.0
+    step = a.mean - b.mean
+    return float(step @ step + np.trace(first) + np.trace(second) - 2 * root)
+
+
+class Halves(NamedTuple):
+    """A set's moments, of its even and of its odd images: together the whole, apart a measure of the bias."""
+
+    even: Moments
+    odd: Moments
+
+    @property
+    def whole(self) -> Moments:
+        return self.even.merge(self.odd)
+
+
+def halves(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Halves:
+    """Moments of features that arrive batch by batch. Raises ValueError for fewer than two images."""
+    parts: list[Moments | None] = [None, None]
+    seen = 0
+    for batch in batches:
+        for half in range(2):
+            chosen = batch[(half + seen) % 2 :: 2]
+            if len(chosen):
+                more, kept = Moments.of(chosen), parts[half]
+                parts[half] = more if kept is None else kept.merge(more)
+        seen += len(batch)
+    even, odd = parts
+    if even is None or odd is None:
+        raise ValueError(f"frechet: {seen} images; give two or more")
+    return Halves(even, odd)
+
+
+@dataclass(frozen=True)
+class FrechetScore:
+    """A distance and what it rests on."""
+
+    name: str
+    """`fid` over the published Inception's 2048 features alone."""
+    value: float
+    half: float | None
+    """The same score from half the images, mean of both halves: it exceeds `value` by about as much as `value`
+    exceeds the score of endless sets. None where a half has too few images."""
+    counts: tuple[int, int]
+    features: int
+
+
+def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
+    """Distance between two sets of images.
+
+    Raises ValueError where a set has no more images than features: its covariance is singular, and the bias of the
+    small sample outweighs what is to be seen.
+    """
+    first, second = a.whole, b.whole
+    features, fewest = first.mean.size, min(first.count, second.count)
+    if fewest <= features:
+        raise ValueError(
+            f"{name}: {first.count} and {second.count} images, {features} features; a covariance needs more images "
+            f"than features: judge at least {features + 1} frames (--frames), or take fewer features "
+            "(--fid-features 64, which is another score)"
+        )
+    half = None
+    if min(part.count for part in (*a, *b)) > 1:
+        half = float(np.mean([frechet_distance(x, y) for x, y in zip(a, b, strict=True)]))
+    return FrechetScore(name, frechet_distance(first, second), half, (first.count, second.count), features)
+
+
+def statistics_file(folder: Path, *, extractor: str, data: str) -> Path:
+    """Where the moments of a data set are kept: the name says the network, its weights and the images."""
+    return folder / f"frechet-{extractor}-{data}.npz"
+
+
+def save_halves(path: Path, statistics: Halves, *, extractor: str, data: str) -> None:
+    """Writes the moments and what they are of."""
+    arrays: dict[str, Any] = {"extractor": np.array(extractor), "data": np.array(data)}
+    for name, part in zip(Halves._fields, statistics, strict=True):
+        arrays |= {f"{name}.count": np.array(part.count), f"{name}.mean": part.mean, f"{name}.scatter": part.scatter}
+    with replacing(path) as temporary:
+        np.savez(temporary, **arrays)
+
+
+def load_halves(path: Path, *, extractor: str, data: str) -> Halves | None:
+    """Kept moments; None where there are none. Raises ValueError where the file holds others, or is damaged."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            kept = {name: archive[name] for name in archive.files}
+        found = tuple(str(kept[name]) for name in ("extractor", "data"))
+        parts = (
+            Moments(int(kept[f"{name}.count"]), kept[f"{name}.mean"], kept[f"{name}.scatter"])
+            for name in Halves._fields
+        )
+        statistics = Halves(*parts)
+    except (zipfile.BadZipFile, EOFError, ValueError, OSError, KeyError) as error:
+        raise ValueError(f"frechet: {path} is no readable file of statistics ({error}); delete it") from error
+    if found != (extractor, data):
+        raise ValueError(f"frechet: {path} holds statistics of {found}, not of {(extractor, data)}; delete it")
+    return statistics

@@ -1,0 +1,38 @@
+"""The two programs' resizing to 299 x 299, as one matrix a side: rows are new cells, columns old ones."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+
+Matrix = Float[np.ndarray, "new old"]
+
+
+def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray, " new taps"], old: int) -> Matrix:
+    """Taps outside are moved to the border's cell."""
+    matrix = np.zeros((len(places), old))
+    np.add.at(matrix, (np.arange(len(places))[:, None], np.clip(places, 0, old - 1).astype(int)), weights)
+    return matrix.astype(np.float32)
+
+
+@cache
+def bilinear(new: int, old: int) -> Matrix:
+    """Between the two nearest centres, `align_corners=False`, no antialiasing (pytorch-fid)."""
+    at = np.maximum((np.arange(new) + 0.5) * old / new - 0.5, 0)
+    low = np.floor(at)
+    return _gathered(np.stack([low, low + 1], 1), np.stack([1 - (at - low), at - low], 1), old)
+
+
+@cache
+def bicubic(new: int, old: int) -> Matrix:
+    """Keys' cubic with a = -3/4 over four cells, `align_corners=True`, no antialiasing (Imaginaire)."""
+    a = -0.75
+    at = np.arange(new) * (old - 1) / max(new - 1, 1)
+    low = np.floor(at)
+    places = low[:, None] + np.arange(-1, 3)
+    t = np.abs(at[:, None] - places)
+    near = ((a + 2) * t - (a + 3)) * t * t + 1
+    far = ((a * t - 5 * a) * t + 8 * a) * t - 4 * a
+    return _gathered(places, np.where(t <= 1, near, far), old)

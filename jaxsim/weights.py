@@ -1,0 +1,180 @@
+"""Published weights as plain arrays: PyTorch state dicts under their own names and layouts, in one .npz a network.
+
+A converted file holds the state dict's arrays and, under `about`, a JSON text: the kind, the file it came from, that
+file's SHA-256 and whether it is the one that was published.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxsim.atomic import replacing
+
+Arrays = dict[str, np.ndarray]
+Shapes = Mapping[str, tuple[int, ...]]
+ABOUT = "about"
+
+
+@dataclass(frozen=True)
+class Converter:
+    """How one kind of published weights becomes a file that jaxsim reads."""
+
+    title: str
+    """The network, and whose: `VGG-19 of torchvision`."""
+    fetch: str
+    """Where the published file is."""
+    convert: Callable[[Arrays], Arrays]
+    """State dict -> the arrays to keep. Raises ValueError where it is another network's."""
+    digest: str = ""
+    """First hexadecimal digits of the published file's SHA-256; empty where its publisher names none."""
+    files: tuple[str, ...] = ()
+    """Names of the state dicts, where they are published as a folder of several: their arrays are called
+    `FILE.name`."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """A converted file."""
+
+    arrays: Arrays
+    sha256: str
+    """Of names, shapes and values."""
+    published: bool
+    """They came from the very file that its publisher names."""
+
+
+def read_state_dict(path: Path, files: tuple[str, ...] = ()) -> Arrays:
+    """Arrays of a PyTorch checkpoint (nested dicts are joined by dots) or of a .npz of the same names.
+
+    With `files`, `path` is the folder that holds them. Raises FileNotFoundError, and ValueError where a file is
+    neither; ModuleNotFoundError where PyTorch is needed and missing.
+    """
+    if files:
+        missing = [name for name in files if not (path / name).is_file()]
+        if missing:
+            raise FileNotFoundError(
+                f"convert: {path} must be a folder that holds {', '.join(files)}; {', '.join(missing)} is missing"
+            )
+        parts = {name: read_state_dict(path / name) for name in files}
+        return {f"{part}.{name}": array for part, arrays in parts.items() for name, array in arrays.items()}
+    if not path.is_file():
+        raise FileNotFoundError(f"convert: no file {path}")
+    if path.suffix == ".npz":
+        return _read_npz(path)
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"convert: {path} is a PyTorch file, and PyTorch is not installed; pip install -e '.[convert]', or save "
+            "its arrays under their names in a .npz on a machine that has it"
+        ) from error
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises many kinds, none of its own
+        raise ValueError(f"convert: {path} is no PyTorch checkpoint of plain tensors ({error})") from error
+    if not isinstance(content, Mapping):
+        raise ValueError(f"convert: {path} holds a {type(content).__name__}, not a state dict (names -> tensors)")
+    return dict(_flat(content, torch.Tensor))
+
+
+def _flat(content: Mapping[Any, Any], tensor: type, prefix: str = "") -> Any:
+    for name, value in content.items():
+        if isinstance(value, tensor):
+            yield f"{prefix}{name}", value.detach().cpu().numpy()  # type: ignore[attr-defined]
+        elif isinstance(value, Mapping):
+            yield from _flat(value, tensor, f"{prefix}{name}.")
+
+
+def _read_npz(path: Path) -> Arrays:
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
+        raise ValueError(f"weights: {path} is no readable .npz of plain arrays ({error})") from error
+
+
+def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
+    """The arrays of these names, float32; a prefix that all names share (`module.`) falls away.
+
+    Raises ValueError that says which names are missing or have another shape.
+    """
+    probe = next(iter(shapes))
+    prefixes = {name[: -len(probe)] for name in arrays if name.endswith(f".{probe}")}
+    prefix = prefixes.pop() if probe not in arrays and len(prefixes) == 1 else ""
+    faults = []
+    for name, shape in shapes.items():
+        found = arrays.get(prefix + name)
+        if found is None or found.shape != shape:
+            faults.append(f"{name} is {'missing' if found is None else found.shape}, not {shape}")
+    if faults:
+        more = f"; and {len(faults) - 5} more" if len(faults) > 5 else ""
+        unknown = [name for name in arrays if name.removeprefix(prefix) not in shapes and name != ABOUT]
+        beside = f" It has {', '.join(unknown[:3])} ... instead." if unknown else ""
+        raise ValueError(f"{'; '.join(faults[:5])}{more}.{beside}")
+    return {name: np.asarray(arrays[prefix + name], np.float32) for name in shapes}
+
+
+def convert(kind: str, converter: Converter, source: Path, out: Path) -> Weights:
+    """Reads a published state dict, checks it and writes `out`. Raises ValueError for weights of another network."""
+    if out.suffix != ".npz":
+        raise ValueError(f"convert: --out {out} must end in .npz")
+    arrays = read_state_dict(source, converter.files)
+    try:
+        kept = converter.convert(arrays)
+    except ValueError as error:
+        raise ValueError(f"convert: {source} is not {converter.title}: {error} Fetch {converter.fetch}") from error
+    files = [source / name for name in converter.files] or [source]
+    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    published = bool(converter.digest) and digest.startswith(converter.digest)
+    about = {"kind": kind, "source": source.name, "source_sha256": digest, "published": published}
+    content: dict[str, Any] = {**kept, ABOUT: np.array(json.dumps(about))}
+    with replacing(out) as path:
+        np.savez(path, **content)
+    return Weights(kept, fingerprint(kept), published)
+
+
+def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
+    """A file of this kind that `jaxsim convert` wrote.
+
+    Raises FileNotFoundError or ValueError, which say how to get the right one.
+    """
+    help = f"fetch {converter.fetch}, then `jaxsim convert {kind} FILE --out {kind}.npz`"
+    if not path.is_file():
+        raise FileNotFoundError(f"weights: no {converter.title} at {path}; {help}")
+    arrays = _read_npz(path)
+    try:
+        about = json.loads(str(arrays.pop(ABOUT)))
+    except (KeyError, ValueError) as error:
+        raise ValueError(f"weights: {path} was not written by `jaxsim convert`; {help}") from error
+    if about.get("kind") != kind:
+        raise ValueError(f"weights: {path} holds {about.get('kind')}, not {kind} ({converter.title}); {help}")
+    try:
+        kept = converter.convert(arrays)
+    except ValueError as error:
+        raise ValueError(f"weights: {path} is not {converter.title}: {error} {help}") from error
+    return Weights(kept, fingerprint(kept), bool(about.get("published")))
+
+
+def kind_of(path: Path) -> str | None:
+    """The kind of a converted file; None for other files."""
+    try:
+        return json.loads(str(_read_npz(path)[ABOUT])).get("kind")
+    except (KeyError, ValueError):
+        return None
+
+
+def fingerprint(arrays: Arrays) -> str:
+    """SHA-256 of names, shapes and values."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        digest.update(f"{name}{arrays[name].shape}".encode())
+        digest.update(np.ascontiguousarray(arrays[name]).tobytes())
+    return digest.hexdigest()

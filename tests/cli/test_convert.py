@@ -1,0 +1,42 @@
+"""`jaxsim convert` on state dicts of the published names and shapes."""
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.cli.convert import CONVERTERS
+from jaxsim.pix2pix.vgg import BLOCKS, load_vgg
+
+
+@pytest.fixture
+def vgg(tmp_path):
+    """torchvision's names; values that tell the places apart."""
+    arrays, channels = {"classifier.6.bias": np.zeros(1000, np.float32)}, 3
+    for block, places in enumerate(BLOCKS):
+        width = min(64 * 2**block, 512)
+        for place in places:
+            arrays[f"features.{place}.weight"] = np.full((width, channels, 3, 3), place, np.float32)
+            arrays[f"features.{place}.bias"] = np.full(width, -place, np.float32)
+            channels = width
+    np.savez(tmp_path / "vgg.npz", **arrays)
+    return tmp_path / "vgg.npz"
+
+
+def test_the_perceptual_loss_reads_what_convert_writes(vgg, tmp_path, capsys):
+    main(["convert", "vgg19", str(vgg), "--out", str(tmp_path / "out.npz")])
+    said = capsys.readouterr().out
+    assert "26 arrays of VGG-19 of torchvision" in said
+    assert "is not the published file, whose SHA-256 begins with dcbb9e9d" in said
+    weights = load_vgg(tmp_path / "out.npz")
+    assert weights["features.28.weight"].shape == (3, 3, 512, 512)
+    assert weights["features.28.bias"][0] == -28
+
+
+def test_weights_of_another_network_stop_the_command(vgg, tmp_path):
+    with pytest.raises(SystemExit, match=r"is not Inception v3 of torchvision: Conv2d_1a_3x3\.conv\.weight is missing"):
+        main(["convert", "inception", str(vgg), "--out", str(tmp_path / "out.npz")])
+
+
+def test_an_unknown_kind_names_the_known_ones(vgg, tmp_path):
+    with pytest.raises(SystemExit, match=f"known kinds: {', '.join(CONVERTERS)}"):
+        main(["convert", "vgg16", str(vgg), "--out", str(tmp_path / "out.npz")])

@@ -1,0 +1,98 @@
+"""Published weights to files of our own, and what is said of wrong ones."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from jaxsim.weights import Converter, convert, fingerprint, fit, kind_of, load_weights, read_state_dict
+
+SHAPES = {"stem.weight": (4, 3, 3, 3), "stem.bias": (4,)}
+TINY = Converter("the tiny network of nobody", "https://example.org/tiny.pth", lambda arrays: fit(arrays, SHAPES))
+
+
+def state(**more: np.ndarray) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return {name: rng.standard_normal(shape).astype(np.float32) for name, shape in SHAPES.items()} | more
+
+
+def test_what_was_converted_comes_back_under_its_published_names(tmp_path):
+    arrays = state()
+    np.savez(tmp_path / "state.npz", **arrays, extra=np.zeros(3))
+    written = convert("tiny", TINY, tmp_path / "state.npz", tmp_path / "out.npz")
+    kept = load_weights(tmp_path / "out.npz", "tiny", TINY)
+    assert sorted(kept.arrays) == sorted(SHAPES)
+    for name, array in kept.arrays.items():
+        np.testing.assert_array_equal(array, arrays[name])
+    assert kept.sha256 == written.sha256 == fingerprint(arrays)
+    assert kind_of(tmp_path / "out.npz") == "tiny"
+    assert kind_of(tmp_path / "state.npz") is None
+    assert not kept.published
+
+
+def test_only_the_very_file_of_the_publisher_counts_as_published(tmp_path):
+    source = tmp_path / "state.npz"
+    np.savez(source, **state())
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()
+    for known, published in ((digest[:8], True), ("0" * 8, False)):
+        named = Converter(TINY.title, TINY.fetch, TINY.convert, digest=known)
+        convert("tiny", named, source, tmp_path / "out.npz")
+        assert load_weights(tmp_path / "out.npz", "tiny", named).published is published
+
+
+def test_a_shared_prefix_falls_away():
+    wrapped = {f"module.{name}": array for name, array in state().items()}
+    assert sorted(fit(wrapped, SHAPES)) == sorted(SHAPES)
+
+
+def test_weights_of_another_network_are_refused_by_name_and_shape(tmp_path):
+    np.savez(tmp_path / "other.npz", **{"stem.weight": np.zeros((8, 3, 3, 3)), "head.weight": np.zeros(2)})
+    with pytest.raises(ValueError, match=r"is not the tiny network of nobody") as raised:
+        convert("tiny", TINY, tmp_path / "other.npz", tmp_path / "out.npz")
+    message = str(raised.value)
+    assert "stem.weight is (8, 3, 3, 3), not (4, 3, 3, 3)" in message
+    assert "stem.bias is missing, not (4,)" in message
+    assert "head.weight" in message
+    assert "Fetch https://example.org/tiny.pth" in message
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_a_file_of_another_kind_or_of_no_kind_is_refused(tmp_path):
+    np.savez(tmp_path / "plain.npz", **state())
+    with pytest.raises(ValueError, match=r"was not written by `jaxsim convert`.*jaxsim convert tiny FILE"):
+        load_weights(tmp_path / "plain.npz", "tiny", TINY)
+    convert("other", TINY, tmp_path / "plain.npz", tmp_path / "other.npz")
+    with pytest.raises(ValueError, match="holds other, not tiny"):
+        load_weights(tmp_path / "other.npz", "tiny", TINY)
+    with pytest.raises(FileNotFoundError, match="no the tiny network"):
+        load_weights(tmp_path / "none.npz", "tiny", TINY)
+
+
+def test_damaged_files_say_so(tmp_path):
+    path = tmp_path / "broken.npz"
+    path.write_bytes(b"PK nonsense")
+    with pytest.raises(ValueError, match=r"no readable \.npz"):
+        read_state_dict(path)
+    assert kind_of(path) is None
+    np.savez(path, about=np.array("{not json"))
+    assert kind_of(path) is None
+
+
+def test_state_dicts_published_as_a_folder_are_read_together(tmp_path):
+    for name in ("backbone.npz", "head.npz"):
+        np.savez(tmp_path / name, w=np.ones(2))
+    assert sorted(read_state_dict(tmp_path, ("backbone.npz", "head.npz"))) == ["backbone.npz.w", "head.npz.w"]
+    with pytest.raises(FileNotFoundError, match=r"decoder\.npz is missing"):
+        read_state_dict(tmp_path, ("backbone.npz", "decoder.npz"))
+
+
+def test_pytorch_files_are_read_as_plain_tensors_alone(tmp_path):
+    torch = pytest.importorskip("torch")
+    arrays = state()
+    nested = {"state_dict": {name: torch.from_numpy(a) for name, a in arrays.items()}, "epoch": 3}
+    torch.save(nested, tmp_path / "state.pth")
+    kept = convert("tiny", TINY, tmp_path / "state.pth", tmp_path / "out.npz").arrays
+    np.testing.assert_array_equal(kept["stem.weight"], arrays["stem.weight"])
+    torch.save({"a": Converter}, tmp_path / "code.pth")
+    with pytest.raises(ValueError, match="no PyTorch checkpoint of plain tensors"):
+        read_state_dict(tmp_path / "code.pth")
