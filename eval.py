@@ -1,6 +1,10 @@
-"""Scores a trained run beside baselines: `python eval.py runs/NAME [--flags]`."""
+"""Scores a trained run beside baselines: `python eval.py runs/NAME [--flags]`.
+
+`python eval.py generation --simulated DIR --measured DIR` compares two folders of frames or clouds.
+"""
 
 import dataclasses
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,8 +14,22 @@ import tyro
 
 from jaxsim.cli import enable_compilation_cache, stop_on_error
 from jaxsim.data import open_dataset, select
-from jaxsim.report import pair_picture, save_picture, score_table, write_scores
-from jaxsim.simulate import baseline_scores, load, make_predict, prepared, score_pairs
+from jaxsim.metrics import Score
+from jaxsim.metrics.generation.rangenet import load_rangenet
+from jaxsim.metrics.inception import load_extractor, random_extractor
+from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
+from jaxsim.simulate import (
+    baseline_scores,
+    frechet_line,
+    frechet_of_run,
+    generation_scores,
+    load,
+    make_predict,
+    open_folder,
+    prepared,
+    require_images,
+    score_pairs,
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +52,11 @@ class Evaluation:
     """Where to write instead of RUN/evaluation."""
     pictures: int = 4
     """Frames to draw."""
+    fid: str = ""
+    """Also the Fréchet Inception distance between predicted and measured intensity images: Inception weights from
+    `jaxsim convert` (FILE.npz), or `random` for a network of random weights, whose score is called frechet_random."""
+    fid_features: int = 2048
+    """Features of Inception: 2048, or 768, 192, 64 for small sets (another score, under another name)."""
 
 
 def main(args: Evaluation) -> None:
@@ -54,6 +77,11 @@ def main(args: Evaluation) -> None:
     earlier = prepared(dataset, [max(p - 1, 0) for p in positions], judged_data, prepare)
     before = [earlier[k] if p > 0 and earlier.scenes[k] == judged.scenes[k] else None for k, p in enumerate(positions)]
     train = prepared(own, select(data.train, len(own)), data, prepare)
+    extractor = None
+    if args.fid:
+        load_or_draw = random_extractor if args.fid == "random" else lambda n: load_extractor(Path(args.fid), n)
+        extractor = load_or_draw(args.fid_features)
+        require_images(len(judged), extractor)
 
     # Scores: the network and the baselines, on the same cells.
     scores = {
@@ -65,10 +93,49 @@ def main(args: Evaluation) -> None:
     for name, pair in list(zip(judged.names, judged, strict=True))[: args.pictures]:
         predicted = np.asarray(predict(sensor.params, pair))
         save_picture(out / f"{name}.png", pair_picture(pair, predicted, title=name))
-    print(f"{len(judged)} frames of {judged_data.kind}\n\n{score_table(scores)}\n\nscores and pictures: {out}")
+    print(f"{len(judged)} frames of {judged_data.kind}\n\n{score_table(scores)}\n")
+
+    # Fréchet distance: images of the network's size, every judged frame once.
+    if extractor:
+        cache = data.cache / "statistics"
+        frechet = frechet_of_run(sensor.generate, sensor.params, judged, extractor, prepare=prepare, cache=cache)
+        about = {"extractor": extractor.name, "images": frechet.counts, "from_half_the_images": frechet.half}
+        write_list(out, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)
+        print(f"{frechet_line(frechet)}\n")
+    print(f"scores and pictures: {out}")
+
+
+@dataclass(frozen=True)
+class Generation:
+    """LiDAR generation metrics between two folders of polar frames, or of clouds (docs/metrics.md).
+
+    Frames need no common names; those that have them are also compared as pairs (Chamfer distances).
+    """
+
+    simulated: Path
+    """Folder of polar frames (grid.json and NAME.npz), or of clouds (.bin, or .npz with xyz)."""
+    measured: Path
+    """Folder of the sensor's."""
+    rangenet: Path | None = None
+    """Converted RangeNet++ (`jaxsim convert rangenet53`): also the Fréchet distance over its features."""
+    out: Path | None = None
+    """Folder for generation.json and generation.md."""
+
+
+def compare(args: Generation) -> None:
+    folders = open_folder(args.simulated), open_folder(args.measured)
+    scores = generation_scores(*folders, rangenet=load_rangenet(args.rangenet) if args.rangenet else None)
+    frames = [len(folder.names) for folder in folders]
+    print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
+    if args.out:
+        about = {"simulated": str(args.simulated), "measured": str(args.measured), "frames": frames}
+        write_list(args.out, "generation", scores, about=about)
 
 
 if __name__ == "__main__":
     enable_compilation_cache()
     with stop_on_error():
-        main(tyro.cli(Evaluation))
+        if sys.argv[1:2] == ["generation"]:
+            compare(tyro.cli(Generation, args=sys.argv[2:], prog="eval.py generation"))
+        else:
+            main(tyro.cli(Evaluation))

@@ -9,10 +9,15 @@ from typing import Annotated
 import tyro
 
 from jaxsim.metrics import inception
+from jaxsim.metrics.generation import rangenet
 from jaxsim.pix2pix import vgg
 from jaxsim.weights import Converter, convert
 
-CONVERTERS: dict[str, Converter] = {"vgg19": vgg.CONVERTER, **inception.CONVERTERS}
+CONVERTERS: dict[str, Converter] = {
+    "vgg19": vgg.CONVERTER,
+    **inception.CONVERTERS,
+    "rangenet53": rangenet.CONVERTER,
+}
 """Every kind of published weights: its name, and how it is converted."""
 
 KINDS = "\n\n".join(f"    {kind:14} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())

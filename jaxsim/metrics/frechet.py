@@ -83,6 +83,15 @@ def frechet_distance(a: Moments, b: Moments) -> float:
     return float(step @ step + np.trace(first) + np.trace(second) - 2 * root)
 
 
+def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]) -> float:
+    """The same distance straight from features, where samples are fewer than features: no d x d matrix is made."""
+    (mean_x, x), (mean_y, y) = (
+        (f.mean(0), (f - f.mean(0)) / np.sqrt(len(f) - 1)) for f in (np.float64(x), np.float64(y))
+    )
+    step = mean_x - mean_y
+    return float(step @ step + (x * x).sum() + (y * y).sum() - 2 * scipy.linalg.svdvals(x @ y.T).sum())
+
+
 class Halves(NamedTuple):
     """A set's moments, of its even and of its odd images: together the whole, apart a measure of the bias."""
 

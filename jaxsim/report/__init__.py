@@ -3,12 +3,13 @@
 from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
-from jaxsim.report.scores import score_table, write_card, write_scores
+from jaxsim.report.scores import list_scores, score_table, write_card, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
     "draw_cloud",
+    "list_scores",
     "pair_picture",
     "save_picture",
     "score_table",
@@ -16,6 +17,7 @@ __all__ = [
     "strip",
     "verdict_sentence",
     "write_card",
+    "write_list",
     "write_report",
     "write_scores",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from jaxsim.atomic import replacing
 from jaxsim.metrics import Score
@@ -34,6 +35,23 @@ def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
         path.write_text(json.dumps(content, indent=2))
     with replacing(folder / "scores.md") as path:
         path.write_text(f"{len(frames)} frames\n\n{score_table(scores)}\n")
+
+
+def list_scores(scores: dict[str, Score]) -> str:
+    """A Markdown table: one row a score."""
+    lines = ["| score | value | unit | frames or rays |", "|---|---|---|---|"]
+    lines += [f"| {name} | {s.value:.4g} | {s.unit} | {s.count} |" for name, s in scores.items()]
+    return "\n".join(lines)
+
+
+def write_list(folder: Path, name: str, scores: dict[str, Score], *, about: dict[str, Any]) -> None:
+    """Writes NAME.json and NAME.md; `about` says what was compared."""
+    content = about | {"scores": {key: score._asdict() for key, score in scores.items()}}
+    with replacing(folder / f"{name}.json") as path:
+        path.write_text(json.dumps(content, indent=2))
+    said = "\n".join(f"{key}: {value}" for key, value in about.items())
+    with replacing(folder / f"{name}.md") as path:
+        path.write_text(f"{said}\n\n{list_scores(scores)}\n")
 
 
 def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score], *, seconds: float) -> None:

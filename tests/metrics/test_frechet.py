@@ -7,6 +7,7 @@ import scipy.linalg
 from jaxsim.metrics.frechet import (
     Moments,
     frechet_distance,
+    frechet_distance_of,
     frechet_score,
     halves,
     load_halves,
@@ -63,6 +64,13 @@ def test_a_regular_distance_equals_the_formula_with_scipy_s_root():
     rng = np.random.default_rng(0)
     x, y = rng.standard_normal((90, 12)), 0.7 * rng.standard_normal((70, 12)) + 0.2
     assert frechet_distance(Moments.of(x), Moments.of(y)) == pytest.approx(direct(x, y), rel=1e-9)
+
+
+def test_the_distance_straight_from_few_samples_is_the_same():
+    rng = np.random.default_rng(5)
+    for n, m in ((9, 7), (60, 80)):
+        x, y = rng.standard_normal((n, 30)), 1.3 * rng.standard_normal((m, 30)) - 0.1
+        assert frechet_distance_of(x, y) == pytest.approx(frechet_distance(Moments.of(x), Moments.of(y)), rel=1e-9)
 
 
 def test_moments_come_out_alike_however_the_images_arrive():

@@ -1,0 +1,106 @@
+"""Intensity given range, incidence and class: what a histogram of intensity hides.
+
+Two sensors may report the same readings, each of them of the wrong surface. So the Wasserstein-1 distance between
+both laws of intensity is taken within each bin of what a reading depends on, and averaged with the share of the
+measured rays in the bin. The distance from all bins together can only be smaller (where both sides have the bins in
+the same shares).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.frame import Array
+
+RANGE_EDGES_M = (5.0, 8.0, 12.0, 18.0, 26.0, 38.0, 55.0)
+INCIDENCE_EDGES_RAD = tuple(float(x) for x in np.deg2rad((15.0, 30.0, 45.0, 60.0, 70.0, 78.0, 84.0)))
+CLASSES = 34
+LEVELS = 101
+"""Intensity 0, 0.01, ..., 1: KITTI's own steps."""
+FEWEST = 50
+"""Rays that a bin needs on both sides to be compared."""
+AXES = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
+"""What intensity is conditioned on -> axes of the table that are kept."""
+
+
+def _bin(values: Array, edges: tuple[float, ...]) -> Array:
+    return sum((values >= edge).astype(jnp.int32) for edge in edges)
+
+
+@jax.jit
+def intensity_table(
+    intensity: Float[Array, "*b r c"],
+    range_m: Float[Array, "*b r c"],
+    incidence_rad: Float[Array, "*b r c"],
+    incidence_known: Bool[Array, "*b r c"],
+    semantic: Int[Array, "*b r c"],
+    valid: Bool[Array, "*b r c"],
+) -> Int[Array, "34 8 9 101"]:
+    """Number of returns of each class, bin of range, bin of incidence (last: not known) and step of intensity."""
+    shape = (CLASSES, len(RANGE_EDGES_M) + 1, len(INCIDENCE_EDGES_RAD) + 2, LEVELS)
+    angle = jnp.where(incidence_known, _bin(incidence_rad, INCIDENCE_EDGES_RAD), shape[2] - 1)
+    place = (
+        jnp.clip(semantic, 0, CLASSES - 1).astype(jnp.int32),
+        _bin(range_m, RANGE_EDGES_M),
+        angle,
+        jnp.clip(jnp.round(intensity * (LEVELS - 1)), 0, LEVELS - 1).astype(jnp.int32),
+    )
+    place = (jnp.where(valid, place[0], CLASSES), *place[1:])
+    return jnp.zeros(shape, jnp.int32).at[place].add(1, mode="drop")
+
+
+class Conditional(NamedTuple):
+    """A distance between laws of intensity."""
+
+    distance: float
+    """Mean Wasserstein-1 distance over bins, in units of intensity (0..1); NaN where no bin can be compared."""
+    floor: float
+    """What two draws of one law would score, were all rays independent (they are not: read it as a least value)."""
+    share: float
+    """Of the measured rays, those in bins that were compared."""
+    rays: int
+    """Measured rays that were compared."""
+
+
+def _compared(a: Float[np.ndarray, "k levels"], b: Float[np.ndarray, "k levels"]) -> Conditional:
+    n, m = a.sum(1), b.sum(1)
+    kept = (n >= FEWEST) & (m >= FEWEST)
+    if not kept.any():
+        return Conditional(float("nan"), float("nan"), 0.0, 0)
+    weight = m[kept] / m[kept].sum()
+    first, second = (np.cumsum(t[kept], 1) / t[kept].sum(1, keepdims=True) for t in (a, b))
+    step = 1 / (LEVELS - 1)
+    distance = np.abs(first - second).sum(1) * step
+    both = (a[kept] + b[kept]).cumsum(1) / (n + m)[kept][:, None]
+    # Mean absolute value of a Gaussian difference of two empirical distribution functions.
+    spread = np.sqrt(both * (1 - both) * (1 / n[kept] + 1 / m[kept])[:, None])
+    floor = np.sqrt(2 / np.pi) * spread.sum(1) * step
+    return Conditional(
+        float(weight @ distance), float(weight @ floor), float(m[kept].sum() / m.sum()), int(m[kept].sum())
+    )
+
+
+def conditional_intensity(
+    simulated: Int[np.ndarray, "34 8 9 101"], measured: Int[np.ndarray, "34 8 9 101"], *, classes: bool = True
+) -> dict[str, Conditional]:
+    """Distances between two tables: `intensity` over all rays alike, then given class, range, incidence, all.
+
+    `classes` False where the frames have none: then `all` is range and incidence. Raises ValueError where a side has
+    no return.
+    """
+    a, b = (np.asarray(t, np.float64) for t in (simulated, measured))
+    if not (a.sum() and b.sum()):
+        raise ValueError("conditional: a set has no returns")
+    found = {"intensity": _compared(a.reshape(-1, LEVELS).sum(0)[None], b.reshape(-1, LEVELS).sum(0)[None])}
+    for name, axes in AXES.items():
+        if name == "class" and not classes:
+            continue
+        others = tuple(axis for axis in range(3) if axis not in axes)
+        sides = (t.sum(others).reshape(-1, LEVELS) for t in (a, b))
+        found[f"intensity_given_{name}"] = _compared(*sides)
+    return found

@@ -1,0 +1,67 @@
+"""The Fréchet distance of a run's images."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data import open_dataset
+from jaxsim.metrics.frechet import frechet_distance, moments
+from jaxsim.metrics.inception import Extractor
+from jaxsim.simulate.frechet import frechet_line, frechet_of_run, make_images
+from jaxsim.simulate.prepared import prepared
+
+PREPARE = PrepareConfig(inputs=("row",), columns=64, network_size=(48, 64))
+
+
+class Means(Extractor):
+    """Four means a picture instead of Inception: fast, and known by hand."""
+
+    def __call__(self, images):
+        b, h, w, _ = images.shape
+        return jnp.asarray(images).reshape(b, 2, h // 2, 2, w // 2).mean((2, 4)).reshape(b, 4)
+
+
+def generate(params, inputs):
+    return jnp.tanh(params * inputs[..., :1])
+
+
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory):
+    data = DataConfig(cache=tmp_path_factory.mktemp("cache"))
+    return prepared(open_dataset(data), range(6), data, PREPARE)
+
+
+def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp_path):
+    extractor = Means("torchvision", {}, "ab" * 32, published=False, random=True, width=4)
+    score = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+    assert score.counts == (6, 6)
+    assert score.name == "frechet_random_4"
+    (kept,) = tmp_path.glob("frechet-inception_torchvision-4-abababababababab-synthetic-6-*.npz")
+
+    predicted, measured = make_images(generate, PREPARE)
+    stacked = [pairs[i] for i in range(6)]
+    batch = lambda i: jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], stacked[i])  # noqa: E731
+    images = [
+        np.concatenate([np.asarray(f(batch(i))) for i in range(6)])
+        for f in (lambda p: predicted(jnp.float32(0.5), p), measured)
+    ]
+    assert images[1].shape == (6, 48, 64, 1)
+    assert images[1].min() >= -1
+    assert images[1].max() <= 1
+    want = frechet_distance(*(moments([np.asarray(extractor(x))]) for x in images))
+    assert score.value == pytest.approx(want, rel=1e-4)
+
+    before = kept.stat().st_mtime_ns
+    again = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+    assert again == score
+    assert kept.stat().st_mtime_ns == before
+    assert "6 predicted and 6 measured images, 4 features; from half the images" in frechet_line(score)
+
+
+def test_fewer_frames_than_features_stop_before_any_work(pairs, tmp_path):
+    extractor = Means("torchvision", {}, "ab" * 32, published=True, width=2048)
+    with pytest.raises(ValueError, match=r"fid: 6 frames to judge, 2048 features.*Judge 2049 frames"):
+        frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,77 @@
+"""Two folders of frames or clouds compared, as `python eval.py generation` does it."""
+
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.simulate.generation import generation_scores, open_folder
+
+ROWS, COLUMNS = 20, 48
+
+
+def write_polar(folder, seed: int, *, gain: float = 1.0, semantic: bool = True, names: str = "abc"):
+    rng = np.random.default_rng(seed)
+    grid = PolarGrid(
+        np.linspace(0.6, -0.6, COLUMNS).astype(np.float32),
+        np.linspace(0.0, -0.4, ROWS).astype(np.float32),
+        np.zeros(ROWS, np.float32),
+    )
+    write_grid(folder, grid)
+    for name in names:
+        range_m = rng.uniform(5, 60, (ROWS, COLUMNS)).astype(np.float32)
+        label = rng.choice([7, 11], (ROWS, COLUMNS))
+        intensity = np.clip(gain * np.where(label == 7, 0.3, 0.6) * (1 - range_m / 90), 0, 1).astype(np.float32)
+        more = {"semantic": label.astype(np.uint8)} if semantic else {}
+        write_frame(folder, name, PolarImage(range_m, intensity, rng.random((ROWS, COLUMNS)) < 0.9), **more)
+    return folder
+
+
+def test_a_folder_has_no_distance_from_itself(tmp_path):
+    folder = open_folder(write_polar(tmp_path / "a", 0))
+    scores = generation_scores(folder, folder)
+    for name, score in scores.items():
+        if not name.endswith("floor") and np.isfinite(score.value):
+            assert score.value == pytest.approx(0, abs=1e-6), name
+    assert scores["chamfer_distance_m"].count == 3
+    assert {"lidargen_jsd", "lidargen_mmd", "r2dm_jsd", "r2dm_mmd", "lidm_jsd", "swd_16", "swd_mean"} <= {*scores}
+
+
+def test_a_dimmer_sensor_shows_in_intensity_and_not_in_the_clouds(tmp_path):
+    a, b = (open_folder(write_polar(tmp_path / n, 0, gain=g)) for n, g in (("a", 0.7), ("b", 1.0)))
+    scores = generation_scores(a, b)
+    assert scores["r2dm_jsd"].value == pytest.approx(0, abs=1e-6)
+    assert scores["intensity_given_class"].value > 5 * scores["intensity_given_class_floor"].value
+    assert scores["swd_mean"].value == pytest.approx(0, abs=0.5)
+
+
+def test_classes_of_the_simulated_twin_stand_for_those_that_measured_frames_lack(tmp_path):
+    a = open_folder(write_polar(tmp_path / "a", 0))
+    twin = open_folder(write_polar(tmp_path / "b", 0, semantic=False))
+    assert "intensity_given_class" in generation_scores(a, twin)
+    stranger = open_folder(write_polar(tmp_path / "c", 1, semantic=False, names="xyz"))
+    scores = generation_scores(a, stranger)
+    assert "intensity_given_class" not in scores
+    assert "intensity_given_all" in scores
+    assert "chamfer_distance_m" not in scores
+
+
+def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
+    rng = np.random.default_rng(3)
+    for side in "ab":
+        (tmp_path / side).mkdir()
+        for k in range(2):
+            xyz = (rng.standard_normal((500, 3)) * [15, 15, 1]).astype("<f4")
+            if side == "a":
+                np.concatenate([xyz, np.zeros((500, 1), "<f4")], 1).tofile(tmp_path / side / f"{k}.bin")
+            else:
+                np.savez(tmp_path / side / f"{k}.npz", xyz=xyz)
+    scores = generation_scores(open_folder(tmp_path / "a"), open_folder(tmp_path / "b"))
+    assert scores["chamfer_distance_m"].count == 2
+    assert scores["r2dm_jsd"].value > 0.3
+    assert not any(name.startswith(("swd", "intensity")) for name in scores)
+
+
+def test_a_folder_without_frames_is_an_error(tmp_path):
+    with pytest.raises(ValueError, match="holds no frames"):
+        open_folder(tmp_path)
