@@ -1,7 +1,7 @@
 """A run and its use: prepared pairs, the run's folder, the learned sensor, its scores."""
 
-from jaxsim.simulate.frechet import frechet_line, frechet_of_run, require_images
-from jaxsim.simulate.generation import generation_scores, open_folder
+from jaxsim.simulate.fid import frechet_line, frechet_of_run, require_images
+from jaxsim.simulate.folders import generation_scores, open_folder
 from jaxsim.simulate.predict import make_batch, make_predict, predict_intensity
 from jaxsim.simulate.prepared import PreparedPairs, prepared
 from jaxsim.simulate.run import Checkpoints, Run, describe, load_run, start_run

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from jaxsim.metrics.generation.bev import LIDM_HALF_M, LIDM_MATCH_CELL_M, lidm_cells
 
-Points = Float[np.ndarray, "n d"]
+Points = Float[np.ndarray, "_n d"]
 LIDAR_ALPHA_PER_M2 = 1.0
 """Density-aware Chamfer's sharpness for clouds in metres: matches farther than about 1 m count as none. The
 published 1000 is for objects of size 1."""

@@ -82,7 +82,7 @@ def sliced(a: Float[Array, "m d"], b: Float[Array, "m d"], directions: Float[Arr
 
 
 def sliced_wasserstein(
-    a: Float[np.ndarray, "n h w c"], b: Float[np.ndarray, "n h w c"], *, seed: int = 0, batch: int = 128
+    a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray, "_m _i _j _d"], *, seed: int = 0, batch: int = 128
 ) -> dict[str, float]:
     """`swd_16`, `swd_32`, ... from the finest level on, and `swd_mean`; usually given times 1000.
 
@@ -95,6 +95,9 @@ def sliced_wasserstein(
     if min(rows, columns) < 16:
         raise ValueError(f"swd: images have {rows} x {columns} cells; it needs 16 or more on each side")
     levels, key = levels_of(rows, columns), jax.random.key(seed)
+    # Halving and doubling must give the same size: what is left over at the lower right is cut.
+    multiple = 2 ** (levels - 1)
+    a, b = (s[:, : rows // multiple * multiple, : columns // multiple * multiple] for s in (a, b))
     found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
     for first in range(0, n, batch):
         pyramids = [

@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.simulate.generation import generation_scores, open_folder
+from jaxsim.simulate.folders import generation_scores, open_folder
 
 ROWS, COLUMNS = 20, 48
 

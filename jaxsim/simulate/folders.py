@@ -5,6 +5,7 @@ One pass a folder keeps histograms and images, no cloud; frames of the same name
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,18 +61,23 @@ class Folder:
         path = self.path / f"{name}.bin"
         if path.is_file():
             return np.column_stack(read_velodyne(path))
-        with np.load(self.path / f"{name}.npz") as archive:
-            if "xyz" not in archive:
-                raise ValueError(f"generation: {path.with_suffix('.npz')} has no array xyz, and there is no grid.json")
-            xyz = np.asarray(archive["xyz"], np.float32)
-            more = np.asarray(archive["intensity"], np.float32) if "intensity" in archive else np.zeros(len(xyz))
+        path = path.with_suffix(".npz")
+        try:
+            with path.open("rb") as file, np.load(file) as archive:
+                arrays = {key: np.asarray(archive[key], np.float32) for key in archive.files}
+        except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
+            raise ValueError(f"generation: {path} is no readable .npz of plain arrays ({error})") from error
+        if "xyz" not in arrays:
+            raise ValueError(f"generation: {path} has no array xyz (n, 3), and beside it is no grid.json")
+        xyz = arrays["xyz"]
+        more = arrays.get("intensity", np.zeros(len(xyz), np.float32))
         return np.column_stack([xyz, more]).astype(np.float32)
 
 
 def open_folder(path: Path) -> Folder:
     """A folder of polar frames (with grid.json) or of clouds. Raises ValueError where it is neither."""
     grid = read_grid(path)[0] if (path / "grid.json").is_file() else None
-    names = frame_names(path) if grid else sorted(p.stem for p in (*path.glob("*.bin"), *path.glob("*.npz")))
+    names = frame_names(path) if grid else sorted({p.stem for p in (*path.glob("*.bin"), *path.glob("*.npz"))})
     if not names:
         raise ValueError(
             f"generation: {path} holds no frames; give a folder of polar frames (grid.json and NAME.npz, "

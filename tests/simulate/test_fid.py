@@ -9,7 +9,7 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.metrics.frechet import frechet_distance, moments
 from jaxsim.metrics.inception import Extractor
-from jaxsim.simulate.frechet import frechet_line, frechet_of_run, make_images
+from jaxsim.simulate.fid import frechet_line, frechet_of_run, make_images
 from jaxsim.simulate.prepared import prepared
 
 PREPARE = PrepareConfig(inputs=("row",), columns=64, network_size=(48, 64))
