@@ -73,23 +73,27 @@ def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
+def _nuclear(matrix: Float[np.ndarray, "n m"]) -> float:
+    """Sum of the singular values."""
+    return float(np.linalg.svd(matrix, compute_uv=False).sum())
+
+
 def frechet_distance(a: Moments, b: Moments) -> float:
     """Squared Fréchet distance between the Gaussians of two sets, in units of the features squared."""
     if a.mean.shape != b.mean.shape:
         raise ValueError(f"frechet: sets have {a.mean.size} and {b.mean.size} features; they must agree")
     first, second = a.covariance, b.covariance
-    root = scipy.linalg.svdvals(_factor(first).T @ _factor(second)).sum() if first.any() and second.any() else 0.0
+    root = _nuclear(_factor(first).T @ _factor(second)) if first.any() and second.any() else 0.0
     step = a.mean - b.mean
     return float(step @ step + np.trace(first) + np.trace(second) - 2 * root)
 
 
 def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]) -> float:
     """The same distance straight from features, where samples are fewer than features: no d x d matrix is made."""
-    (mean_x, x), (mean_y, y) = (
-        (f.mean(0), (f - f.mean(0)) / np.sqrt(len(f) - 1)) for f in (np.float64(x), np.float64(y))
-    )
-    step = mean_x - mean_y
-    return float(step @ step + (x * x).sum() + (y * y).sum() - 2 * scipy.linalg.svdvals(x @ y.T).sum())
+    a, b = (np.asarray(f, np.float64) for f in (x, y))
+    step = a.mean(0) - b.mean(0)
+    a, b = ((f - f.mean(0)) / np.sqrt(len(f) - 1) for f in (a, b))
+    return float(step @ step + (a * a).sum() + (b * b).sum() - 2 * _nuclear(a @ b.T))
 
 
 class Halves(NamedTuple):

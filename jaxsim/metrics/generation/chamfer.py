@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsim.metrics.generation.bev import LIDM_HALF_M, LIDM_MATCH_CELL_M, lidm_cells
 
@@ -33,9 +33,9 @@ def _nearest(a: Points, b: Points) -> tuple[Nearest, Nearest]:
             raise ValueError("chamfer: a cloud is empty; leave the frame out")
         if not np.isfinite(cloud).all():
             raise ValueError("chamfer: a cloud has points that are not finite; leave them out")
-    first, second = (cKDTree(np.asarray(cloud, np.float64)) for cloud in (a, b))
+    first, second = (KDTree(np.asarray(cloud, np.float64)) for cloud in (a, b))
     (d1, i1), (d2, i2) = second.query(first.data), first.query(second.data)
-    return Nearest(d1**2, i1), Nearest(d2**2, i2)
+    return Nearest(d1**2, np.asarray(i1)), Nearest(d2**2, np.asarray(i2))
 
 
 class Chamfer(NamedTuple):

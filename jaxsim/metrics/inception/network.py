@@ -52,7 +52,7 @@ def _pool(x: Features, form: Form, *, last: bool = False) -> Features:
     """The pooling branch: 3 x 3 at every cell."""
     around = ((1, 1), (1, 1))
     if last and form == "pytorch_fid":
-        return max_pool(x, strides=(1, 1), padding=around)
+        return nnx.pool(x, -jnp.inf, jax.lax.max, (3, 3), (1, 1), around)
     cells = jnp.full((1, *x.shape[1:3], 1), 9, x.dtype)
     if form == "pytorch_fid":
         cells = nnx.pool(jnp.ones_like(cells), 0.0, jax.lax.add, (3, 3), (1, 1), around)
@@ -67,7 +67,8 @@ class BlockA(nnx.Module):
     """35 x 35 cells: 1 x 1, 5 x 5, two 3 x 3, pooling."""
 
     def __init__(self, channels: int, pool: int, form: Form, rngs: nnx.Rngs) -> None:
-        conv, self.form = partial(Conv, rngs=rngs), form
+        conv = partial(Conv, rngs=rngs)
+        self.form: Form = form
         self.branch1x1 = conv(channels, 64)
         self.branch5x5_1, self.branch5x5_2 = conv(channels, 48), conv(48, 64, 5)
         self.branch3x3dbl_1, self.branch3x3dbl_2, self.branch3x3dbl_3 = (
@@ -107,7 +108,8 @@ class BlockC(nnx.Module):
     """17 x 17 cells: 7 x 7 taken apart into rows and columns, `n` channels wide inside."""
 
     def __init__(self, channels: int, n: int, form: Form, rngs: nnx.Rngs) -> None:
-        conv, self.form = partial(Conv, rngs=rngs), form
+        conv = partial(Conv, rngs=rngs)
+        self.form: Form = form
         self.branch1x1 = conv(channels, 192)
         self.branch7x7_1, self.branch7x7_2, self.branch7x7_3 = (
             conv(channels, n),
@@ -147,7 +149,9 @@ class BlockE(nnx.Module):
     """8 x 8 cells: 3 x 3 taken apart into a row and a column beside each other."""
 
     def __init__(self, channels: int, form: Form, rngs: nnx.Rngs, *, last: bool = False) -> None:
-        conv, self.form, self.last = partial(Conv, rngs=rngs), form, last
+        conv = partial(Conv, rngs=rngs)
+        self.form: Form = form
+        self.last = last
         self.branch1x1, self.branch3x3_1 = conv(channels, 320), conv(channels, 384)
         self.branch3x3_2a, self.branch3x3_2b = conv(384, 384, (1, 3)), conv(384, 384, (3, 1))
         self.branch3x3dbl_1, self.branch3x3dbl_2 = conv(channels, 448), conv(448, 384, 3)
