@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+Form = Literal["imaginaire", "original"]
+"""Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
+
 InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
 
 
@@ -62,8 +65,12 @@ class PrepareConfig:
 
 @dataclass(frozen=True)
 class GeneratorConfig:
-    """pix2pixHD generator (Imaginaire's form): global generator and local enhancers."""
+    """pix2pixHD generator: global generator and local enhancers."""
 
+    form: Form = "imaginaire"
+    """`imaginaire`: spectral norm, learned scales in the instance norms, reflection around every convolution, and
+    repeated cells before a convolution to double the size. `original`: neither norm's parameters, zeros around
+    strided convolutions, transposed convolutions."""
     filters: int = 64
     """Width of the global generator's first layer; the last enhancer has filters / 2**enhancers."""
     max_filters: int = 1024
@@ -79,6 +86,9 @@ class GeneratorConfig:
 class DiscriminatorConfig:
     """Multi-scale patch discriminator."""
 
+    form: Form = "imaginaire"
+    """`imaginaire`: 3 x 3 kernels, spectral norm, bilinear halving between scales. `original`: 4 x 4 kernels padded
+    by 2, no norm in the first layer, average pooling."""
     scales: int = 2
     """Independent discriminators, each at half the size of the one before."""
     filters: int = 64
@@ -90,6 +100,9 @@ class DiscriminatorConfig:
 class LossConfig:
     """Weights of the loss terms; 0 leaves a term out."""
 
+    form: Form = "imaginaire"
+    """`imaginaire`: hinge loss, mean over scales; VGG sees ImageNet's colours. `original`: least squares, summed over
+    scales (half for the discriminator), features weighted 4 / (layers + 1); VGG sees the image in [-1, 1]."""
     gan: float = 1.0
     feature_matching: float = 10.0
     perceptual: float = 0.0
@@ -113,10 +126,20 @@ class OptimConfig:
     batch: int = 8
     steps: int = 2000
     """Updates of the generator (and of the discriminator)."""
+    epochs: int = 0
+    """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
     decay_from: float = 1.0
     """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
+    updates: Literal["discriminator_first", "together"] = "discriminator_first"
+    """`discriminator_first`: it learns from an image, then the generator from a fresh one (Imaginaire). `together`:
+    both from the same image and the networks as they were (NVIDIA/pix2pixHD)."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the convolutions in training; parameters, statistics and losses stay float32. bfloat16 is for GPUs."""
     flip: bool = False
     """Mirror frames left to right at random. Off in the paper."""
+    scale_limit: float = 0.0
+    """Magnify frames at random by up to this, and cut the network's size out anywhere: 0.2 in Imaginaire's
+    configuration."""
     ema_decay: float = 0.999
     ema_start: int = 500
     """The averaged generator copies the trained one up to this step."""
@@ -137,6 +160,9 @@ class RunConfig:
     """Steps between validation scores and pictures (input | predicted | measured)."""
     keep: int = 2
     """Checkpoints kept."""
+    distributed: bool = False
+    """Train together with the other processes that a launcher started, on all their devices (docs/many-devices.md).
+    One process uses all devices of its machine without it."""
 
 
 @dataclass(frozen=True)

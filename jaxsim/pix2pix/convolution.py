@@ -58,6 +58,22 @@ def upsample_conv2d(
     return conv2d(doubled, kernel)
 
 
+def transposed_conv2d(
+    x: Float[Array, "b h w c_in"], kernel: Float[Array, "3 3 c_in c_out"]
+) -> Float[Array, "b 2*h 2*w c_out"]:
+    """Cross-correlation of x with zeros between, and after, its rows and columns.
+
+    This is PyTorch's ConvTranspose2d of 3 x 3, stride 2, padding 1, output padding 1, with the kernel turned
+    by half a circle.
+    """
+    if on_cpu():
+        return convolution_cpu.transposed_convolve(x, kernel)
+    around = ((1, 2), (1, 2))
+    return lax.conv_general_dilated(
+        x, kernel, (1, 1), around, lhs_dilation=(2, 2), dimension_numbers=("NHWC", "HWIO", "NHWC")
+    )
+
+
 def average_pool(x: Float[Array, "b h w c"]) -> Float[Array, "b h//2 w//2 c"]:
     """3 x 3 means at stride 2; cells outside the raster are not counted. h and w must be even."""
     for axis in (1, 2):

@@ -68,6 +68,25 @@ def upsample_convolve(x: Array, kernel: Array) -> Array:
         by_column = (jnp.stack([left, middle + right], 1), jnp.stack([left + middle, right], 1))
         for q, quarter in enumerate(by_column):
             phases.append(convolve(x[:, p : p + h + 1, q : q + w + 1], quarter, 1, (0, 0)))
+    return _interleave(phases, b, h, w)
+
+
+def transposed_convolve(x: Array, kernel: Array) -> Array:
+    """3 x 3 convolution of x with zeros between, and after, its rows and columns: the four phases of the result."""
+    # Of output row 2i only kernel row 1 falls on a row of x, row i; of output row 2i + 1 kernel rows 0 and 2 fall on
+    # rows i and i + 1; columns alike.
+    x = jnp.pad(x, ((0, 0), (0, 1), (0, 1), (0, 0)))
+    b, h, w = x.shape[0], x.shape[1] - 1, x.shape[2] - 1
+    phases = []
+    for p in (0, 1):
+        for q in (0, 1):
+            taps = kernel[1 - p :: 2 if p else 3, 1 - q :: 2 if q else 3]
+            phases.append(convolve(x[:, : h + p, : w + q], taps, 1, (0, 0)))
+    return _interleave(phases, b, h, w)
+
+
+def _interleave(phases: list[Array], b: int, h: int, w: int) -> Array:
+    """One raster of the cells (2i, 2j), (2i, 2j + 1), (2i + 1, 2j), (2i + 1, 2j + 1) from a raster of each."""
     y = jnp.stack(phases, axis=3).reshape(b, h, w, 2, 2, -1)
     return y.transpose(0, 1, 3, 2, 4, 5).reshape(b, 2 * h, 2 * w, -1)
 

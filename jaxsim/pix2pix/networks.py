@@ -1,14 +1,15 @@
-"""pix2pixHD in Imaginaire's form: generator with local enhancers, multi-scale patch discriminator.
+"""pix2pixHD: generator with local enhancers, multi-scale patch discriminator.
 
 Wang et al., "High-Resolution Image Synthesis and Semantic Manipulation with Conditional GANs", CVPR 2018;
-layer plan of NVlabs/imaginaire `generators/pix2pixHD.py`, `discriminators/multires_patch.py`.
+layer plan of NVlabs/imaginaire `generators/pix2pixHD.py`, `discriminators/multires_patch.py`. The original form,
+NVIDIA/pix2pixHD `models/networks.py`, has the same plan and other layers (`layers.FORMS`).
 """
 
 from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -17,9 +18,17 @@ from jaxtyping import Float
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.pix2pix.convolution import average_pool, halve
-from jaxsim.pix2pix.layers import ConvBlock, ResidualBlock
+from jaxsim.pix2pix.layers import FORMS, ConvBlock, LayerForm, ResidualBlock
 
 Array = Any
+Precision = Literal["float32", "bfloat16"]
+
+
+def layer_form(name: str, precision: Precision) -> LayerForm:
+    """The layers of a published form, at a precision of their convolutions. Raises ValueError for an unknown form."""
+    if name not in FORMS:
+        raise ValueError(f"no form {name!r} of pix2pixHD; known: {', '.join(FORMS)}")
+    return FORMS[name]._replace(compute=None if precision == "float32" else jnp.dtype(precision))
 
 
 class EncoderDecoder(nnx.Module):
@@ -36,16 +45,17 @@ class EncoderDecoder(nnx.Module):
         *,
         blocks: int,
         out_channels: int | None,
-        spectral: bool,
+        form: LayerForm,
         rngs: nnx.Rngs,
     ):
-        block = partial(ConvBlock, spectral=spectral, rngs=rngs)
+        block = partial(ConvBlock, form=form, rngs=rngs)
         steps = list(pairwise(widths))
         self.stem = block(in_channels, widths[0], size=7)
-        self.down = nnx.List([block(narrow, wide, stride=2) for narrow, wide in steps])
-        self.blocks = nnx.List([ResidualBlock(widths[-1], spectral=spectral, rngs=rngs) for _ in range(blocks)])
-        self.up = nnx.List([block(wide, narrow, upsample=True) for narrow, wide in reversed(steps)])
-        head = partial(ConvBlock, size=7, spectral=False, norm=False, activation=jnp.tanh, rngs=rngs)
+        self.down = nnx.List([block(narrow, wide, stride=2, padding=form.strided) for narrow, wide in steps])
+        self.blocks = nnx.List([ResidualBlock(widths[-1], form=form, rngs=rngs) for _ in range(blocks)])
+        self.up = nnx.List([block(wide, narrow, upsample=form.upsample) for narrow, wide in reversed(steps)])
+        plain = form._replace(spectral=False)
+        head = partial(ConvBlock, size=7, norm=False, activation=jnp.tanh, form=plain, rngs=rngs)
         self.head = None if out_channels is None else head(widths[0], out_channels)
 
     def __call__(
@@ -69,7 +79,15 @@ class Generator(nnx.Module):
     `spectral=False` gives the network of the averaged generator, whose kernels have the norm folded in.
     """
 
-    def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs, *, spectral: bool = True) -> None:
+    def __init__(
+        self,
+        config: GeneratorConfig,
+        in_channels: int,
+        rngs: nnx.Rngs,
+        *,
+        spectral: bool = True,
+        precision: Precision = "float32",
+    ) -> None:
         if config.filters % 2**config.enhancers:
             raise ValueError(
                 f"generator.filters is {config.filters}: {config.enhancers} enhancers halve it that often; "
@@ -77,7 +95,9 @@ class Generator(nnx.Module):
             )
         self.multiple = 2 ** (config.downsamples + config.enhancers)
         widths = tuple(min(config.filters * 2**i, config.max_filters) for i in range(config.downsamples + 1))
-        part = partial(EncoderDecoder, in_channels, spectral=spectral, rngs=rngs)
+        form = layer_form(config.form, precision)
+        form = form._replace(spectral=form.spectral and spectral)
+        part = partial(EncoderDecoder, in_channels, form=form, rngs=rngs)
         self.coarse = part(widths, blocks=config.blocks, out_channels=None if config.enhancers else config.out_channels)
         fine = [config.filters // 2 ** (k + 1) for k in range(config.enhancers)]
         self.enhancers = nnx.List(
@@ -112,17 +132,31 @@ class Generator(nnx.Module):
 class PatchDiscriminator(nnx.Module):
     """One scale: logits of overlapping patches, and the features before them."""
 
-    def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
-        block = partial(ConvBlock, padding="zero", activation=partial(jax.nn.leaky_relu, negative_slope=0.2), rngs=rngs)
+    def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs, *, precision: Precision) -> None:
+        original = config.form == "original"
+        block = partial(
+            ConvBlock,
+            size=4 if original else 3,
+            padding="zero",
+            form=layer_form(config.form, precision),
+            rngs=rngs,
+        )
+        relu = partial(jax.nn.leaky_relu, negative_slope=0.2)
         widths = [min(config.filters * 2**i, config.max_filters) for i in range(config.layers + 1)]
         channels = [in_channels, *widths]
         self.features = nnx.List(
             [
-                block(channels[i], channels[i + 1], stride=2 if i < config.layers else 1)
+                block(
+                    channels[i],
+                    channels[i + 1],
+                    stride=2 if i < config.layers else 1,
+                    norm=not (original and i == 0),
+                    activation=relu,
+                )
                 for i in range(config.layers + 1)
             ]
         )
-        self.logits = ConvBlock(widths[-1], 1, padding="zero", norm=False, activation=None, rngs=rngs)
+        self.logits = block(widths[-1], 1, norm=False, activation=None)
 
     def __call__(
         self, inputs: Float[Array, "b h w c"], image: Float[Array, "b h w k"], *, train: bool
@@ -137,8 +171,13 @@ class PatchDiscriminator(nnx.Module):
 class Discriminator(nnx.Module):
     """Independent patch discriminators, each seeing the image at half the size of the one before."""
 
-    def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
-        self.scales = nnx.List([PatchDiscriminator(config, in_channels, rngs) for _ in range(config.scales)])
+    def __init__(
+        self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs, *, precision: Precision = "float32"
+    ) -> None:
+        self.scales = nnx.List(
+            [PatchDiscriminator(config, in_channels, rngs, precision=precision) for _ in range(config.scales)]
+        )
+        self.shrink = average_pool if config.form == "original" else halve
 
     def __call__(
         self, inputs: Float[Array, "b h w c"], image: Float[Array, "b h w k"], *, train: bool = False
@@ -154,6 +193,6 @@ class Discriminator(nnx.Module):
         results = []
         for i, scale in enumerate(self.scales):
             if i:
-                inputs, image = halve(inputs), halve(image)
+                inputs, image = self.shrink(inputs), self.shrink(image)
             results.append(scale(inputs, image, train=train))
         return results

@@ -22,6 +22,11 @@ class SpectralVector(nnx.Variable):
     """Estimate of a kernel's first singular vector: state that a forward pass advances, not trained."""
 
 
+def statistics_type(x: Array) -> Any:
+    """Type in which sums over features of x are taken: float32 at least."""
+    return x.dtype if x.dtype.itemsize >= 4 else jnp.dtype("float32")
+
+
 def unit(x: Float[Array, " n"]) -> Float[Array, " n"]:
     """x at length 1."""
     return x / jnp.maximum(jnp.sqrt(jnp.sum(x * x)), UNIT_EPS)
@@ -69,28 +74,31 @@ def instance_norm(
     shift: Float[Array, " c"],
     eps: Float[Array, ""],
 ) -> Float[Array, "b h w c"]:
-    """(x - mean) / sqrt(variance + eps) over rows and columns (biased variance), times scale, plus shift."""
+    """(x - mean) / sqrt(variance + eps) over rows and columns (biased variance), times scale, plus shift.
+
+    Computed in the type of scale and shift, given back in that of x.
+    """
     return _instance_norm(x, scale, shift, eps)[0]
 
 
 def _instance_norm(x: Array, scale: Array, shift: Array, eps: Array) -> tuple[Array, tuple[Array, ...]]:
-    cells = x.shape[1] * x.shape[2]
-    mean = _sum_cells(x) / cells
-    centred = x - mean
+    cells, wide = x.shape[1] * x.shape[2], x.astype(scale.dtype)
+    mean = _sum_cells(wide) / cells
+    centred = wide - mean
     rate = jax.lax.rsqrt(_sum_cells(centred * centred) / cells + eps)
     gain = rate * scale[None, None, None]
-    return centred * gain + shift[None, None, None], (x, mean, rate, scale)
+    return (centred * gain + shift[None, None, None]).astype(x.dtype), (x, mean, rate, scale)
 
 
 def _instance_norm_gradient(saved: tuple[Array, ...], gradient: Array) -> tuple[Array, ...]:
     """By hand: two sums over cells, where automatic differentiation takes five."""
     x, mean, rate, scale = saved
-    cells = x.shape[1] * x.shape[2]
-    normalised = (x - mean) * rate
+    cells, gradient = x.shape[1] * x.shape[2], gradient.astype(scale.dtype)
+    normalised = (x.astype(scale.dtype) - mean) * rate
     flat = _sum_cells(gradient)
     along = _sum_cells(gradient * normalised)
     scale = scale[None, None, None]
-    back = scale * rate * (gradient - (flat + normalised * along) / cells)
+    back = (scale * rate * (gradient - (flat + normalised * along) / cells)).astype(x.dtype)
     back_eps = -0.5 * (rate * rate * scale * along).sum()
     return back, along.sum((0, 1, 2)), flat.sum((0, 1, 2)), back_eps
 
@@ -103,6 +111,8 @@ def _sum_cells(x: Array) -> Array:
     b, h, w, c = x.shape
     if not on_cpu():
         return x.sum((1, 2), keepdims=True)
-    # As a product with ones: XLA's own reduction of leading axes is 5 to 10 times slower on a CPU.
-    ones = jnp.ones((b, 1, h * w), x.dtype)
-    return jax.lax.dot_general(ones, x.reshape(b, h * w, c), (((2,), (1,)), ((0,), (0,))))[:, None]
+    # As products with ones: inside a step XLA's own reduction of leading axes is 5 to 10 times slower on a CPU. Row by
+    # row: one product over all cells adds them up one after another, and loses two digits of the sum.
+    ones = jnp.ones((b * h, 1, w), x.dtype)
+    rows = jax.lax.dot_general(ones, x.reshape(b * h, w, c), (((2,), (1,)), ((0,), (0,))))
+    return rows.reshape(b, h, 1, c).sum(1, keepdims=True)

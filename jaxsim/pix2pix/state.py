@@ -13,7 +13,7 @@ from flax import nnx, struct
 
 from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
 from jaxsim.pix2pix.convolution import on_cpu
-from jaxsim.pix2pix.networks import Discriminator, Generator
+from jaxsim.pix2pix.networks import Discriminator, Generator, Precision
 from jaxsim.pix2pix.normalisation import SpectralVector, fold_spectral_norm
 
 Array = Any
@@ -73,16 +73,19 @@ def join(definition: Any, network: Network) -> Any:
     return nnx.merge(definition, network.parameters, network.vectors)
 
 
-def generator_definition(config: GeneratorConfig, in_channels: int, *, spectral: bool = True) -> Any:
+def generator_definition(
+    config: GeneratorConfig, in_channels: int, *, spectral: bool = True, precision: Precision = "float32"
+) -> Any:
     """The generator without values; `spectral=False` for the averaged one."""
-    make = lambda: Generator(config, in_channels, nnx.Rngs(0), spectral=spectral)  # noqa: E731
+    make = lambda: Generator(config, in_channels, nnx.Rngs(0), spectral=spectral, precision=precision)  # noqa: E731
     return nnx.graphdef(nnx.eval_shape(make))
 
 
 def discriminator_definition(experiment: Experiment, in_channels: int) -> Any:
-    """The discriminator without values; it sees the inputs and the image."""
-    channels = in_channels + experiment.generator.out_channels
-    return nnx.graphdef(nnx.eval_shape(lambda: Discriminator(experiment.discriminator, channels, nnx.Rngs(0))))
+    """The discriminator without values, at the precision of training; it sees the inputs and the image."""
+    channels, precision = in_channels + experiment.generator.out_channels, experiment.optim.precision
+    make = lambda: Discriminator(experiment.discriminator, channels, nnx.Rngs(0), precision=precision)  # noqa: E731
+    return nnx.graphdef(nnx.eval_shape(make))
 
 
 def create_state(experiment: Experiment, in_channels: int, seed: int) -> TrainState:

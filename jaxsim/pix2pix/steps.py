@@ -1,7 +1,8 @@
 """The training step and the generator as jitted functions of plain pytrees.
 
 One step, in Imaginaire's order: the discriminator learns from a generated image, then the generator learns
-from a fresh forward pass, then the average moves.
+from a fresh forward pass, then the average moves. In the original's order (`optim.updates`) both learn from the same
+image and from each other as they were.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import jax
 import jax.numpy as jnp
 import optax
 from flax import nnx
+from jax.sharding import Mesh
 
 from jaxsim.config import Experiment
+from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.convolution_cpu import compiler_options
-from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, reconstruction
+from jaxsim.pix2pix.losses import discriminator_loss, generator_terms, reconstruction
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
     Network,
@@ -41,14 +44,16 @@ Metrics = dict[str, Array]
 
 
 def make_train_step(
-    experiment: Experiment, in_channels: int, *, vgg: Weights | None = None
+    experiment: Experiment, in_channels: int, *, vgg: Weights | None = None, mesh: Mesh | None = None
 ) -> Callable[[TrainState, Batch], tuple[TrainState, Metrics]]:
     """Jitted (state, batch) -> (state, metrics); the given state is donated.
 
     Metrics are scalars: `loss/...` of each term in use, unweighted, `loss/generator` and `loss/discriminator`
     weighted; `lr`, `grad_norm/...`, and `finite`, False if a loss or gradient is not. `vgg` spares reading
-    `loss.vgg_weights`. Raises FileNotFoundError if the perceptual loss has no weights, ValueError if no
-    loss term is left.
+    `loss.vgg_weights`. On a `mesh` every device takes its part of the batch; losses and gradients are means over
+    all. An item's instance statistics are its own, so nothing else crosses devices.
+
+    Raises FileNotFoundError if the perceptual loss has no weights, ValueError if no loss term is left.
     """
     weights = experiment.loss
     adversary = uses_discriminator(experiment)
@@ -56,9 +61,15 @@ def make_train_step(
         raise ValueError("every loss term has weight 0: set loss.gan, loss.perceptual or loss.reconstruction")
     if weights.perceptual and vgg is None:
         vgg = load_vgg(weights.vgg_weights)
-    generator = generator_definition(experiment.generator, in_channels)
+    precision = experiment.optim.precision
+    compute = None if precision == "float32" else jnp.dtype(precision)
+    generator = generator_definition(experiment.generator, in_channels, precision=precision)
     discriminator = discriminator_definition(experiment, in_channels) if adversary else None
     adam = optimiser(experiment.optim)
+
+    def mean(tree: Tree) -> Tree:
+        """Over the devices that share the batch; their parts are of one size."""
+        return tree if mesh is None else jax.lax.pmean(tree, DATA)
 
     def generate(network: Network, inputs: Array) -> tuple[Array, Network]:
         module = join(generator, network)
@@ -68,65 +79,84 @@ def make_train_step(
         module = join(discriminator, network)
         return module(inputs, image, train=True), split(module)[1]
 
-    def discriminator_loss(parameters: Tree, vectors: Tree, batch: Batch, fake: Array):
+    def of_discriminator(parameters: Tree, vectors: Tree, batch: Batch, fake: Array):
         network = Network(parameters, vectors)
         on_fake, network = judge(network, batch["inputs"], fake)
         on_real, network = judge(network, batch["inputs"], batch["target"])
-        loss = weights.gan * (hinge(on_real, "real") + hinge(on_fake, "fake"))
-        return loss, network.vectors
+        return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
 
-    def generator_loss(parameters: Tree, vectors: Tree, judges: Network | None, batch: Batch, vgg: Weights | None):
+    def of_generator(parameters: Tree, vectors: Tree, judges: Network | None, batch: Batch, vgg: Weights | None):
         inputs, target = batch["inputs"], batch["target"]
         image, network = generate(Network(parameters, vectors), inputs)
         terms = {}
         if judges is not None:
             on_fake, judges = judge(judges, inputs, image)
             on_real, judges = judge(judges, inputs, target)
-            terms["gan"] = adversarial(on_fake)
-            if weights.feature_matching:
-                terms["feature_matching"] = feature_matching(on_fake, on_real)
+            terms |= generator_terms(on_fake, on_real, weights.form)
+            if not weights.feature_matching:
+                del terms["feature_matching"]
         if vgg is not None and weights.perceptual:
-            terms["perceptual"] = perceptual(vgg, image, target)
+            imagenet = weights.form == "imaginaire"
+            terms["perceptual"] = perceptual(vgg, image, target, imagenet=imagenet, compute=compute)
         if weights.reconstruction:
-            terms["reconstruction"] = reconstruction(image, target, batch["weight"])
+            terms["reconstruction"] = reconstruction(image, target, batch["weight"], mean=mean)
         total = sum(getattr(weights, name) * term for name, term in terms.items())
-        return total, (terms, network.vectors, None if judges is None else judges.vectors)
+        return total, (terms, image, network.vectors, judges)
 
-    def train_step(state: TrainState, batch: Batch, *, vgg: Weights | None) -> tuple[TrainState, Metrics]:
+    def train_discriminator(judges: Network, optim: Tree, batch: Batch, fake: Array) -> tuple[Network, Tree, Metrics]:
+        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(
+            judges.parameters, judges.vectors, batch, fake
+        )
+        loss, gradient = mean((loss, gradient))
+        updates, optim = adam.update(gradient, optim)
+        judges = Network(optax.apply_updates(judges.parameters, updates), vectors)
+        return judges, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
+
+    def train_step(state: TrainState, batch: Batch, vgg: Weights | None) -> tuple[TrainState, Metrics]:
         metrics: Metrics = {"lr": learning_rate(experiment.optim, state.step)}
-        judges, vectors = state.discriminator, state.generator.vectors
-        judges_optim = state.discriminator_optim
-        if judges is not None:
+        judges, judges_optim, vectors = state.discriminator, state.discriminator_optim, state.generator.vectors
+        first = experiment.optim.updates == "discriminator_first"
+        if judges is not None and first:
             fake, network = generate(state.generator, batch["inputs"])
             vectors = network.vectors
-            (loss, judge_vectors), gradient = jax.value_and_grad(discriminator_loss, has_aux=True)(
-                judges.parameters, judges.vectors, batch, fake
-            )
-            updates, judges_optim = adam.update(gradient, judges_optim)
-            judges = Network(optax.apply_updates(judges.parameters, updates), judge_vectors)
-            metrics |= {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
+            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake)
+            metrics |= told
 
-        (loss, (terms, vectors, judge_vectors)), gradient = jax.value_and_grad(generator_loss, has_aux=True)(
+        (loss, (terms, fake, vectors, judges)), gradient = jax.value_and_grad(of_generator, has_aux=True)(
             state.generator.parameters, vectors, judges, batch, vgg
         )
+        loss, terms, gradient = mean((loss, terms, gradient))
         updates, optim = adam.update(gradient, state.generator_optim)
         trained = Network(optax.apply_updates(state.generator.parameters, updates), vectors)
         metrics |= {f"loss/{name}": term for name, term in terms.items()}
         metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
+
+        if judges is not None and not first:
+            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake)
+            metrics |= told
         metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
         step = state.step + 1
         state = TrainState(
             step=step,
             generator=trained,
             generator_optim=optim,
-            discriminator=None if judges is None else Network(judges.parameters, judge_vectors),
+            discriminator=judges,
             discriminator_optim=judges_optim,
             ema=_average(experiment, state.ema, trained, step),
         )
         return state, metrics
 
+    step = train_step
+    if mesh is not None:
+        step = jax.shard_map(step, mesh=mesh, in_specs=(WHOLE, CUT, WHOLE), out_specs=WHOLE, check_vma=False)
+        vgg = everywhere(mesh, vgg)
     return partial(
-        jax.jit(train_step, donate_argnums=0, compiler_options=compiler_options() if on_cpu() else None), vgg=vgg
+        jax.jit(
+            lambda state, batch, *, vgg: step(state, batch, vgg),
+            donate_argnums=0,
+            compiler_options=compiler_options() if on_cpu() else None,
+        ),
+        vgg=vgg,
     )
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from jaxsim.pix2pix.convolution import conv2d
+from jaxsim.pix2pix.losses import mean_difference
 from jaxsim.weights import Converter, fit, read_state_dict
 
 Array = Any
@@ -63,27 +64,44 @@ def load_vgg(path: Path | None) -> Weights:
     return {name: array.transpose(2, 3, 1, 0) if array.ndim == 4 else array for name, array in arrays.items()}
 
 
-def vgg_features(weights: Weights, image: Float[Array, "b h w k"]) -> list[Float[Array, "b _h _w _c"]]:
-    """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated."""
+def vgg_features(
+    weights: Weights, image: Float[Array, "b h w k"], *, imagenet: bool = True
+) -> list[Float[Array, "b _h _w _c"]]:
+    """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated.
+
+    `imagenet` gives the colours the mean and deviation that the weights were trained with; NVIDIA/pix2pixHD does not.
+    Convolutions run in the image's type.
+    """
     if image.shape[-1] == 1:
         image = jnp.repeat(image, 3, axis=-1)
     mean, deviation = (jnp.asarray(v, image.dtype)[None, None, None] for v in (MEAN, DEVIATION))
-    x = ((image + 1) / 2 - mean) / deviation
+    x = ((image + 1) / 2 - mean) / deviation if imagenet else image
     features = []
     for block, places in enumerate(BLOCKS):
         if block:
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
         for i, place in enumerate(places):
-            bias = weights[f"features.{place}.bias"]
-            x = conv2d(x, weights[f"features.{place}.weight"], padding="zero") + bias[None, None, None]
+            kernel, bias = (jnp.asarray(weights[f"features.{place}.{part}"], x.dtype) for part in ("weight", "bias"))
+            x = conv2d(x, kernel, padding="zero") + bias[None, None, None]
             x = jax.nn.relu(x)
             if i == 0:
                 features.append(x)
     return features
 
 
-def perceptual(weights: Weights, image: Float[Array, "b h w k"], target: Float[Array, "b h w k"]) -> Float[Array, ""]:
-    """Mean absolute differences of VGG features, weighted 1/32, 1/16, 1/8, 1/4, 1; target held fixed."""
-    pairs = zip(vgg_features(weights, image), vgg_features(weights, target), strict=True)
-    terms = [jnp.abs(a - jax.lax.stop_gradient(b)).mean() for a, b in pairs]
+def perceptual(
+    weights: Weights,
+    image: Float[Array, "b h w k"],
+    target: Float[Array, "b h w k"],
+    *,
+    imagenet: bool = True,
+    compute: Any = None,
+) -> Float[Array, ""]:
+    """Mean absolute differences of VGG features, weighted 1/32, 1/16, 1/8, 1/4, 1; target held fixed.
+
+    `compute` is the type in which the convolutions run, by default the image's.
+    """
+    images = (image, target) if compute is None else (image.astype(compute), target.astype(compute))
+    features = (vgg_features(weights, x, imagenet=imagenet) for x in images)
+    terms = [mean_difference(a, b) for a, b in zip(*features, strict=True)]
     return sum(w * term for w, term in zip(LAYER_WEIGHTS, terms, strict=True))

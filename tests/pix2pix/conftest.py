@@ -12,7 +12,8 @@ from jaxsim.pix2pix import convolution_cpu
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
 from jaxsim.pix2pix.state import Network, split
-from jaxsim.pix2pix.vgg import BLOCKS, load_vgg
+from jaxsim.pix2pix.vgg import load_vgg
+from tests.pix2pix.rule import draw_vgg
 
 IN_CHANNELS, OUT_CHANNELS = 8, 3
 
@@ -88,25 +89,6 @@ def labels_and_image(published) -> tuple[np.ndarray, np.ndarray]:
     np.testing.assert_array_equal(inputs[:2].transpose(0, 3, 1, 2), arrays["label"])
     image = ((arrays["image_u8"].astype(np.float32) / 255 - 0.5) / 0.5).transpose(0, 2, 3, 1)
     return inputs, image
-
-
-def draw_vgg(seed: int) -> dict[str, np.ndarray]:
-    """VGG-19 by the rule of the golden README, in published names and layouts."""
-
-    shapes, channels = {}, 3
-    for block, places in enumerate(BLOCKS):
-        width = min(64 * 2**block, 512)
-        for place in places:
-            shapes[f"features.{place}.weight"] = (width, channels, 3, 3)
-            shapes[f"features.{place}.bias"] = (width,)
-            channels = width
-    generator = np.random.default_rng(seed)
-    weights = {}
-    for name in sorted(shapes):
-        x = generator.standard_normal(shapes[name])
-        scale = 0.1 if name.endswith("bias") else 1 / np.sqrt(np.prod(shapes[name][1:]))
-        weights[name] = (x * scale).astype(np.float32)
-    return weights
 
 
 @pytest.fixture(scope="session")

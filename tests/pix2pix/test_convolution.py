@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jaxsim.pix2pix import convolution
-from jaxsim.pix2pix.convolution import average_pool, conv2d, halve, upsample_conv2d
+from jaxsim.pix2pix.convolution import average_pool, conv2d, halve, transposed_conv2d, upsample_conv2d
 
 
 def slow_conv2d(x, kernel, stride, padding):
@@ -60,6 +60,22 @@ def test_up_sampling_convolution_is_that_of_repeated_cells(h, w, wide):
     x, kernel = draw(1, (2, h, w, 5), (3, 3, 5, wide))
     slow = slow_conv2d(x.repeat(2, 1).repeat(2, 2), kernel, 1, "reflect")
     np.testing.assert_allclose(upsample_conv2d(x, kernel), slow, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize(("h", "w", "wide"), [(3, 5, 4), (2, 3, 32)])
+@pytest.mark.parametrize("on_cpu", [True, False])
+def test_transposed_convolution_spreads_every_cell(monkeypatch, on_cpu, h, w, wide):
+    """PyTorch's definition: each cell adds its kernel at twice its place, less the padding of one."""
+    monkeypatch.setattr(convolution, "on_cpu", lambda: on_cpu)
+    x, kernel = draw(1, (2, h, w, 5), (3, 3, 5, wide))
+    spread = np.zeros((2, 2 * h + 2, 2 * w + 2, wide))
+    for i in range(h):
+        for j in range(w):
+            spread[:, 2 * i : 2 * i + 3, 2 * j : 2 * j + 3] += np.einsum(
+                "bc,rsck->brsk", x[:, i, j], kernel[::-1, ::-1]
+            )
+    ours = transposed_conv2d(x, kernel)
+    np.testing.assert_allclose(ours, spread[:, 1 : 2 * h + 1, 1 : 2 * w + 1], rtol=0, atol=2e-5)
 
 
 def gradients(function, x, kernel):

@@ -1,5 +1,7 @@
 """Sizes, order and init of the layers, as the published networks have them."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +11,7 @@ from flax import nnx
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import to_published
-from jaxsim.pix2pix.state import Network, split
+from jaxsim.pix2pix.state import Network, join, split
 
 
 def sizes(make) -> Network:
@@ -39,6 +41,33 @@ def test_generator_has_the_published_number_of_parameters(channels, out_channels
 def test_discriminator_has_the_published_number_of_parameters(scales):
     config = DiscriminatorConfig(scales=scales)
     assert count(sizes(lambda: Discriminator(config, 39, nnx.Rngs(0)))) == scales * 1_578_241
+
+
+def test_the_original_form_starts_from_the_published_distribution():
+    """Kernels of deviation 0.02, biases uniform up to 1 / sqrt(fan in), no parameters in norms."""
+    config = GeneratorConfig(form="original", filters=32, downsamples=2, blocks=1)
+    generator = split(Generator(config, 5, nnx.Rngs(0)))[1]
+    assert not generator.vectors
+    block = generator.parameters["coarse"]["blocks"][0]["first"]
+    assert set(block) == {"conv"}
+    kernel, bias = block["conv"]["kernel"], block["conv"]["bias"]
+    assert abs(float(kernel.std()) - 0.02) < 4e-4
+    largest = (9 * 128) ** -0.5
+    assert 0.9 * largest < float(jnp.abs(bias).max()) <= largest
+
+
+@pytest.mark.parametrize("form", ["imaginaire", "original"])
+def test_bfloat16_convolutions_give_nearly_the_same_image(form):
+    config = GeneratorConfig(form=form, filters=8, downsamples=1, blocks=1, enhancer_blocks=1)
+    inputs = np.random.default_rng(0).uniform(-1, 1, (1, 16, 32, 4)).astype(np.float32)
+    make = lambda precision: Generator(config, 4, nnx.Rngs(0), precision=precision)  # noqa: E731
+    values = jax.jit(lambda: split(make("bfloat16"))[1])()
+    assert {leaf.dtype for leaf in jax.tree.leaves(values)} == {jnp.dtype("float32")}
+    definitions = [nnx.graphdef(nnx.eval_shape(partial(make, p))) for p in ("float32", "bfloat16")]
+    images = [jax.jit(lambda v, x, d=d: join(d, v)(x))(values, inputs) for d in definitions]
+    assert {image.dtype for image in images} == {jnp.dtype("float32")}
+    error = np.abs(images[0] - images[1])
+    assert 0 < error.max() < 0.05 * np.abs(images[0]).max() + 1e-3
 
 
 def test_generator_layers_are_the_published_ones():

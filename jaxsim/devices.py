@@ -1,0 +1,135 @@
+"""One mesh over all devices of all processes: each device takes its part of the batch, all hold the same state.
+
+Process 0 alone touches the run's folder; what it reads there goes to the others over the network, so that no
+shared disk is needed and a checkpoint fits any number of devices.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jax.experimental import multihost_utils
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+
+Array = Any
+Tree = Any
+
+DATA = "data"
+"""The mesh's only axis: the batch is cut along it."""
+WHOLE, CUT = PartitionSpec(), PartitionSpec(DATA)
+
+
+def connect() -> None:
+    """Joins this process to the others that a launcher started (`jax.distributed`), before any other use of JAX.
+
+    Slurm, Open MPI, Kubernetes and TPU pods are recognised by JAX. Any other launcher names the meeting point in
+    JAX_COORDINATOR_ADDRESS (host:port of process 0), JAX_NUM_PROCESSES and JAX_PROCESS_ID. Raises ValueError
+    where neither is there.
+    """
+    given = {name: os.environ.get(name) for name in ("JAX_COORDINATOR_ADDRESS", "JAX_NUM_PROCESSES", "JAX_PROCESS_ID")}
+    missing = [name for name, value in given.items() if not value]
+    if missing and len(missing) < len(given):
+        raise ValueError(f"devices: {', '.join(missing)} not set, though others are; set all of {', '.join(given)}")
+    try:
+        if missing:
+            jax.distributed.initialize()
+        else:
+            address, count, index = given.values()
+            jax.distributed.initialize(address, int(count or ""), int(index or ""))
+    except ValueError as error:
+        raise ValueError(
+            f"devices: no launcher recognised ({error}); start under Slurm, Open MPI, Kubernetes or on a TPU pod, "
+            f"set {', '.join(given)} in every process, or leave out --run.distributed"
+        ) from error
+
+
+def data_mesh(batch: int) -> Mesh | None:
+    """The mesh that a batch of this size is cut over; None where one device takes it whole.
+
+    Several processes use all their devices: raises ValueError where the batch cannot be divided among them. One
+    process uses the largest number of its devices that divides the batch, and says so if that is not all.
+    """
+    devices = jax.devices()
+    count = len(devices)
+    if jax.process_count() > 1:
+        if batch % count:
+            raise ValueError(
+                f"devices: a batch of {batch} cannot be divided among {count} devices of {jax.process_count()} "
+                f"processes; make --optim.batch a multiple of {count}"
+            )
+    else:
+        used = max(n for n in range(1, count + 1) if batch % n == 0)
+        if used < count:
+            print(f"devices: a batch of {batch} divides among {used} of {count} devices; the others stay idle")
+        count = used
+    if count == 1:
+        return None
+    return jax.make_mesh((count,), (DATA,), axis_types=(AxisType.Auto,), devices=devices[:count])
+
+
+def is_first() -> bool:
+    """Whether this is process 0, the one that writes."""
+    return jax.process_index() == 0
+
+
+def by_first(action: Callable[[], None]) -> None:
+    """Runs an action on process 0 while the others wait; where it fails, all processes stop.
+
+    Raises on process 0 what the action raised, elsewhere ValueError.
+    """
+    failure: BaseException | None = None
+    if is_first():
+        try:
+            action()
+        except Exception as error:
+            failure = error
+    failed = bool(multihost_utils.broadcast_one_to_all(np.int32(failure is not None)))
+    if failure is not None:
+        raise failure
+    if failed:
+        raise ValueError("devices: process 0 stopped; its own output says why")
+
+
+def cut(mesh: Mesh | None, part: Tree) -> Tree:
+    """This process's part of a batch as the batch of all: arrays cut along their first axis over the mesh."""
+    if mesh is None:
+        return part
+    sharding = NamedSharding(mesh, CUT)
+    return jax.tree.map(lambda x: jax.make_array_from_process_local_data(sharding, np.asarray(x)), part)
+
+
+def everywhere(mesh: Mesh | None, tree: Tree) -> Tree:
+    """Process 0's values, whole on every device. The other processes give a tree of the same shapes."""
+    if mesh is None:
+        return tree
+    sharding = NamedSharding(mesh, WHOLE)
+    if jax.process_count() == 1:
+        return jax.device_put(tree, sharding)
+    values = multihost_utils.broadcast_one_to_all(tree)
+    return jax.tree.map(lambda x: jax.make_array_from_process_local_data(sharding, x, x.shape), values)
+
+
+def nearby(tree: Tree) -> Tree:
+    """Arrays that every device holds whole, as those of this process's first device."""
+    return jax.tree.map(lambda x: x.addressable_data(0) if isinstance(x, jax.Array) else x, tree)
+
+
+def to_host(tree: Tree) -> Tree:
+    """NumPy arrays of the whole values; where they are cut over processes, all processes have to ask."""
+
+    def fetch(x: Array) -> np.ndarray:
+        if isinstance(x, jax.Array) and not (x.is_fully_addressable or x.is_fully_replicated):
+            return np.asarray(multihost_utils.process_allgather(x, tiled=True))
+        return np.asarray(x)
+
+    return jax.tree.map(fetch, tree)
+
+
+def wait(name: str) -> None:
+    """Waits until every process has come to this place."""
+    if jax.process_count() > 1:
+        multihost_utils.sync_global_devices(name)
