@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -28,11 +29,10 @@ def environment(work: Path) -> dict[str, str]:
     return {**os.environ, "XDG_CACHE_HOME": str(work / "xdg"), "JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""}
 
 
-def start(work: Path, script: str, *args: str) -> subprocess.Popen[str]:
+def start(work: Path, script: str, *args: str, **variables: str) -> subprocess.Popen[str]:
     command = [sys.executable, str(ROOT / script), *args]
-    return subprocess.Popen(
-        command, cwd=work, env=environment(work), text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    )
+    env = environment(work) | variables
+    return subprocess.Popen(command, cwd=work, env=env, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
 
 
 def finish(process: subprocess.Popen[str]) -> str:
@@ -75,6 +75,26 @@ def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
     output = finish(start(work, "train.py", "synthetic", *TINY, "--run.name=killed"))
     assert "resuming" in output
     assert metrics(run) == metrics(work / "runs" / "demo")
+
+
+@pytest.mark.slow
+def test_two_processes_train_the_run_that_one_trains(work):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    flags = (*TINY, "--run.name=shared", "--run.distributed")
+    launcher = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
+    processes = [start(work, "train.py", "synthetic", *flags, **launcher, JAX_PROCESS_ID=str(i)) for i in range(2)]
+    outputs = [finish(process) for process in processes]
+    assert "6 steps done" in outputs[0]
+    assert "steps done" not in outputs[1]
+    ours, alone = metrics(work / "runs" / "shared"), metrics(work / "runs" / "demo")
+    assert set(ours) == set(alone)
+    for key, value in alone.items():
+        if key[1].startswith("loss/"):  # after an update, Adam's steps on rounding noise differ
+            assert ours[key] == pytest.approx(value, rel=1e-5 if key[0] == 1 else 1e-2), key
+    finish(start(work, "train.py", "synthetic", *TINY, "--run.name=shared", "--optim.steps=7"))
+    assert (7, "loss/generator") in metrics(work / "runs" / "shared")
 
 
 def test_another_command_does_not_overwrite_a_run(work):

@@ -24,16 +24,63 @@ def mirrored(pair: Pair) -> Pair:
     return jax.tree.map(lambda raster: np.ascontiguousarray(raster[:, ::-1]), pair)
 
 
-def batches(pairs: Sequence[Pair], *, size: int, seed: int, flip: bool = False) -> Any:
+def magnified(pair: Pair, factor: float, place: tuple[float, float], size: tuple[int, int]) -> Pair:
+    """The pair scaled to `factor` times `size` rows and columns, of which `size` are cut out.
+
+    `place` says where, from 0 (top, left) to 1. A cell takes the value of the one that its centre falls into.
+    """
+
+    def take(raster: np.ndarray) -> np.ndarray:
+        for axis, (n, share) in enumerate(zip(size, place, strict=True)):
+            large = max(round(factor * n), n)
+            start = min(int(share * (large - n + 1)), large - n)
+            cells = (start + np.arange(n) + 0.5) * raster.shape[axis] / large
+            raster = raster.take(cells.astype(int), axis=axis)
+        return raster
+
+    return jax.tree.map(take, pair)
+
+
+def batches(
+    pairs: Sequence[Pair],
+    *,
+    size: int,
+    seed: int,
+    flip: bool = False,
+    scale_limit: float = 0.0,
+    raster: tuple[int, int] | None = None,
+    part: int = 0,
+    parts: int = 1,
+) -> Any:
     """An endless, shuffled, random-access data set of batched pairs (`grain.MapDataset`).
 
-    `flip` mirrors each pair with probability 1/2. Raises ValueError where there are fewer pairs than a batch.
+    `raster` scales each pair to these rows and columns, where windows differ. `scale_limit` magnifies each by a
+    factor between 1 and 1 plus it and cuts `raster` out anywhere (Imaginaire's `random_scale_limit` and crop); `flip`
+    mirrors each with probability 1/2. Of several processes each takes one of `parts` equal parts of every batch: part
+    after part they are the batch that one process would take whole.
+
+    Raises ValueError where there are fewer pairs than a batch, where it cannot be divided, or where `scale_limit`
+    lacks `raster`.
     """
     import grain
 
     if len(pairs) < size:
         raise ValueError(f"batches: {len(pairs)} training frames cannot fill a batch of {size}; lower --optim.batch")
+    if size % parts:
+        raise ValueError(
+            f"batches: {size} frames cannot be divided among {parts} processes; make --optim.batch a multiple"
+        )
+    if scale_limit and raster is None:
+        raise ValueError(f"batches: scale_limit is {scale_limit}; raster must say the size to cut out")
+
+    def draw(pair: Pair, rng: np.random.Generator) -> Pair:
+        if raster is None:
+            return pair
+        return magnified(pair, 1 + scale_limit * rng.random(), (rng.random(), rng.random()), raster)
+
     dataset = grain.MapDataset.source(pairs).seed(seed).shuffle().repeat()
+    if raster:
+        dataset = dataset.random_map(draw)
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
-    return dataset.batch(size, drop_remainder=True, batch_fn=stack)
+    return dataset.batch(size // parts, drop_remainder=True, batch_fn=stack)[part::parts]

@@ -59,7 +59,7 @@ MOST = {"drop": -5.0, "drop_edge": -3.9}
 LEAST = {"edge": float(np.log(0.1)), "range_": float(np.log(1e-3))}
 """Lower bounds: a simulator's edges are not known to less than 0.1 m, or single rays decide; and no range to less than
 the millimetre that files hold, or a simulation on the measured ranges has densities without end."""
-START = Noise(*(jnp.float32(v) for v in (-2.3, -4.0, -4.0, -8.0, -2.0, -5.0, -2.0, -1.0, -5.0, -3.0, -2.0, -6.0, -2.0)))
+START = Noise(*(np.float32(v) for v in (-2.3, -4.0, -4.0, -8.0, -2.0, -5.0, -2.0, -1.0, -5.0, -3.0, -2.0, -6.0, -2.0)))
 
 
 @struct.dataclass

@@ -16,6 +16,7 @@ from tqdm import tqdm
 import jaxsim
 from jaxsim.atomic import replacing
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.devices import wait
 from jaxsim.frame import Painted, Pair, PolarGrid, PolarImage
 from jaxsim.prepare import prepare_frame
 
@@ -70,25 +71,30 @@ class PreparedPairs(Sequence[Pair]):
             leaves = [archive[name] for name in _names()]
         return jax.tree.unflatten(jax.tree.structure(TEMPLATE), leaves)
 
-    def one_window(self) -> PolarGrid:
-        """The polar window that all frames share in shape. Raises ValueError where they do not."""
-        shapes = {(len(grid.elevation_rad), len(grid.azimuth_rad)) for grid in self.grids}
-        if len(shapes) != 1:
-            raise ValueError(
-                f"prepare: frames see polar windows of {sorted(shapes)} lines and columns; a batch needs one shape: "
-                "train on drives of one calibration"
-            )
-        return self.grids[0]
+    @property
+    def windows(self) -> set[tuple[int, int]]:
+        """Lines and columns of the frames' polar windows: more than one where drives differ in calibration."""
+        return {(len(grid.elevation_rad), len(grid.azimuth_rad)) for grid in self.grids}
 
 
 def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> PreparedPairs:
     """The pairs at these positions of a data set; makes those that are not kept yet.
 
-    A killed run keeps what it has made.
+    A killed run keeps what it has made. Several processes divide the work; where they share no disk, each then
+    makes the rest for itself.
     """
     folder = cache_folder(data, prepare)
     files = [folder / f"{i:06d}.npz" for i in positions]
-    missing = [i for i, file in zip(positions, files, strict=True) if not file.is_file()]
+    me, processes = jax.process_index(), jax.process_count()
+    if processes > 1:
+        _make(dataset, positions[me::processes], folder, data, prepare)
+        wait("prepared pairs")
+    _make(dataset, positions, folder, data, prepare)
+    return PreparedPairs(files)
+
+
+def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:
+    missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
     for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
         frame = dataset[i]
         pair, grid = prepare_frame(frame, dataset.spec, prepare)
@@ -96,4 +102,3 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
             arrays: dict[str, Any] = dict(zip(_names(), jax.tree.leaves(pair), strict=True))
             arrays |= {f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)}
             np.savez(path, **arrays, name=np.array(frame.name), scene=np.array(frame.scene))
-    return PreparedPairs(files)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
 from pydantic import TypeAdapter, ValidationError
@@ -66,7 +67,16 @@ def _differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
         yield f"--{name} was {old}, now {new}"
 
 
-FREE = ("data.cache", "optim.steps", "run.log_every", "run.save_every", "run.picture_every", "run.keep")
+FREE = (
+    "data.cache",
+    "optim.steps",
+    "optim.epochs",
+    "run.log_every",
+    "run.save_every",
+    "run.picture_every",
+    "run.keep",
+    "run.distributed",
+)
 """Settings that a resumed run may change: none of them changes what was learned so far."""
 
 
@@ -102,18 +112,29 @@ def load_run(folder: Path | str) -> Run:
 
 
 class Checkpoints:
-    """The training state and the averaged generator, by step (orbax)."""
+    """The training state and the averaged generator, by step (orbax).
+
+    Plain arrays are written, whole: a checkpoint says nothing of the devices that made it, and fits any others. Of
+    several processes one alone uses it.
+    """
 
     def __init__(self, folder: Path, *, keep: int = 2):
-        # Written before the call returns: a checkpoint that is announced exists.
-        options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False)
-        self.manager = ocp.CheckpointManager((folder / "checkpoints").resolve(), options=options)
+        path, me = (folder / "checkpoints").resolve(), jax.process_index()
+        path.mkdir(parents=True, exist_ok=True)
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=keep,
+            create=False,  # orbax would wait for the other processes there
+            enable_async_checkpointing=False,  # written before the call returns: what is announced exists
+            multiprocessing_options=ocp.options.MultiprocessingOptions(primary_host=me, active_processes={me}),
+        )
+        self.manager = ocp.CheckpointManager(path, options=options)
 
     @property
     def latest(self) -> int | None:
         return self.manager.latest_step()
 
     def save(self, step: int, *, state: Any, generator: Any) -> None:
+        state, generator = (jax.tree.map(np.asarray, tree) for tree in (state, generator))
         items = ocp.args.Composite(state=ocp.args.StandardSave(state), generator=ocp.args.StandardSave(generator))
         self.manager.save(step, args=items, force=True)
 
@@ -121,6 +142,6 @@ class Checkpoints:
         """`state` or `generator` of the latest step, in the structure of `like` (arrays or their shapes)."""
         if self.latest is None:
             raise ValueError(f"run: no checkpoint in {self.manager.directory}; the training has not saved one yet")
-        wanted = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
+        wanted = jax.tree.map(lambda x: np.broadcast_to(np.zeros((), x.dtype), x.shape), like)
         items = ocp.args.Composite(**{item: ocp.args.StandardRestore(wanted)})
-        return self.manager.restore(self.latest, args=items)[item]
+        return jax.tree.map(jnp.asarray, self.manager.restore(self.latest, args=items)[item])

@@ -18,15 +18,20 @@ class TrainingDiverged(ValueError):
 
 
 class Scribe:
-    """Writes the metrics of one run; lines after `start` are taken out first, for a resumed run writes them again."""
+    """Writes the metrics of one run; lines after `start` are taken out first, for a resumed run writes them again.
 
-    def __init__(self, folder: Path, start: int):
-        self.folder, self.path = folder, folder / "metrics.jsonl"
+    With `writes=False` it touches no file: of several processes only the first does.
+    """
+
+    def __init__(self, folder: Path, start: int, *, writes: bool = True):
+        self.folder, self.path, self.writes = folder, folder / "metrics.jsonl", writes
+        self._board: Any = None
+        if not writes:
+            return
         if self.path.is_file():
             kept = [line for line in self.path.read_text().splitlines() if json.loads(line)["step"] <= start]
             with replacing(self.path) as temporary:
                 temporary.write_text("".join(line + "\n" for line in kept))
-        self._board: Any = None
         if importlib.util.find_spec("tensorboardX"):
             from tensorboardX import SummaryWriter
 
@@ -34,6 +39,8 @@ class Scribe:
 
     def write(self, step: int, values: Mapping[str, float]) -> None:
         """Adds a line to metrics.jsonl, and points to TensorBoard."""
+        if not self.writes:
+            return
         with self.path.open("a") as file:
             file.write(json.dumps({"step": step, **values}) + "\n")
         if self._board is not None:
@@ -43,9 +50,10 @@ class Scribe:
     def stop_on_nan(self, step: int, batch: Mapping[str, Any], metrics: Mapping[str, Any]) -> NoReturn:
         """Saves the batch and raises TrainingDiverged."""
         path = self.folder / f"diverged_{step:06d}.npz"
-        with replacing(path) as temporary:
-            arrays: dict[str, Any] = {key: np.asarray(value) for key, value in batch.items()}
-            np.savez_compressed(temporary, **arrays)
+        if self.writes:
+            with replacing(path) as temporary:
+                arrays: dict[str, Any] = {key: np.asarray(value) for key, value in batch.items()}
+                np.savez_compressed(temporary, **arrays)
         bad = [name for name, value in metrics.items() if name != "finite" and not np.isfinite(value)]
         unclean = [key for key, value in batch.items() if not np.isfinite(np.asarray(value)).all()]
         cause = (

@@ -33,7 +33,8 @@ def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
     again = prepared(world, [3], data, PREPARE)
     assert again.files[0].stat().st_mtime_ns == stamp
     assert again.names == [world.name_of(3)]
-    pair, grid = again[0], again.one_window()
+    pair, grid = again[0], again.grids[0]
+    assert again.windows == {pair.target.shape}
     assert pair.target.shape == (len(grid.elevation_rad), 64)
     assert pair.painted.valid.mean() > 0.8
     both = pair.painted.valid & pair.measured.valid

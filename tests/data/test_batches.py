@@ -1,0 +1,78 @@
+"""Batches depend on seed and number alone, however many processes share them."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim.data.batches import batches, magnified
+from jaxsim.frame import Painted, Pair, PolarImage
+
+
+def pair(i: int) -> Pair:
+    """Every raster holds the pair's number, and one more in each column."""
+    raster = np.broadcast_to(np.float32(100 * i) + np.arange(6, dtype=np.float32), (4, 6))
+    whole, mask = raster.astype(np.int32), np.ones((4, 6), bool)
+    painted = Painted(raster, raster, np.stack([raster] * 3, -1), whole, whole, mask, ~mask)
+    return Pair(painted, raster, raster, raster, PolarImage(raster, raster, mask))
+
+
+PAIRS = [pair(i) for i in range(10)]
+
+
+def numbers(batch: Pair) -> list[int]:
+    return [int(i) for i in batch.target[:, 0].min(-1) // 100]
+
+
+@pytest.mark.parametrize("parts", [1, 2, 4])
+def test_the_parts_of_all_processes_are_the_batch_of_one(parts):
+    whole = batches(PAIRS, size=4, seed=3, flip=True)
+    shares = [batches(PAIRS, size=4, seed=3, flip=True, part=i, parts=parts) for i in range(parts)]
+    for k in (0, 1, 7):
+        targets = np.concatenate([share[k].target for share in shares])
+        np.testing.assert_array_equal(targets, whole[k].target)
+
+
+def test_an_epoch_shows_every_pair_once_and_the_next_in_another_order():
+    loader = batches(PAIRS, size=5, seed=0)
+    epochs = [[*numbers(loader[2 * e]), *numbers(loader[2 * e + 1])] for e in range(2)]
+    assert [sorted(epoch) for epoch in epochs] == [list(range(10))] * 2
+    assert epochs[0] != epochs[1]
+
+
+def test_a_batch_that_cannot_be_filled_or_divided_is_refused():
+    with pytest.raises(ValueError, match=r"10 training frames cannot fill a batch of 11; lower --optim\.batch"):
+        batches(PAIRS, size=11, seed=0)
+    with pytest.raises(ValueError, match=r"4 frames cannot be divided among 3 processes"):
+        batches(PAIRS, size=4, seed=0, parts=3)
+
+
+def test_a_magnified_pair_shows_a_part_of_it_cell_for_cell():
+    target = np.arange(24, dtype=np.float32).reshape(4, 6)
+    source = PAIRS[0].replace(target=target)
+    np.testing.assert_array_equal(magnified(source, 1.0, (0.5, 0.5), (4, 6)).target, target)
+    twice = target.repeat(2, 0).repeat(2, 1)
+    np.testing.assert_array_equal(magnified(source, 2.0, (0.0, 0.0), (4, 6)).target, twice[:4, :6])
+    np.testing.assert_array_equal(magnified(source, 2.0, (0.999, 0.999), (4, 6)).target, twice[4:, 6:])
+
+
+def test_magnification_is_drawn_for_every_pair_and_every_epoch():
+    """Brightest cell less darkest: the window's width in columns, less one."""
+    loader = batches(PAIRS, size=10, seed=5, scale_limit=1.0, raster=(8, 60))
+    first, second = (np.ptp(loader[k].target.reshape(10, -1), axis=1) for k in (0, 1))
+    assert {first.min(), first.max()} <= {2, 3, 4, 5}
+    assert len(set(first)) > 1
+    assert not np.array_equal(first, second)
+    again = batches(PAIRS, size=10, seed=5, scale_limit=1.0, raster=(8, 60))
+    np.testing.assert_array_equal(loader[1].target, again[1].target)
+
+
+def test_pairs_of_other_windows_come_at_one_size():
+    tall = jax.tree.map(lambda raster: np.concatenate([raster, raster[-1:]]), PAIRS[1])
+    loader = batches([PAIRS[0], tall], size=2, seed=0, raster=(8, 12))
+    assert loader[0].target.shape == (2, 8, 12)
+    assert sorted(numbers(loader[0])) == [0, 1]
+
+
+def test_magnifying_needs_a_size_to_cut_out():
+    with pytest.raises(ValueError, match="raster must say"):
+        batches(PAIRS, size=2, seed=0, scale_limit=0.2)

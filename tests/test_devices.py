@@ -1,0 +1,140 @@
+"""Devices that share a batch: virtual ones of one process, and those of two processes on this machine."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim import devices
+
+ROOT = Path(__file__).parents[1]
+STEPS = 4
+
+
+def start(*args: object, count: int, **variables: object) -> subprocess.Popen[str]:
+    flags = f"--xla_force_host_platform_device_count={count}"
+    environment = {**os.environ, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": flags, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "tests.small_training", *map(str, args)]
+    return subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=environment | {name: str(value) for name, value in variables.items()},
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+def lines(process: subprocess.Popen[str]) -> list[dict[str, float]]:
+    """What a process printed of each step."""
+    try:
+        output, errors = process.communicate(timeout=1800)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        raise
+    assert process.returncode == 0, errors
+    return [json.loads(line) for line in output.splitlines() if line.startswith("{")]
+
+
+def start_two(folders: list[Path], *args: object) -> list[subprocess.Popen[str]]:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    return [
+        start(
+            folder,
+            *args,
+            "--distributed",
+            count=1,
+            JAX_COORDINATOR_ADDRESS=address,
+            JAX_NUM_PROCESSES=2,
+            JAX_PROCESS_ID=i,
+        )
+        for i, folder in enumerate(folders)
+    ]
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("devices")
+
+
+@pytest.fixture(scope="module")
+def one_device(work) -> list[dict[str, float]]:
+    return lines(start(work / "one", STEPS, STEPS, count=1))
+
+
+@pytest.fixture(scope="module")
+def four_devices(work) -> list[dict[str, float]]:
+    """Saves a checkpoint after two steps."""
+    return lines(start(work / "four", STEPS, 2, count=4))
+
+
+@pytest.fixture(scope="module")
+def two_processes(work, four_devices) -> list[list[dict[str, float]]]:
+    """They go on from the four devices' checkpoint, which only the first of them can see."""
+    return [lines(process) for process in start_two([work / "four", work / "nowhere"], STEPS, STEPS)]
+
+
+def agree(ours: dict[str, float], alone: dict[str, float]) -> None:
+    assert set(ours) == set(alone)
+    for name, value in alone.items():
+        if name.startswith("loss/") or name in ("lr", "batch"):
+            np.testing.assert_allclose(ours[name], value, rtol=1e-5, atol=1e-6, err_msg=f"{name}, step {ours['step']}")
+        elif name.startswith("grad_norm/"):
+            np.testing.assert_allclose(ours[name], value, rtol=1e-4, err_msg=name)
+
+
+def test_four_devices_lose_what_one_loses(one_device, four_devices):
+    assert [line["devices"] for line in four_devices] == [4] * STEPS
+    for ours, alone in zip(four_devices, one_device, strict=True):
+        agree(ours, alone)
+
+
+def test_two_processes_go_on_from_the_checkpoint_of_four_devices(one_device, two_processes):
+    for process in two_processes:
+        assert [(line["step"], line["devices"]) for line in process] == [(3, 2), (4, 2)]
+        for ours, alone in zip(process, one_device[2:], strict=True):
+            agree(ours, alone)
+
+
+def test_only_the_first_process_writes(work, two_processes):
+    assert sorted(path.name for path in (work / "four" / "checkpoints").iterdir()) == ["2", "4"]
+    assert not (work / "nowhere").exists()
+
+
+def test_one_device_goes_on_from_the_checkpoint_of_two_processes(work, one_device, two_processes):
+    (fifth,) = lines(start(work / "four", STEPS + 1, 0, count=1))
+    (expected,) = lines(start(work / "one", STEPS + 1, 0, count=1))
+    agree(fifth, expected)
+
+
+def test_a_batch_goes_to_as_many_devices_as_divide_it(capsys):
+    if jax.device_count() != 2:
+        pytest.skip(f"{jax.device_count()} devices, not 2")
+    mesh = devices.data_mesh(4)
+    assert mesh is not None
+    assert mesh.size == 2
+    assert devices.data_mesh(3) is None
+    assert "a batch of 3 divides among 1 of 2 devices" in capsys.readouterr().out
+
+
+def test_a_launcher_that_says_half_is_told_the_other_half(monkeypatch):
+    monkeypatch.setenv("JAX_COORDINATOR_ADDRESS", "127.0.0.1:1")
+    monkeypatch.delenv("JAX_NUM_PROCESSES", raising=False)
+    monkeypatch.setenv("JAX_PROCESS_ID", "0")
+    with pytest.raises(ValueError, match="JAX_NUM_PROCESSES not set"):
+        devices.connect()
+
+
+def test_nothing_reaches_for_devices_before_the_processes_have_met():
+    """`jax.distributed` must come first, and importing all of the program must not use JAX."""
+    code = "import train; from jax._src import xla_bridge; assert not xla_bridge.backends_are_initialized()"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
