@@ -129,6 +129,15 @@ def test_scores_come_with_every_baseline_beside_them(work):
     assert all(name in output for name in written["scores"])
 
 
+def test_too_few_frames_for_a_frechet_distance_stop_the_evaluation(work):
+    process = start(work, "eval.py", "runs/demo", "--fid", "random", "--fid-features", "64", "--out", "few")
+    output = process.communicate(timeout=300)[0]
+    assert process.returncode != 0
+    assert "frechet_random_64: 2 frames to judge, 64 features" in output
+    assert "Traceback" not in output
+    assert not (work / "few").exists()
+
+
 def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work):
     command = ["-m", "jaxsim.cli", "simulate", "runs/demo", "--frames", "4-6", "--batch", "2", "--out", "sim"]
     run = lambda: subprocess.run(  # noqa: E731
@@ -155,6 +164,13 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work)
         atol=0.25,
     )
     assert len(list((work / "sim" / "previews").glob("*.png"))) == 6
+    compared = finish(
+        start(work, "eval.py", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same")
+    )
+    assert "3 simulated and 3 measured frames" in compared
+    written = json.loads((work / "same" / "generation.json").read_text())["scores"]
+    assert written["chamfer_distance_m"] == {"value": 0.0, "unit": "m", "count": 3}
+    assert written["r2dm_jsd"]["value"] == 0
     (work / "sim" / "clouds" / f"{name}.ply").unlink()
     before = {p: p.stat().st_mtime_ns for p in (work / "sim" / "clouds").glob("*") if name not in p.name}
     second = run()
