@@ -19,7 +19,7 @@ from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
 from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches
-from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step
+from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, save_picture, write_card
 from jaxsim.simulate import (
@@ -75,7 +75,7 @@ def main(experiment: Experiment, description: str) -> None:
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)
     train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
-    state = create_state(experiment, channels, seed=settings.seed)
+    state = start_from(create_state(experiment, channels, seed=settings.seed), optim.start, experiment)
     predict = make_predict(make_generate(experiment, channels), prepare)
 
     # Run: a new folder, or the one that the same command began.

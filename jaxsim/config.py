@@ -130,6 +130,8 @@ class OptimConfig:
     """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
     decay_from: float = 1.0
     """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
+    start: tuple[Path, ...] = ()
+    """Files that `jaxsim convert pix2pixhd_...` wrote: train on from published weights, not from random ones."""
     updates: Literal["discriminator_first", "together"] = "discriminator_first"
     """`discriminator_first`: it learns from an image, then the generator from a fresh one (Imaginaire). `together`:
     both from the same image and the networks as they were (NVIDIA/pix2pixHD)."""

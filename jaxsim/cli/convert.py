@@ -10,17 +10,18 @@ import tyro
 
 from jaxsim.metrics import inception
 from jaxsim.metrics.generation import rangenet
-from jaxsim.pix2pix import vgg
+from jaxsim.pix2pix import published_files, vgg
 from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
     "vgg19": vgg.CONVERTER,
+    **published_files.CONVERTERS,
     **inception.CONVERTERS,
     "rangenet53": rangenet.CONVERTER,
 }
 """Every kind of published weights: its name, and how it is converted."""
 
-KINDS = "\n\n".join(f"    {kind:14} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())
+KINDS = "\n\n".join(f"    {kind:23} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())
 
 
 @dataclass(frozen=True)

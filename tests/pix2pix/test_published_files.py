@@ -1,0 +1,142 @@
+"""Checkpoints as they are published: wrapped, converted, recognised, and trained on from."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from flax import nnx
+
+from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig
+from jaxsim.pix2pix.networks import Discriminator, Generator
+from jaxsim.pix2pix.published import to_published
+from jaxsim.pix2pix.published_files import (
+    CONVERTERS,
+    discriminator_sizes,
+    generator_sizes,
+    part,
+    published_generator,
+    start_from,
+)
+from jaxsim.pix2pix.state import Network, TrainState, split, state_shapes
+from jaxsim.weights import convert
+
+CHANNELS = 5
+GENERATORS = [
+    GeneratorConfig(filters=8, downsamples=2, blocks=2, enhancers=0, enhancer_blocks=0, out_channels=3),
+    GeneratorConfig(filters=8, downsamples=1, blocks=1, enhancers=1, enhancer_blocks=2, out_channels=1),
+    GeneratorConfig(filters=8, downsamples=2, blocks=1, enhancers=2, enhancer_blocks=1, out_channels=1, max_filters=16),
+]
+FORMS = ["imaginaire", "original"]
+
+
+def drawn(like, seed=0) -> Network:
+    """Values of these shapes."""
+    random = np.random.default_rng(seed)
+    return jax.tree.map(lambda x: random.standard_normal(x.shape).astype(np.float32), like)
+
+
+def generator(config, *, spectral=True, seed=0) -> Network:
+    make = lambda: split(Generator(config, CHANNELS, nnx.Rngs(0), spectral=spectral))[1]  # noqa: E731
+    return drawn(jax.eval_shape(make), seed)
+
+
+def discriminator(config, channels=CHANNELS + 1, seed=1) -> Network:
+    return drawn(jax.eval_shape(lambda: split(Discriminator(config, channels, nnx.Rngs(0)))[1]), seed)
+
+
+def imaginaire_checkpoint(config: GeneratorConfig, judge: DiscriminatorConfig) -> dict[str, np.ndarray]:
+    """As its trainer saves it, data parallelism and moving average around the networks, nested dicts joined."""
+    whole = to_published(generator(config))
+    averaged = to_published(generator(config, spectral=False, seed=2))
+    return {
+        **{f"net_G.module.module.{name}": array for name, array in whole.items()},
+        **{f"net_G.module.averaged_model.{name}": array for name, array in averaged.items()},
+        "net_G.module.num_updates_tracked": np.array(700),
+        **{f"net_D.module.{name}": array for name, array in to_published(discriminator(judge)).items()},
+        "opt_G.state.0.exp_avg": np.zeros(3, np.float32),
+    }
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("config", GENERATORS)
+def test_sizes_of_a_generator_are_read_off_its_names_and_shapes(config, form):
+    config = replace(config, form=form)
+    values = generator(config)
+    assert generator_sizes(to_published(values, form), form) == (config, CHANNELS)
+    again = published_generator(to_published(values, form), form)[2]
+    assert all(jax.tree.leaves(jax.tree.map(np.array_equal, values, again)))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_sizes_of_a_discriminator_are_read_off_its_names_and_shapes(form):
+    for config in (DiscriminatorConfig(form=form, scales=3, filters=4), DiscriminatorConfig(form, 1, 8, 16, 2)):
+        arrays = to_published(discriminator(config), form)
+        assert discriminator_sizes(arrays, form) == (config, CHANNELS + 1)
+
+
+def test_the_published_2k_generators_sizes_are_read():
+    """`latest_net_G.pth` of label2city_1024p: 36 channels in, 64 and 32 filters, 4 halvings, 9 and 3 blocks."""
+    config = GeneratorConfig(form="original", out_channels=3)
+    like = jax.eval_shape(lambda: split(Generator(config, 36, nnx.Rngs(0)))[1])
+    empty = jax.tree.map(lambda x: np.broadcast_to(np.float32(0), x.shape), like)
+    arrays = to_published(empty, "original")
+    assert arrays["model.1.weight"].shape == (64, 36, 7, 7)
+    assert arrays["model1_2.7.weight"].shape == (3, 32, 7, 7)
+    assert generator_sizes(arrays, "original") == (config, 36)
+
+
+def test_a_checkpoint_of_imaginaire_is_unwrapped():
+    config, judge = GENERATORS[1], DiscriminatorConfig(scales=2, filters=4)
+    kept = CONVERTERS["pix2pixhd_imaginaire"].convert(imaginaire_checkpoint(config, judge))
+    assert {name.split(".")[0] for name in kept} == {"generator", "averaged", "discriminator"}
+    assert set(part(kept, "generator.")) == set(to_published(generator(config)))
+    again = CONVERTERS["pix2pixhd_imaginaire"].convert(kept)
+    assert {name: array.tobytes() for name, array in again.items()} == {n: a.tobytes() for n, a in kept.items()}
+
+
+def test_weights_of_another_form_are_refused():
+    arrays = {f"net_G.module.{n}": a for n, a in to_published(generator(GENERATORS[1])).items()}
+    with pytest.raises(ValueError, match="no pix2pixHD generator in the original form"):
+        CONVERTERS["pix2pixhd_generator"].convert(arrays)
+    with pytest.raises(ValueError, match="no pix2pixHD discriminator in the original form"):
+        CONVERTERS["pix2pixhd_discriminator"].convert(arrays)
+    with pytest.raises(ValueError, match="no pix2pixHD generator in the imaginaire form"):
+        CONVERTERS["pix2pixhd_imaginaire"].convert({"features.0.weight": np.zeros((64, 3, 3, 3), np.float32)})
+
+
+def test_a_cut_checkpoint_names_what_is_missing():
+    arrays = imaginaire_checkpoint(GENERATORS[1], DiscriminatorConfig(scales=2, filters=4))
+    del arrays["net_G.module.module.global_model.1.layers.norm.bias"]
+    with pytest.raises(ValueError, match=r"global_model\.1\.layers\.norm\.bias is missing, not \(16,\)"):
+        CONVERTERS["pix2pixhd_imaginaire"].convert(arrays)
+
+
+@pytest.fixture
+def experiment() -> Experiment:
+    return Experiment(generator=GENERATORS[1], discriminator=DiscriminatorConfig(scales=2, filters=4))
+
+
+def untrained(experiment: Experiment) -> TrainState:
+    return jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), state_shapes(experiment, CHANNELS))
+
+
+def test_training_starts_from_a_converted_checkpoint(tmp_path, experiment):
+    arrays = imaginaire_checkpoint(experiment.generator, experiment.discriminator)
+    np.savez(tmp_path / "published.npz", **arrays)
+    file = tmp_path / "start.npz"
+    convert("pix2pixhd_imaginaire", CONVERTERS["pix2pixhd_imaginaire"], tmp_path / "published.npz", file)
+    state = start_from(untrained(experiment), [file], experiment)
+    for network, name in ((state.generator, "net_G.module.module."), (state.discriminator, "net_D.module.")):
+        for key, array in to_published(network).items():
+            np.testing.assert_array_equal(array, arrays[name + key], err_msg=key)
+    for key, array in to_published(Network(state.ema, {})).items():
+        np.testing.assert_array_equal(array, arrays[f"net_G.module.averaged_model.{key}"], err_msg=key)
+    other = replace(experiment, generator=replace(experiment.generator, form="original"))
+    with pytest.raises(ValueError, match=r"is of the imaginaire form; pass --generator\.form imaginaire"):
+        start_from(state, [file], other)
+    smaller = replace(experiment, generator=replace(experiment.generator, enhancer_blocks=1))
+    with pytest.raises(ValueError, match=r"enhancer_0\.model_upsample\.3\.layers\.conv\.weight is missing"):
+        start_from(untrained(smaller), [file], smaller)
+    with pytest.raises(FileNotFoundError, match="jaxsim convert pix2pixhd_imaginaire"):
+        start_from(state, [tmp_path / "nowhere.npz"], experiment)
