@@ -8,7 +8,7 @@ nothing came back). Every judged frame counts once.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,10 +50,22 @@ def make_images(generate: Generate, prepare: PrepareConfig) -> tuple[Callable[..
     return predicted, measured
 
 
-def _in_batches(pairs: Sequence[Pair], image: Callable[[Pair], Array]) -> Iterator[Float[np.ndarray, "h w 1"]]:
-    """Images one by one; the last batch is filled up, so that one compiled program serves all."""
-    for first in range(0, len(pairs), BATCH):
-        chosen = [pairs[i] for i in range(first, min(first + BATCH, len(pairs)))]
+def _in_batches(pairs: Iterable[Pair], image: Callable[[Pair], Array]) -> Iterator[Float[np.ndarray, "h w 1"]]:
+    """Images one by one, made from runs of pairs that share a window (drives of one calibration do).
+
+    Short runs are filled up, so that one compiled program serves all of a window.
+    """
+
+    def runs() -> Iterator[list[Pair]]:
+        waiting: list[Pair] = []
+        for pair in pairs:
+            if waiting and (len(waiting) == BATCH or pair.target.shape != waiting[0].target.shape):
+                yield waiting
+                waiting = []
+            waiting.append(pair)
+        yield waiting
+
+    for chosen in runs():
         filled = chosen + [chosen[-1]] * (BATCH - len(chosen))
         images = np.asarray(image(jax.tree.map(lambda *leaves: jnp.stack(leaves), *filled)))
         yield from images[: len(chosen)]

@@ -9,7 +9,7 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.metrics.frechet import frechet_distance, moments
 from jaxsim.metrics.inception import Extractor
-from jaxsim.simulate.fid import frechet_line, frechet_of_run, make_images
+from jaxsim.simulate.fid import _in_batches, frechet_line, frechet_of_run, make_images
 from jaxsim.simulate.prepared import prepared
 
 PREPARE = PrepareConfig(inputs=("row",), columns=64, network_size=(48, 64))
@@ -58,6 +58,16 @@ def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp
     assert again == score
     assert kept.stat().st_mtime_ns == before
     assert "6 predicted and 6 measured images, 4 features; from half the images" in frechet_line(score)
+
+
+def test_drives_of_several_calibrations_are_taken_window_by_window(pairs):
+    _, measured = make_images(generate, PREPARE)
+    whole = [pairs[i] for i in range(3)]
+    cut = [jax.tree.map(lambda leaf: leaf[:-4], pair) for pair in whole]
+    images = list(_in_batches([*whole[:2], *cut, whole[2]], measured))
+    assert [image.shape for image in images] == [(48, 64, 1)] * 6
+    alone = list(_in_batches(whole[2:], measured))
+    np.testing.assert_array_equal(images[-1], alone[0])
 
 
 def test_fewer_frames_than_features_stop_before_any_work(pairs, tmp_path):
