@@ -140,6 +140,7 @@ class Frame:
     scene: str
     """The drive. Frames of one scene are never split between training and judging."""
     camera: CameraFrame
-    cloud: Cloud
+    cloud: Cloud | None
+    """What the LiDAR measured; None where there was none, as in a renderer's data set."""
     time_s: float | None = None
     boxes: Boxes | None = None

@@ -1,6 +1,7 @@
 """Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees."""
 
 from jaxsim.geometry.camera import (
+    camera_at_lidar,
     camera_from_projection,
     camera_rows,
     camera_window,
@@ -31,6 +32,7 @@ __all__ = [
     "LidarSpec",
     "UnorderedCloud",
     "azimuth_of",
+    "camera_at_lidar",
     "camera_from_projection",
     "camera_rows",
     "camera_window",

@@ -75,6 +75,15 @@ def camera_from_projection(projection: Float[np.ndarray, "3 4"], cam0_from_velo:
     return Camera(intrinsics.astype(np.float32), cam_from_velo.astype(np.float32))
 
 
+def camera_at_lidar(intrinsics: Float[np.ndarray, "3 3"]) -> Camera:
+    """A camera in the LiDAR's own place that looks straight ahead: z forward is x of `velo`, x right is -y.
+
+    It sees what the LiDAR sees, so that no cell is occluded: where a renderer can place a camera at will, place it so.
+    """
+    cam_from_velo = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float32)
+    return Camera(np.asarray(intrinsics, np.float32), cam_from_velo)
+
+
 def crop_camera(camera: Camera, top: int, left: int) -> Camera:
     """The camera of the image without its first `top` rows and `left` columns."""
     shift = np.zeros(camera.intrinsics.shape, np.float32)

@@ -8,8 +8,9 @@ from jaxsim.prepare.depth import complete_depth
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.occlusion import surface_depth
-from jaxsim.prepare.paint import paint
+from jaxsim.prepare.paint import paint, paint_raster
 from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, window_of
+from jaxsim.prepare.shrink import shrink
 
 __all__ = [
     "CHANNELS",
@@ -22,7 +23,9 @@ __all__ = [
     "input_channels",
     "network_inputs",
     "paint",
+    "paint_raster",
     "prepare_frame",
+    "shrink",
     "sparse_depth",
     "surface_depth",
     "window_of",

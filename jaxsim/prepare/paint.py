@@ -29,22 +29,9 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     Pixels outside the grid are left out: more than half a beam's or column's spacing beyond its border cells.
     Raises ValueError where the frame has no depth.
     """
-    if camera_frame.depth_m is None or camera_frame.depth_valid is None:
-        raise ValueError("paint: the camera frame has no depth_m and depth_valid; complete it first (complete_depth)")
-    *batch, h, w = camera_frame.depth_m.shape
-    xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
-    x, y, z = (xyz[..., k] for k in range(3))
-    rho = jnp.sqrt(x * x + y * y)
-    down, across = _row_of(rho, z, grid), column_of(azimuth_of(x, y), grid)
-    away = jnp.sqrt(rho * rho + z * z)
-    known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(away)
-    winner, valid, occluded = _winners(away, down, across, known, grid, occlusion_m)
-
-    def pick(raster: Array) -> Array:
-        flat = raster.reshape(*batch, h * w)
-        values = jnp.take_along_axis(flat, winner, axis=-1, mode="clip").reshape(valid.shape)
-        return jnp.where(valid, values, jnp.zeros((), values.dtype))
-
+    *batch, h, w, _ = camera_frame.rgb.shape
+    rho, z, winner, valid, occluded = _pixels(camera_frame, grid, occlusion_m)
+    pick = partial(_pick, winner=winner, valid=valid)
     rgb = camera_frame.rgb.reshape(*batch, h * w, 3)
     rgb = jnp.take_along_axis(rgb, winner[..., None], axis=-2, mode="clip")
     rise = pick(z) - grid.origin_m.reshape((1,) * len(batch) + (-1, 1))
@@ -62,6 +49,47 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
         valid=valid,
         occluded=occluded,
     )
+
+
+@partial(jax.jit, static_argnames="occlusion_m")
+def paint_raster(
+    raster: Float[Array, "*b h w"], camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.0
+) -> Float[Array, "*b rows columns"]:
+    """One more raster of the camera's pixels, carried to the grid as `paint` carries the others; 0 where there is
+    none. Raises ValueError where the frame has no depth."""
+    _, _, winner, valid, _ = _pixels(camera_frame, grid, occlusion_m)
+    return _pick(raster, winner=winner, valid=valid)
+
+
+def _pixels(
+    camera_frame: CameraFrame, grid: PolarGrid, occlusion_m: float
+) -> tuple[
+    Float[Array, "*b n"],
+    Float[Array, "*b n"],
+    Int[Array, "*b cells"],
+    Bool[Array, "*b rows columns"],
+    Bool[Array, "*b rows columns"],
+]:
+    """Of every pixel the distance from the vertical axis and the height; and what `_winners` says of them.
+
+    Raises ValueError where the frame has no depth.
+    """
+    if camera_frame.depth_m is None or camera_frame.depth_valid is None:
+        raise ValueError("paint: the camera frame has no depth_m and depth_valid; complete it first (complete_depth)")
+    *batch, h, w = camera_frame.depth_m.shape
+    xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
+    x, y, z = (xyz[..., k] for k in range(3))
+    rho = jnp.sqrt(x * x + y * y)
+    down, across = _row_of(rho, z, grid), column_of(azimuth_of(x, y), grid)
+    away = jnp.sqrt(rho * rho + z * z)
+    known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(away)
+    return rho, z, *_winners(away, down, across, known, grid, occlusion_m)
+
+
+def _pick(raster: Array, *, winner: Int[Array, "*b cells"], valid: Bool[Array, "*b rows columns"]) -> Array:
+    flat = raster.reshape(*winner.shape[:-1], -1)
+    values = jnp.take_along_axis(flat, winner, axis=-1, mode="clip").reshape(valid.shape)
+    return jnp.where(valid, values, jnp.zeros((), values.dtype))
 
 
 def _winners(

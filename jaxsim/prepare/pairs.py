@@ -28,7 +28,8 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
 
     Raises ValueError where the frame lacks what the config asks for: labels, depth, laser lines, image size.
     """
-    line = frame.cloud.row
+    cloud = _measured(frame)
+    line = cloud.row
     if line is None:
         raise ValueError(
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
@@ -37,7 +38,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     view = dense_view(frame, config)
     grid, place = window_of(frame.camera.camera, size, spec, config)
     first = round(float(place[0]) * (spec.rows - 1))
-    cloud = _padded(replace(frame.cloud, row=(line - first).astype(np.int32)))
+    cloud = _padded(replace(cloud, row=(line - first).astype(np.int32)))
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     measured, _ = points_to_polar(cloud, grid)
@@ -56,16 +57,28 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
 def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """What the network is given of a frame: the cropped view with dense depth.
 
+    A frame that no LiDAR measured comes with a depth of its own, and keeps it whatever the config asks for.
     Raises ValueError where the frame lacks what the config asks for: depth, labels, image size.
     """
     try:
         view = crop_image(frame.camera, config.image_crop)
-        if config.depth != "given":
-            view = _completed(view, _padded(frame.cloud), config.depth)
+        rendered = frame.cloud is None and view.depth_m is not None
+        if config.depth != "given" and not rendered:
+            view = _completed(view, _padded(_measured(frame)), config.depth)
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
     return view
+
+
+def _measured(frame: Frame) -> Cloud:
+    """The frame's cloud. Raises ValueError where it has none."""
+    if frame.cloud is None:
+        raise ValueError(
+            f"prepare: {frame.name} has no cloud: no LiDAR measured it, so there is nothing to learn from it and no "
+            "depth to complete; it is for jaxsim simulate"
+        )
+    return frame.cloud
 
 
 def check_view(view: CameraFrame, config: PrepareConfig) -> None:

@@ -17,7 +17,8 @@ from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, points_to_polar
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
-from jaxsim.simulate.sensor import LearnedSensor, Window
+from jaxsim.simulate.checks import check_image
+from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
 
 _POINTS = 2**15
 """Clouds are padded to a multiple, so that the kernel is not compiled for every frame."""
@@ -28,14 +29,21 @@ def take(tree: Any, k: int) -> Any:
     return jax.tree.map(lambda leaf: leaf[k], tree)
 
 
-def simulate_batch(sensor: LearnedSensor, frames: Sequence[Frame], size: int) -> tuple[PolarImage, Painted, float]:
+def simulate_batch(
+    sensor: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
+) -> tuple[PolarImage, Painted, float]:
     """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
-    from dense views to results."""
+    from dense views to results. Raises ValueError where a frame's images are not like those of the run."""
+    for frame in frames:
+        try:
+            check_image(frame.camera.rgb.shape[-3:-1], sensor.run)
+        except ValueError as error:
+            raise ValueError(f"{frame.name}: {error}") from error
     views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
-    image, painted = jax.device_get(sensor.simulate_view(batch))
+    image, painted = jax.device_get(sensor.simulate_view(batch, projection=projection))
     return image, painted, time.monotonic() - begun
 
 
@@ -61,6 +69,8 @@ def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
     Raises ValueError where the cloud has no laser lines.
     """
     grid, place = window
+    if frame.cloud is None:
+        raise ValueError(f"{frame.name}: no LiDAR measured it; hold the run against a data set that has scans")
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
     cloud = replace(frame.cloud, row=(frame.cloud.row - round(float(place[0]) * (lines - 1))).astype(np.int32))

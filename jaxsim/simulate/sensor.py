@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -18,9 +18,13 @@ from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, 
 from jaxsim.geometry import incidence, polar_to_points
 from jaxsim.pix2pix import ema_generator, make_generate, state_shapes
 from jaxsim.prepare import check_view, crop_image, input_channels, paint, window_of
+from jaxsim.simulate.checks import check_field_of_view, check_image
 from jaxsim.simulate.predict import Generate, predict_intensity
 from jaxsim.simulate.run import Checkpoints, Run, load_run
+from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
 
+Projection = Literal["lidar", "none"]
+"""What the network sees: the camera's rasters carried to the LiDAR's grid, or only scaled down, as in the paper."""
 Window = tuple[PolarGrid, Float[Array, " rows"]]
 
 
@@ -52,7 +56,12 @@ class LearnedSensor:
         self.run, self.params = run, params
         prepare = run.experiment.prepare
         self.generate = make_generate(run.experiment, input_channels(prepare))
-        self._simulate = jax.jit(partial(simulate_frame, generate=self.generate, prepare=prepare))
+        settings = {"generate": self.generate, "prepare": prepare}
+        self._simulate = {
+            "lidar": jax.jit(partial(simulate_frame, **settings)),
+            "none": jax.jit(partial(simulate_unprojected, **settings)),
+        }
+        self._intensity = jax.jit(partial(camera_intensity, **settings))
 
     @cached_property
     def fingerprint(self) -> str:
@@ -70,15 +79,43 @@ class LearnedSensor:
         run = self.run
         return window_of(run.camera, run.image_size, run.spec, run.experiment.prepare)
 
-    def simulate_view(self, view: CameraFrame, window: Window | None = None) -> tuple[PolarImage, Painted]:
+    def simulate_view(
+        self, view: CameraFrame, window: Window | None = None, *, projection: Projection = "lidar"
+    ) -> tuple[PolarImage, Painted]:
         """Simulates one cropped view with depth, or a batch of views, on a polar window (default: `window`).
 
-        Raises ValueError where the view lacks depth, or labels that the run was trained on.
+        Raises ValueError where the view lacks depth, or labels that the run was trained on, or the camera sees another
+        width and is not projected.
         """
         check_view(view, self.run.experiment.prepare)
         *batch, _, _, _ = view.rgb.shape
         camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
-        return self._simulate(self.params, replace(view, camera=camera), *(window or self.window))
+        self._check_projection(view, projection)
+        return self._simulate[projection](self.params, replace(view, camera=camera), *(window or self.window))
+
+    def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:
+        """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.
+
+        The paper's simulation on Virtual KITTI: pixels of intensity 0 are dropped from the pseudo-LiDAR cloud. Raises
+        ValueError where the image is not like those that the run learned from, or lacks what it needs.
+        """
+        prepare = self.run.experiment.prepare
+        size = view.rgb.shape[-3:-1]
+        check_image(size, self.run)
+        cropped = crop_image(view, prepare.image_crop)
+        check_view(cropped, prepare)
+        self._check_projection(cropped, "none")
+        intensity = self._intensity(self.params, cropped, *self.window)
+        top, left = size[0] - prepare.image_crop[0], round((size[1] - prepare.image_crop[1]) / 2)
+        border = [(0, 0)] * (intensity.ndim - 2)
+        right = size[1] - prepare.image_crop[1] - left
+        return np.pad(np.asarray(intensity), [*border, (top, 0), (left, right)])
+
+    def _check_projection(self, cropped: CameraFrame, projection: str) -> None:
+        if projection not in self._simulate:
+            raise ValueError(f"simulate: projection is {projection!r}; it is {' or '.join(map(repr, self._simulate))}")
+        if projection == "none":
+            check_field_of_view(cropped.camera, self.run)
 
     def simulate(
         self,
@@ -88,13 +125,17 @@ class LearnedSensor:
         semantic: Int[Array, "*b h w"] | None = None,
         instance: Int[Array, "*b h w"] | None = None,
         camera: Camera | None = None,
+        projection: Projection = "lidar",
     ) -> Cloud:
         """A point cloud from a depth map, labels and an image.
 
         `depth_m` is planar depth in metres, not finite or <= 0 where there is nothing (sky); `semantic` holds
         Cityscapes ids, `instance` numbers objects (0 none); `camera` defaults to the one the run was trained
         with. Returns the cloud in the LiDAR's frame (x forward, y left, z up), dropped rays masked.
+
+        Raises ValueError where the images have not the aspect ratio and resolution of those that the run learned from.
         """
+        check_image(np.shape(rgb)[-3:-1], self.run)
         depth = np.asarray(depth_m, np.float32)
         valid = np.isfinite(depth) & (depth > 0)
         view = CameraFrame(
@@ -107,7 +148,7 @@ class LearnedSensor:
         )
         prepare = self.run.experiment.prepare
         window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, prepare) if camera else self.window
-        image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window)
+        image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window, projection=projection)
         return polar_to_points(image, window[0])
 
 

@@ -1,0 +1,111 @@
+"""What the paper does with Virtual KITTI: inputs scaled down without projection; and the checks on images."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.config import Experiment, PrepareConfig
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.frame import CameraFrame
+from jaxsim.geometry import camera_at_lidar, preset, window_grid
+from jaxsim.prepare import paint, paint_raster, shrink
+from jaxsim.simulate import describe
+from jaxsim.simulate.checks import check_field_of_view, check_image
+from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
+
+K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
+PREPARE = PrepareConfig(inputs=("rgb", "depth"), network_size=(32, 64))
+GRID = window_grid(preset("hdl64e"), 0.75, -0.75, 64, (0, 16))
+ROW = np.linspace(0, 0.25, 16, dtype=np.float32)
+
+
+def generate(params, inputs):
+    """Not a network: the red channel, so that it can be told where an answer came from."""
+    return params * inputs[..., :1]
+
+
+def view(seed: int = 0) -> CameraFrame:
+    """A wall 10 m ahead of a camera in the LiDAR's place, its colours at random; no depth in the top rows."""
+    rng = np.random.default_rng(seed)
+    red = rng.integers(0, 100, (40, 128)) * 255 // 100
+    rgb = np.stack([red, 0 * red, 0 * red], axis=-1).astype(np.uint8)
+    known = np.ones((40, 128), bool)
+    known[:3] = False
+    return CameraFrame(rgb, camera_at_lidar(K), np.full((40, 128), 10.0, np.float32), known)
+
+
+def test_each_pixel_takes_the_answer_of_the_cell_it_falls_into():
+    whole = view()
+    intensity = np.asarray(camera_intensity(jnp.float32(1), whole, GRID, ROW, generate=generate, prepare=PREPARE))
+    small = shrink(whole, (16, 64))
+    expected = np.where(small.valid, np.round(np.asarray(small.rgb)[..., 0] * 100) / 100, 0)
+    for v, u in [(5, 0), (20, 63), (39, 127), (1, 4)]:
+        assert intensity[v, u] == pytest.approx(min(expected[v * 16 // 40, u * 64 // 128], 0.99), abs=0.011)
+    assert intensity.shape == (40, 128)
+
+
+def test_points_lie_where_the_lidar_has_them_with_the_intensity_of_their_pixel():
+    whole = view()
+    settings = {"generate": generate, "prepare": PREPARE}
+    image, painted = simulate_unprojected(jnp.float32(1), whole, GRID, ROW, **settings)
+    plain = paint(whole, GRID)
+    np.testing.assert_array_equal(image.range_m, plain.range_m)
+    np.testing.assert_array_equal(painted.valid, plain.valid)
+    per_pixel = camera_intensity(jnp.float32(1), whole, GRID, ROW, **settings)
+    carried = np.asarray(paint_raster(per_pixel, whole, GRID))
+    np.testing.assert_array_equal(image.intensity, carried)
+    np.testing.assert_array_equal(image.valid, np.asarray(plain.valid) & (carried > 0))
+    assert 0.2 < np.asarray(image.valid).mean() < 1
+
+
+def test_a_carried_raster_is_that_of_the_painted_pixel():
+    whole = view()
+    red = whole.rgb[..., 0].astype(np.float32) / 255
+    np.testing.assert_allclose(paint_raster(red, whole, GRID), np.asarray(paint(whole, GRID).rgb)[..., 0], atol=1e-6)
+
+
+def test_a_batch_is_simulated_as_its_views_are():
+    views = [view(k) for k in range(2)]
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
+    settings = {"generate": generate, "prepare": PREPARE}
+    together, _ = simulate_unprojected(jnp.float32(1), batch, GRID, ROW, **settings)
+    for k, one in enumerate(views):
+        alone, _ = simulate_unprojected(jnp.float32(1), one, GRID, ROW, **settings)
+        np.testing.assert_array_equal(together.intensity[k], alone.intensity)
+
+
+@pytest.fixture
+def run():
+    """Trained on KITTI's camera 2."""
+    camera = kitti_camera()
+    return describe(Experiment(), preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), camera))
+
+
+@pytest.mark.parametrize("size", [(375, 1242), (370, 1224), (374, 1238), (370, 1226), (376, 1241)])
+def test_every_size_that_kitti_has_is_taken(run, size):
+    check_image(size, run)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((1080, 1920), r"1920 x 1080, an aspect ratio of 1\.78; .* images of 1242 x 375, 3\.31: render at 1242 x 375"),
+        ((400, 1242), r"an aspect ratio of 3\.10"),
+        ((187, 621), r"621 x 187 are too coarse; .* render at that size, or scale"),
+        ((750, 2484), r"2484 x 750 are too fine"),
+    ],
+)
+def test_images_of_another_aspect_ratio_or_resolution_are_an_error(run, size, message):
+    with pytest.raises(ValueError, match=message):
+        check_image(size, run)
+
+
+def test_without_projection_the_field_of_view_must_be_the_runs(run):
+    virtual = replace(run.camera, intrinsics=np.array([[725.0087, 0, 620.5], [0, 725.0087, 187], [0, 0, 1]]))
+    check_field_of_view(virtual, run)
+    wide = replace(virtual, intrinsics=virtual.intrinsics * [[0.8], [0.8], [1]])
+    with pytest.raises(ValueError, match=r"the camera sees 92\.7 degrees, the run's 80\.2; .*--projection lidar"):
+        check_field_of_view(wide, run)
