@@ -3,7 +3,6 @@
 `python eval.py generation --simulated DIR --measured DIR` compares two folders of frames or clouds.
 """
 
-import dataclasses
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,8 @@ import numpy as np
 import tyro
 
 from jaxsim.cli import enable_compilation_cache, stop_on_error
-from jaxsim.data import open_dataset, select
+from jaxsim.config import DataKind
+from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics import Score
 from jaxsim.metrics.generation.rangenet import load_rangenet
 from jaxsim.metrics.inception import load_extractor, random_extractor
@@ -42,12 +42,14 @@ class Evaluation:
 
     run: Annotated[Path, tyro.conf.Positional]
     """Folder of the run."""
-    data: Literal["same", "synthetic", "kitti_raw", "kitti_object"] = "same"
+    data: Literal["same", DataKind] = "same"
     """Judge on another data set than the run's own: an unseen drive."""
     root: Path | None = None
     """Folder of the data set, where it is not the run's."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of the data set to use, where it is not the run's: `0001 0018`."""
     frames: str = ""
-    """Frames to judge: `0-2`. Empty: the run's validation frames, or all frames of another data set."""
+    """Frames to judge: `0-2`, or a part by name: `evaluation`. Empty: the validation frames, or all of another set."""
     out: Path | None = None
     """Where to write instead of RUN/evaluation."""
     pictures: int = 4
@@ -68,15 +70,13 @@ def main(args: Evaluation) -> None:
     # Frames: those to judge, the one before each, and those that the baselines average.
     own = open_dataset(data)
     foreign = args.data != "same"
-    judged_data = dataclasses.replace(
-        data, kind=args.data if foreign else data.kind, root=args.root or (None if foreign else data.root)
-    )
-    dataset = open_dataset(judged_data) if foreign or args.root else own
-    positions = select(args.frames or (f"0-{len(dataset) - 1}" if foreign else data.validation), len(dataset))
+    judged_data = source_of(data, args.data, root=args.root, scenes=args.scenes)
+    dataset = open_dataset(judged_data) if judged_data != data else own
+    positions = select(args.frames or (f"0-{len(dataset) - 1}" if foreign else data.validation), dataset)
     judged = prepared(dataset, positions, judged_data, prepare)
     earlier = prepared(dataset, [max(p - 1, 0) for p in positions], judged_data, prepare)
     before = [earlier[k] if p > 0 and earlier.scenes[k] == judged.scenes[k] else None for k, p in enumerate(positions)]
-    train = prepared(own, select(data.train, len(own)), data, prepare)
+    train = prepared(own, select(data.train, own), data, prepare)
     extractor = None
     if args.fid:
         load_or_draw = random_extractor if args.fid == "random" else lambda n: load_extractor(Path(args.fid), n)

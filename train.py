@@ -51,9 +51,9 @@ def main(experiment: Experiment, description: str) -> None:
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept.
     dataset = open_dataset(data)
-    chosen = select(data.train, len(dataset))
+    chosen = select(data.train, dataset)
     train = prepared(dataset, chosen, data, prepare)
-    validation = prepared(dataset, select(data.validation, len(dataset)), data, prepare)
+    validation = prepared(dataset, select(data.validation, dataset), data, prepare)
     # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
     loader = batches(

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2"]
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
-
 InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
 
 
@@ -20,12 +20,24 @@ InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "
 class DataConfig:
     """Which frames to learn from."""
 
-    kind: Literal["synthetic", "kitti_raw", "kitti_object"] = "synthetic"
+    kind: DataKind = "synthetic"
     """`synthetic` is the embedded world and needs no files."""
     root: Path | None = None
-    """Folder of the data set: the one that holds `2011_09_26/` (raw) or `training/` (object)."""
+    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or
+    `Scene01/` (vkitti2)."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, or scenes of vkitti2, `Scene01`. None named: all,
+    and all must be there."""
+    variations: tuple[str, ...] = ("clone",)
+    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] = 0
+    """Of vkitti2: 0 left, 1 right."""
+    lidar: Literal["kitti", "camera"] = "kitti"
+    """Where the LiDAR is thought to be in vkitti2: where KITTI's car has it, or in the camera, so that nothing that the
+    camera sees is hidden from it."""
     train: str = "0-159"
-    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth."""
+    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth. Or a
+    part that the data set names, `training` or `evaluation` of kitti_step; `training:4` is every fourth of it."""
     validation: str = "160-199"
     """Frame numbers that training never sees."""
     seed: int = 0

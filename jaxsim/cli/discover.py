@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from jaxsim.data import open_dataset, select
+from jaxsim.config import DataKind
+from jaxsim.data import open_dataset, select, source_of
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
@@ -48,10 +49,12 @@ class Discover:
     simulated: Path | None = None
     """Folder of polar frames of the simulator: same names, same grid. With semantic, instance, rgb and incidence
     arrays more effects can be told apart."""
-    data: Literal["same", "synthetic", "kitti_raw", "kitti_object"] = "same"
+    data: Literal["same", DataKind] = "same"
     """Data set to hold a run against; `same`: the run's own."""
     root: Annotated[Path | None, tyro.conf.arg(aliases=["--data.root"])] = None
     """Folder of the data set, where it is not the run's."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of the data set to use, where it is not the run's: `0001 0018`."""
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
     sensor: Path | None = None
@@ -92,7 +95,7 @@ class Discover:
 
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
-        for flag in ("data", "root", "frames"):
+        for flag in ("data", "root", "scenes", "frames"):
             if getattr(self, flag) != getattr(Discover, flag):
                 raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
         return _folder("--simulated", self.simulated), _folder("--measured", self.measured)
@@ -107,10 +110,9 @@ class Discover:
         sensor = load(run)
         own = sensor.run.experiment.data
         foreign = self.data != "same"
-        root = self.root or (None if foreign else own.root)
-        dataset = open_dataset(replace(own, kind=self.data if foreign else own.kind, root=root))
+        dataset = open_dataset(source_of(own, self.data, root=self.root, scenes=self.scenes))
         wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
-        return write_pairs(sensor, dataset, select(wanted, len(dataset)), self.out, say=say)
+        return write_pairs(sensor, dataset, select(wanted, dataset), self.out, say=say)
 
 
 def _folder(flag: str, folder: Path | None) -> Path:

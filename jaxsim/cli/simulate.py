@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +14,8 @@ import tyro
 from tqdm import tqdm
 
 from jaxsim.cloud import points_of, save_cloud
-from jaxsim.data import open_dataset, select
+from jaxsim.config import DataKind
+from jaxsim.data import open_dataset, select, source_of
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
@@ -25,6 +25,7 @@ from jaxsim.simulate import load
 from jaxsim.simulate.effects import settle_sensor, with_effects
 from jaxsim.simulate.origin import settle_origin
 from jaxsim.simulate.paired import rasters, simulate_batch, take
+from jaxsim.simulate.sensor import Projection
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,21 @@ class Simulate:
     """Folder of the run."""
     out: Path
     """Folder to write to."""
-    data: Literal["same", "synthetic", "kitti_raw", "kitti_object"] = "same"
+    data: Literal["same", DataKind] = "same"
     """Data set whose images, depth and labels to use; `same`: the run's own."""
     root: Path | None = None
     """Folder of the data set, where it is not the run's."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of the data set to use, where it is not the run's: `0001 0018`, or `Scene01`."""
+    variations: tuple[str, ...] = ("clone",)
+    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] = 0
+    """Of vkitti2: 0 left, 1 right."""
+    lidar: Literal["kitti", "camera"] = "kitti"
+    """Where the LiDAR is in vkitti2: where KITTI's car has it, or in the camera, from which nothing is hidden."""
+    projection: Projection = "lidar"
+    """What the network sees: the camera's rasters carried to the LiDAR's grid, as in training; or with `none` only
+    scaled down to its size, as the paper does on Virtual KITTI."""
     frames: str = ""
     """Frames to simulate: `0-99`. Empty: the run's validation frames, or all of another data set."""
     formats: tuple[Literal["bin", "pcd", "ply", "npz"], ...] = ("bin", "pcd", "ply")
@@ -61,15 +73,26 @@ class Simulate:
         learned = load(self.run)
         own = learned.run.experiment.data
         foreign = self.data != "same"
-        root = self.root or (None if foreign else own.root)
-        dataset = open_dataset(dataclasses.replace(own, kind=self.data if foreign else own.kind, root=root))
+        source = source_of(
+            own,
+            self.data,
+            root=self.root,
+            scenes=self.scenes,
+            variations=self.variations,
+            camera=self.camera,
+            lidar=self.lidar,
+        )
+        dataset = open_dataset(source)
         wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
-        positions = select(wanted, len(dataset))
+        positions = select(wanted, dataset)
         grid, _ = learned.window
         model = SensorModel.load(self.sensor, rows=len(grid.elevation_rad)) if self.sensor else None
         settle_sensor(self.out, model)
         kind = self.data if foreign else own.kind
-        settle_origin(self.out, sensor=learned.fingerprint, data=kind, seed=self.seed if model else None)
+        unlike = [f"LiDAR in the {source.lidar}"] * (kind == "vkitti2" and source.lidar != "kitti")
+        unlike += ["not projected"] * (self.projection == "none")
+        made_of = ", ".join([kind, *unlike])
+        settle_origin(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
         first_s = dataset[positions[0]].time_s if model else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 
@@ -80,7 +103,7 @@ class Simulate:
         for first in range(0, len(todo), self.batch):
             places = todo[first : first + self.batch]
             frames = [dataset[p] for p in places]
-            images, painted, seconds = simulate_batch(learned, frames, self.batch)
+            images, painted, seconds = simulate_batch(learned, frames, self.batch, projection=self.projection)
             batches_s.append(seconds)
             self.announce(grid, frames)
             for k, (place, frame) in enumerate(zip(places, frames, strict=True)):

@@ -1,4 +1,4 @@
-"""Where frames come from: KITTI drives and the embedded world; LiDAR-only recordings as polar frames.
+"""Where frames come from: KITTI drives, renderers, the embedded world; LiDAR-only recordings as polar frames.
 
 A data set is anything with a name, a sensor and a frame for every number:
 
@@ -9,11 +9,13 @@ A data set is anything with a name, a sensor and a frame for every number:
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from jaxsim.config import DataConfig
 from jaxsim.data.kitti import KittiObject, KittiRaw
+from jaxsim.data.kitti_step import KittiStep
 from jaxsim.data.nuscenes import read_lidar_top
 from jaxsim.data.ouster import read_pcap
 from jaxsim.data.select import select
@@ -26,17 +28,22 @@ __all__ = [
     "Dataset",
     "KittiObject",
     "KittiRaw",
+    "KittiStep",
     "Sweep",
     "open_dataset",
     "read_lidar_top",
     "read_pcap",
     "select",
+    "source_of",
 ]
 
 
 @runtime_checkable
 class Dataset(Protocol):
-    """Frames by number, and the sensor that measured them."""
+    """Frames by number, and the sensor that measured them.
+
+    One may also have `splits`, positions by the name of a part: `select("training", dataset)` takes it.
+    """
 
     name: str
 
@@ -59,10 +66,27 @@ def _synthetic(config: DataConfig) -> Dataset:
     return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns)
 
 
+def _vkitti2(config: DataConfig) -> Dataset:
+    from jaxsim.data.vkitti2 import VirtualKitti2
+
+    return VirtualKitti2(
+        _root(config),
+        scenes=config.scenes,
+        variations=config.variations,
+        camera=config.camera,
+        lidar=config.lidar,
+    )
+
+
 DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "synthetic": _synthetic,
     "kitti_raw": lambda config: KittiRaw(_root(config), rows=config.rows),
     "kitti_object": lambda config: KittiObject(_root(config), rows=config.rows),
+    "kitti_tracking": lambda config: KittiStep(
+        _root(config), sequences=config.scenes, rows=config.rows, panoptic=False
+    ),
+    "kitti_step": lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows),
+    "vkitti2": _vkitti2,
 }
 
 
@@ -75,6 +99,18 @@ def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Da
     if config.kind not in DATASETS:
         raise ValueError(f"data: no kind {config.kind!r}; known: {', '.join(DATASETS)}")
     return DATASETS[config.kind](config)
+
+
+def source_of(
+    own: DataConfig, kind: str, *, root: Path | None = None, scenes: tuple[str, ...] = (), **more: Any
+) -> DataConfig:
+    """The data that a command asks for: a run's `own` where `kind` is `same`, or another set, in its own folder.
+
+    `root` and `scenes`, where they are given, also replace those of the run; `more` are further fields.
+    """
+    if kind == "same":
+        return replace(own, root=root or own.root, scenes=scenes or own.scenes, **more)
+    return replace(own, kind=kind, root=root, scenes=scenes, **more)  # type: ignore
 
 
 def _root(config: DataConfig) -> Path:

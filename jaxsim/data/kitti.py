@@ -14,17 +14,14 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
+from jaxsim.data.kitti_files import listing, object_camera, raw_camera, read_image, read_labels
+from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
+from jaxsim.frame import CameraFrame, Frame
+from jaxsim.geometry import LidarSpec
 
-from jaxsim.data.kitti_files import object_camera, raw_camera, read_image, read_labels, read_velodyne
-from jaxsim.frame import CameraFrame, Cloud, Frame
-from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
-
-_SENSOR = "hdl64e"
 _DATE = re.compile(r"\d{4}_\d\d_\d\d")
 _FRAME = re.compile(r"\d+")
 
@@ -40,7 +37,7 @@ class KittiRaw:
 
     def __init__(self, root: Path, *, rows: str = "file_order", camera: int = 2):
         self.root, self.camera = Path(root), camera
-        self._rows = _checked(rows)
+        self._rows = check_rows(rows)
         self._frames = [
             (drive, number)
             for drive in _drives(self.root)
@@ -53,7 +50,7 @@ class KittiRaw:
     @property
     def spec(self) -> LidarSpec:
         """This unit's own beam table, fitted to the first scan."""
-        return _fitted(self._scan(0), self._rows)
+        return fitted_spec(self._scan(0), self._rows)
 
     def __getitem__(self, index: int) -> Frame:
         drive, number = self._frames[index]
@@ -62,7 +59,7 @@ class KittiRaw:
             name=self.name_of(index),
             scene=drive.name,
             camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
-            cloud=_cloud(self._scan(index), self._rows),
+            cloud=read_cloud(self._scan(index), self._rows),
             time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
         )
 
@@ -96,7 +93,7 @@ class KittiObject:
         camera: int = 2,
     ):
         self.root, self.camera = Path(root), camera
-        self._rows = _checked(rows)
+        self._rows = check_rows(rows)
         self._folder = _object_folder(self.root, split)
         choices = ("velodyne", "velodyne_reduced") if velodyne is None else (velodyne,)
         self._scans = _first_folder(self._folder, choices)
@@ -108,7 +105,7 @@ class KittiObject:
     @property
     def spec(self) -> LidarSpec:
         """The beam table, fitted to the first scan."""
-        return _fitted(self._scan(0), self._rows)
+        return fitted_spec(self._scan(0), self._rows)
 
     def __getitem__(self, index: int) -> Frame:
         number = self._frames[index]
@@ -119,7 +116,7 @@ class KittiObject:
             name=number,
             scene=number,
             camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2], camera=self.camera)),
-            cloud=_cloud(self._scan(index), self._rows),
+            cloud=read_cloud(self._scan(index), self._rows),
             boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
         )
 
@@ -131,51 +128,13 @@ class KittiObject:
         return self._scans / f"{self._frames[index]}.bin"
 
 
-def _checked(rows: str) -> str:
-    if rows not in ("file_order", "elevation"):
-        raise ValueError(f"kitti: rows is {rows!r}; it is 'file_order' or 'elevation'")
-    return rows
-
-
-def _rows(path: Path, xyz_m: np.ndarray, rows: str) -> np.ndarray:
-    spec = preset(_SENSOR)
-    if rows == "elevation":
-        return rows_by_elevation(xyz_m, spec)
-    try:
-        return recover_rows(xyz_m, lines=spec.rows, spec=spec)
-    except UnorderedCloud as error:
-        raise UnorderedCloud(
-            f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
-            '(rows="elevation" in Python)'
-        ) from error
-
-
-def _cloud(path: Path, rows: str) -> Cloud:
-    xyz_m, intensity = read_velodyne(path)
-    return Cloud(
-        xyz_m=xyz_m,
-        intensity=intensity,
-        valid=np.ones(len(xyz_m), bool),
-        row=_rows(path, xyz_m, rows),
-    )
-
-
-@cache
-def _fitted(path: Path, rows: str) -> LidarSpec:
-    spec = preset(_SENSOR)
-    if rows == "elevation":  # rows that were told by the nominal table cannot correct it
-        return spec
-    xyz_m, _ = read_velodyne(path)
-    return fit_beams(xyz_m, _rows(path, xyz_m, rows), lines=spec.rows, name=f"{_SENSOR}, fitted to {path.stem}")
-
-
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
     found = []
     for folder, suffix in ((scans, ".bin"), (images, ".png")):
         names = [p.stem for p in folder.glob(f"*{suffix}") if _FRAME.fullmatch(p.stem)]
         if not names:
-            raise ValueError(f"kitti: {_listing(folder)}; expected NUMBER{suffix} files in it")
+            raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
         found.append(set(names))
     both = sorted(found[0] & found[1])
     if not both:
@@ -198,13 +157,13 @@ def _drives(root: Path) -> list[Path]:
         )
     dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
     if not dates and ((root / "training").is_dir() or (root / "testing").is_dir()):
-        raise ValueError(f"kitti: {_listing(root)}: this is the object benchmark; use --data.kind kitti_object")
+        raise ValueError(f"kitti: {listing(root)}: this is the object benchmark; use --data.kind kitti_object")
     if not dates:
-        raise ValueError(f"kitti: no date folder: {_listing(root)}; pass the folder that holds 2011_09_26/")
+        raise ValueError(f"kitti: no date folder: {listing(root)}; pass the folder that holds 2011_09_26/")
     drives = sorted(p for date in dates for p in date.iterdir() if (p / "velodyne_points").is_dir())
     if not drives:
         raise ValueError(
-            f"kitti: no drive with velodyne_points/: {_listing(dates[0])}; expected e.g. "
+            f"kitti: no drive with velodyne_points/: {listing(dates[0])}; expected e.g. "
             f"{dates[0].name}_drive_0001_sync/velodyne_points/data in it"
         )
     return drives
@@ -217,24 +176,15 @@ def _object_folder(root: Path, split: str) -> Path:
     if (root / "image_2").is_dir():
         raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
     if root.is_dir() and any(_DATE.fullmatch(p.name) for p in root.iterdir()):
-        raise ValueError(f"kitti: {_listing(root)}: these are raw drives; use --data.kind kitti_raw")
-    raise ValueError(f"kitti: no {split}/: {_listing(root)}; pass the folder that holds {split}/velodyne")
+        raise ValueError(f"kitti: {listing(root)}: these are raw drives; use --data.kind kitti_raw")
+    raise ValueError(f"kitti: no {split}/: {listing(root)}; pass the folder that holds {split}/velodyne")
 
 
 def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:
     for name in names:
         if (parent / name).is_dir():
             return parent / name
-    raise ValueError(f"kitti: no {' or '.join(f'{name}/' for name in names)}: {_listing(parent)}")
-
-
-def _listing(folder: Path, most: int = 6) -> str:
-    """What stands in a folder, for an error."""
-    if not folder.is_dir():
-        return f"there is no folder {folder}"
-    names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
-    more = ", ..." if len(names) > most else ""
-    return f"{folder} holds {', '.join(names[:most]) or 'nothing'}{more}"
+    raise ValueError(f"kitti: no {' or '.join(f'{name}/' for name in names)}: {listing(parent)}")
 
 
 def _timestamp(path: Path, number: int) -> float | None:

@@ -69,17 +69,15 @@ def object_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Came
 
     The file does not say the image's size, so the principal point must lie near the image's middle.
     """
-    values = _read_calibration(path, {f"P{camera}": 12, "R0_rect": 9, "Tr_velo_to_cam": 12})
-    projection = values[f"P{camera}"].reshape(3, 4)
-    (cx, cy), (h, w) = projection[:2, 2], size
-    if abs(cx - w / 2) > 0.1 * w or abs(cy - h / 2) > 0.1 * h:
-        raise ValueError(
-            f"kitti: {path} puts the optical axis at ({cx:.0f}, {cy:.0f}), far from the middle of its "
-            f"image of {w} x {h}: calibration and image do not belong together, or the image was resized"
-        )
-    return camera_from_projection(
-        projection, _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
-    )
+    return _camera(path, size, f"P{camera}", "R0_rect", "Tr_velo_to_cam")
+
+
+def tracking_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
+    """The camera of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
+
+    The same numbers as the object benchmark's under other names, three of them without a colon.
+    """
+    return _camera(path, size, f"P{camera}", "R_rect", "Tr_velo_cam")
 
 
 def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
@@ -105,22 +103,51 @@ def read_labels(path: Path) -> Boxes:
 
     A `DontCare` region is a rectangle in the image alone: its 3-D fields are 0 and mean nothing.
     """
-    rows = [line.split() for line in _existing(path).read_text().splitlines() if line.strip()]
-    numbers = np.zeros((len(rows), 14))
-    for k, row in enumerate(rows):
+    rows = _rows_of(path)
+    for line, row in rows:
         if len(row) != 15:
             raise ValueError(
-                f"kitti: {path}, line {k + 1} has {len(row)} columns; a label has 15 (16 is a detector's result)"
+                f"kitti: {path}, line {line} has {len(row)} columns; a label has 15 (16 is a detector's result)"
             )
+    return _boxes(path, rows)
+
+
+def read_tracking_labels(path: Path) -> dict[int, Boxes]:
+    """Labelled objects of a sequence's `label_02/NNNN.txt` by frame number; a frame without objects has no entry.
+
+    The columns are frame, track, and then those of `read_labels`; `truncated` is a level here: 0 not, 1 partly,
+    2 largely. `Person` is what this set calls the object benchmark's `Person_sitting`.
+    """
+    frames: dict[int, list[tuple[int, list[str]]]] = {}
+    for line, (number, *row) in _rows_of(path):
+        if len(row) != 16 or not number.isdigit():
+            raise ValueError(
+                f"kitti: {path}, line {line} has {len(row) + 1} columns and starts with {number!r}; a tracking label "
+                "has 17: frame, track, type ... (15 is the object benchmark's, 18 a tracker's result)"
+            )
+        kind = "Person_sitting" if row[1] == "Person" else row[1]
+        frames.setdefault(int(number), []).append((line, [kind, *row[2:]]))
+    return {number: _boxes(path, rows) for number, rows in frames.items()}
+
+
+def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
+    lines = enumerate(_existing(path).read_text().splitlines(), 1)
+    return [(number, line.split()) for number, line in lines if line.strip()]
+
+
+def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
+    """Objects of numbered lines in the order of the object benchmark's 15 columns."""
+    numbers = np.zeros((len(rows), 14))
+    for k, (line, row) in enumerate(rows):
         if row[0] not in KINDS:
-            raise ValueError(f"kitti: {path}, line {k + 1}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}")
+            raise ValueError(f"kitti: {path}, line {line}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}")
         try:
             numbers[k] = [float(value) for value in row[1:]]
         except ValueError as error:
-            raise ValueError(f"kitti: {path}, line {k + 1}: {error}") from None
+            raise ValueError(f"kitti: {path}, line {line}: {error}") from None
         if numbers[k, 1] != round(numbers[k, 1]):
-            raise ValueError(f"kitti: {path}, line {k + 1}: occluded is {row[2]}; it is a whole number 0..3")
-    kinds = tuple(row[0] for row in rows)
+            raise ValueError(f"kitti: {path}, line {line}: occluded is {row[2]}; it is a whole number 0..3")
+    kinds = tuple(row[0] for _, row in rows)
     numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
     n = numbers.astype(np.float32)
     return Boxes(
@@ -135,6 +162,18 @@ def read_labels(path: Path) -> Boxes:
 
 
 _DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
+
+
+def _camera(path: Path, size: tuple[int, int], name: str, rectify: str, velo: str) -> Camera:
+    values = _read_calibration(path, {name: 12, rectify: 9, velo: 12})
+    projection = values[name].reshape(3, 4)
+    (cx, cy), (h, w) = projection[:2, 2], size
+    if abs(cx - w / 2) > 0.1 * w or abs(cy - h / 2) > 0.1 * h:
+        raise ValueError(
+            f"kitti: {path} puts the optical axis at ({cx:.0f}, {cy:.0f}), far from the middle of its "
+            f"image of {w} x {h}: calibration and image do not belong together, or the image was resized"
+        )
+    return camera_from_projection(projection, _homogeneous(values[rectify], np.zeros(3)) @ _homogeneous(values[velo]))
 
 
 def _existing(path: Path) -> Path:
@@ -174,3 +213,16 @@ def _homogeneous(rotation: Array, translation: Array | None = None) -> Array:
     else:
         matrix[:3, :3], matrix[:3, 3] = rotation.reshape(3, 3), translation
     return matrix
+
+
+NO_BOXES = _boxes(Path(), [])
+"""Of a frame in which nothing is labelled."""
+
+
+def listing(folder: Path, most: int = 6) -> str:
+    """What stands in a folder, for an error."""
+    if not folder.is_dir():
+        return f"there is no folder {folder}"
+    names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
+    more = ", ..." if len(names) > most else ""
+    return f"{folder} holds {', '.join(names[:most]) or 'nothing'}{more}"

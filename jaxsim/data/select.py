@@ -1,31 +1,48 @@
-"""Frame numbers written as text: `0-3,7` is 0, 1, 2, 3, 7; `0-8:4` is 0, 4, 8."""
+"""Frames named by text: `0-3,7` is 0, 1, 2, 3, 7; `0-8:4` is 0, 4, 8; `training` a part of the set."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sized
 
 _PART = re.compile(r"(\d+)(?:\s*-\s*(\d+)(?:\s*:\s*([1-9]\d*))?)?")
+_SPLIT = re.compile(r"([A-Za-z]\w*)(?:\s*:\s*([1-9]\d*))?")
 
 
-def select(text: str, length: int) -> list[int]:
-    """The positions that `text` names in a data set of `length` frames, in the order written.
+def select(text: str, dataset: Sized) -> list[int]:
+    """The positions that `text` names in a data set, in the order written. A name is one of the data set's `splits`.
 
-    Raises ValueError for what is no number or range, runs backwards, comes twice, or lies beyond the end.
+    Raises ValueError for what is no number, range or split, runs backwards, comes twice, or lies beyond the end.
     """
     chosen: list[int] = []
     for part in text.split(","):
-        match = _PART.fullmatch(part.strip())
-        if match is None:
-            raise ValueError(f"frames {text!r}: {part.strip()!r} is no frame number; write e.g. 0-3,7 or 0-8:4")
-        first = int(match[1])
-        last = first if match[2] is None else int(match[2])
-        if last < first:
-            raise ValueError(f"frames {text!r}: {part.strip()} runs backwards; write {last}-{first}")
-        if last >= length:
-            raise ValueError(f"frames {text!r}: there is no frame {last}; the data set has 0-{length - 1}")
-        chosen.extend(range(first, last + 1, int(match[3] or 1)))
+        named = _SPLIT.fullmatch(part.strip())
+        chosen.extend(_split(text, named, dataset) if named else _range(text, part.strip(), len(dataset)))
     repeated = [i for i, times in Counter(chosen).items() if times > 1]
     if repeated:
         raise ValueError(f"frames {text!r}: frame {repeated[0]} is named more than once; name each frame once")
     return chosen
+
+
+def _range(text: str, part: str, length: int) -> range:
+    match = _PART.fullmatch(part)
+    if match is None:
+        raise ValueError(f"frames {text!r}: {part!r} is no frame number; write e.g. 0-3,7 or 0-8:4")
+    first = int(match[1])
+    last = first if match[2] is None else int(match[2])
+    if last < first:
+        raise ValueError(f"frames {text!r}: {part} runs backwards; write {last}-{first}")
+    if last >= length:
+        raise ValueError(f"frames {text!r}: there is no frame {last}; the data set has 0-{length - 1}")
+    return range(first, last + 1, int(match[3] or 1))
+
+
+def _split(text: str, match: re.Match[str], dataset: Sized) -> list[int]:
+    splits: dict[str, list[int]] = getattr(dataset, "splits", {})
+    if match[1] not in splits:
+        known = f"it has {', '.join(splits)}" if splits else "it has none with a name; write e.g. 0-3,7 or 0-8:4"
+        raise ValueError(f"frames {text!r}: the data set has no part {match[1]!r}; {known}")
+    if not splits[match[1]]:
+        raise ValueError(f"frames {text!r}: no frame of {match[1]} is here; --data.scenes leaves out all of it")
+    return splits[match[1]][:: int(match[2] or 1)]

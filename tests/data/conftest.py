@@ -1,11 +1,17 @@
 """A small KITTI tree that is made on the spot, so that the readers' tests need no sample data."""
 
+import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from drives import write_step
+from virtual_drives import write_vkitti2
 
+from jaxsim.data.synthetic import SyntheticWorld
+from jaxsim.frame import Frame
 from jaxsim.geometry import preset
 
 P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"
@@ -72,3 +78,50 @@ def object_root(tmp_path: Path) -> Path:
     (folder / "label_2").mkdir()
     (folder / "label_2/000007.txt").write_text(f"{CAR}\n{DONT_CARE}\n")
     return root
+
+
+@pytest.fixture(scope="session")
+def street() -> list[Frame]:
+    """Two frames of two streets of the embedded world, rendered at KITTI's size and the sensor's full rate."""
+    world = SyntheticWorld(seed=0, columns=preset("hdl64e").columns)
+    return [world[i] for i in (0, 4)]
+
+
+@pytest.fixture(scope="session")
+def step_tree(street, tmp_path_factory) -> Path:
+    """Sequences 0000 (train) and 0001 (evaluation of the paper; its frame 177 has no scan) of KITTI-STEP."""
+    root = tmp_path_factory.mktemp("step")
+    write_step(root, "train", "0000", {0: street[0]})
+    write_step(root, "train", "0001", {176: street[1], 177: street[1]}, without_scan=(177,))
+    return root
+
+
+@pytest.fixture
+def step_root(step_tree, tmp_path) -> Path:
+    """A copy of it that a test may spoil."""
+    return Path(shutil.copytree(step_tree, tmp_path / "step"))
+
+
+@dataclass
+class Virtual:
+    root: Path
+    drawn: dict
+    """What was rendered, by (frame, camera)."""
+
+
+@pytest.fixture(scope="session")
+def virtual(tmp_path_factory) -> Virtual:
+    """Virtual KITTI 2's Scene01: two frames of `clone` by both cameras, and `fog` with the same files."""
+    root = tmp_path_factory.mktemp("virtual")
+    world = SyntheticWorld(seed=0, columns=preset("hdl64e").columns)
+    shots = [(0, 4, 0), (0, 4, 1), (1, 5, 0), (1, 5, 1)]
+    drawn = write_vkitti2(root, "Scene01", "clone", world, shots)
+    shutil.copytree(root / "Scene01/clone", root / "Scene01/fog")
+    return Virtual(root, drawn)
+
+
+@pytest.fixture
+def virtual_root(virtual, tmp_path) -> Path:
+    """A copy of its `clone` that a test may spoil."""
+    shutil.copytree(virtual.root / "Scene01/clone", tmp_path / "virtual/Scene01/clone")
+    return tmp_path / "virtual"

@@ -1,3 +1,5 @@
+from typing import ClassVar
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,15 +8,15 @@ from jaxsim.data.select import select
 
 
 def test_ranges_and_single_numbers_keep_their_order():
-    assert select("0-3,7", 8) == [0, 1, 2, 3, 7]
-    assert select(" 5 , 1 - 2", 6) == [5, 1, 2]
-    assert select("0-9:4,3", 10) == [0, 4, 8, 3]
+    assert select("0-3,7", range(8)) == [0, 1, 2, 3, 7]
+    assert select(" 5 , 1 - 2", range(6)) == [5, 1, 2]
+    assert select("0-9:4,3", range(10)) == [0, 4, 8, 3]
 
 
 @given(st.sets(st.integers(0, 50), min_size=1))
 def test_any_list_of_numbers_reads_back(numbers):
     chosen = sorted(numbers)
-    assert select(",".join(map(str, chosen)), 51) == chosen
+    assert select(",".join(map(str, chosen)), range(51)) == chosen
 
 
 @pytest.mark.parametrize(
@@ -22,7 +24,7 @@ def test_any_list_of_numbers_reads_back(numbers):
     [
         ("", "is no frame number"),
         ("1,,2", "is no frame number"),
-        ("a", "is no frame number"),
+        ("a", "no part .a.; it has none with a name"),
         ("-1", "is no frame number"),
         ("3-1", "runs backwards; write 1-3"),
         ("4-6", "no frame 6; the data set has 0-5"),
@@ -31,4 +33,28 @@ def test_any_list_of_numbers_reads_back(numbers):
 )
 def test_bad_text_is_explained(text, message):
     with pytest.raises(ValueError, match=message):
-        select(text, 6)
+        select(text, range(6))
+
+
+class Parted(list):
+    splits: ClassVar = {"training": [0, 1, 2, 3, 6], "evaluation": [4, 5], "empty": []}
+
+
+def test_a_named_part_is_taken_whole_or_thinned_and_mixes_with_numbers():
+    frames = Parted(range(7))
+    assert select("evaluation", frames) == [4, 5]
+    assert select("training:2", frames) == [0, 2, 6]
+    assert select("evaluation, 6", frames) == [4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("test", "no part 'test'; it has training, evaluation"),
+        ("empty", "no frame of empty is here"),
+        ("evaluation,5", "frame 5 is named more than once"),
+    ],
+)
+def test_a_part_that_is_not_there_is_explained(text, message):
+    with pytest.raises(ValueError, match=message):
+        select(text, Parted(range(7)))

@@ -1,0 +1,269 @@
+"""Virtual KITTI 2's file formats (Cabon, Murray, Humenberger 2020; the README that ships with it).
+
+Every reader stops with a ValueError that names the file, what is wrong with it and what it should be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.png import read_indexed
+from jaxsim.frame import Boxes
+
+Array = np.ndarray
+Raster = Int[Array, "h w"]
+
+CLASSES: dict[str, str] = {
+    "Terrain": "terrain",
+    "Sky": "sky",
+    "Tree": "vegetation",
+    "Vegetation": "vegetation",
+    "Building": "building",
+    "Road": "road",
+    "GuardRail": "guard rail",
+    "TrafficSign": "traffic sign",
+    "TrafficLight": "traffic light",
+    "Pole": "pole",
+    "Misc": "unlabeled",
+    "Truck": "truck",
+    "Car": "car",
+    "Van": "car",
+    "Undefined": "unlabeled",
+}
+"""Class of colors.txt -> class of Cityscapes. The paper does not give its mapping."""
+COLOURS: dict[str, tuple[int, int, int]] = {
+    "Terrain": (210, 0, 200),
+    "Sky": (90, 200, 255),
+    "Tree": (0, 199, 0),
+    "Vegetation": (90, 240, 0),
+    "Building": (140, 140, 140),
+    "Road": (100, 60, 100),
+    "GuardRail": (250, 100, 255),
+    "TrafficSign": (255, 255, 0),
+    "TrafficLight": (200, 200, 0),
+    "Pole": (255, 130, 0),
+    "Misc": (80, 80, 80),
+    "Truck": (160, 60, 60),
+    "Car": (255, 127, 80),
+    "Van": (0, 139, 139),
+    "Undefined": (0, 0, 0),
+}
+"""What colors.txt says where it is left out of a copy; some scenes' omit Undefined."""
+KINDS = ("Car", "Van", "Truck")
+COLUMNS = {
+    "colors": "Category r g b",
+    "info": "trackID label model color",
+    "intrinsic": "frame cameraID K[0,0] K[1,1] K[0,2] K[1,2]",
+    "extrinsic": "frame cameraID r1,1 r1,2 r1,3 t1 r2,1 r2,2 r2,3 t2 r3,1 r3,2 r3,3 t3 0 0 0 1",
+    "bbox": "frame cameraID trackID left right top bottom number_pixels truncation_ratio occupancy_ratio isMoving",
+    "pose": "frame cameraID trackID alpha width height length world_space_X world_space_Y world_space_Z "
+    "rotation_world_space_y rotation_world_space_x rotation_world_space_z camera_space_X camera_space_Y "
+    "camera_space_Z rotation_camera_space_y rotation_camera_space_x rotation_camera_space_z",
+}
+"""Header line of each text file."""
+FARTHEST = 65535
+"""The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
+
+
+@dataclass(frozen=True)
+class VirtualObject:
+    """One vehicle in one image, as pose.txt, bbox.txt and info.txt have it."""
+
+    track: int
+    kind: str
+    """Car, Van or Truck."""
+    alpha_rad: float
+    """KITTI's observation angle."""
+    size_m: tuple[float, float, float]
+    """Length, width, height."""
+    centre_m: tuple[float, float, float]
+    """Middle of the bottom face in `cam`."""
+    yaw_rad: float
+    """KITTI's rotation_y."""
+    world_m: tuple[float, float, float]
+    bbox_px: tuple[float, float, float, float]
+    """Left, top, right, bottom."""
+    pixels: int
+    """Of it that are seen."""
+    truncation: float
+    """0 inside the image .. 1 outside."""
+    occupancy: float
+    """`pixels` as a share of the box's area: a car that nothing hides fills 0.65 to 0.85 of it."""
+    moving: bool
+
+
+def read_depth(path: Path) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    """Planar depth in metres, and where it is known: False in the sky and beyond 655 m.
+
+    16-bit grey PNG in centimetres. Raises ValueError for other encodings: 8 bits, colours, KITTI's (0 = none).
+    """
+    image = _read(path)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise ValueError(
+            f"vkitti2: {path} is {image.dtype} with shape {image.shape}; depth is a 16-bit grey PNG in centimetres: "
+            "take it from the archive vkitti_2.0.3_depth, not a picture of it"
+        )
+    if not image.all():
+        raise ValueError(
+            f"vkitti2: {path}: depth is 0 in {int((image == 0).sum())} pixels; there it is in centimetres and never 0 "
+            "(65535 in the sky): is this KITTI's encoding (metres * 256, 0 = none)?"
+        )
+    return image.astype(np.float32) / 100, image < FARTHEST
+
+
+def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster:
+    """Cityscapes ids of a class segmentation, coded by `colours`. Raises ValueError for a colour of no class."""
+    image = _read(path)
+    if image.dtype != np.uint8 or image.ndim != 3:
+        raise ValueError(f"vkitti2: {path} is {image.dtype} with shape {image.shape}; classes are an 8-bit RGB PNG")
+    code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
+    table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
+    known, ids = (np.array(column, np.int32) for column in zip(*table, strict=True))
+    place = np.minimum(np.searchsorted(known, code), len(known) - 1)
+    strange = known[place] != code
+    if strange.any():
+        first = image[strange][0][::-1].tolist()
+        raise ValueError(
+            f"vkitti2: {path}: {int(strange.sum())} pixels have a colour of no class, the first {tuple(first)}; the "
+            f"classes are those of colors.txt ({', '.join(colours)}). Was the image resized or stored as JPEG?"
+        )
+    return ids[place]
+
+
+def read_instances(path: Path) -> Raster:
+    """trackID + 1 of every vehicle's pixels, 0 elsewhere: the index, not the colour, of an indexed PNG."""
+    if not path.is_file():
+        raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_instanceSegmentation")
+    try:
+        return read_indexed(path).astype(np.int32)
+    except ValueError as error:
+        raise ValueError(f"vkitti2: {error}") from error
+
+
+def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
+    """RGB of each class from colors.txt. Raises ValueError for a class that is not in CLASSES."""
+    colours = {}
+    for line, (name, *rgb) in _rows(path, "colors"):
+        if name not in CLASSES:
+            raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CLASSES)}")
+        red, green, blue = _numbers(path, line, rgb, int)
+        colours[name] = (red, green, blue)
+    return colours
+
+
+def read_intrinsics(path: Path) -> dict[tuple[int, int], Float[Array, "3 3"]]:
+    """K by (frame, camera)."""
+    found = {}
+    for line, row in _rows(path, "intrinsic"):
+        frame, camera = _numbers(path, line, row[:2], int)
+        fu, fv, cu, cv = _numbers(path, line, row[2:], float)
+        found[frame, camera] = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
+    return found
+
+
+def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[Array, "4 4"]]:
+    """`cam_from_world` by (frame, camera)."""
+    found = {}
+    for line, row in _rows(path, "extrinsic"):
+        frame, camera = _numbers(path, line, row[:2], int)
+        found[frame, camera] = np.array(_numbers(path, line, row[2:], float)).reshape(4, 4)
+    return found
+
+
+def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
+    """Vehicles by (frame, camera), the hidden and the far ones too, from pose.txt, bbox.txt and info.txt."""
+    kinds = {}
+    for line, (track, label, *_) in _rows(folder / "info.txt", "info"):
+        if label not in KINDS:
+            raise ValueError(f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {KINDS}")
+        kinds[int(track)] = label
+    boxes = {}
+    for line, row in _rows(folder / "bbox.txt", "bbox"):
+        key = tuple(_numbers(folder / "bbox.txt", line, row[:3], int))
+        boxes[key] = (*_numbers(folder / "bbox.txt", line, row[3:-1], float), row[-1])
+    found: dict[tuple[int, int], list[VirtualObject]] = {}
+    path = folder / "pose.txt"
+    for line, row in _rows(path, "pose"):
+        frame, camera, track = _numbers(path, line, row[:3], int)
+        alpha, width, height, length, *rest = _numbers(path, line, row[3:], float)
+        if (frame, camera, track) not in boxes or track not in kinds:
+            raise ValueError(f"vkitti2: {path}, line {line}: track {track} is not in bbox.txt or info.txt; copy all")
+        left, right, top, bottom, pixels, truncation, occupancy, moving = boxes[frame, camera, track]
+        found.setdefault((frame, camera), []).append(
+            VirtualObject(
+                track=track,
+                kind=kinds[track],
+                alpha_rad=alpha,
+                size_m=(length, width, height),
+                centre_m=(rest[6], rest[7], rest[8]),
+                yaw_rad=rest[9],
+                world_m=(rest[0], rest[1], rest[2]),
+                bbox_px=(left, top, right, bottom),
+                pixels=int(pixels),
+                truncation=truncation,
+                occupancy=occupancy,
+                moving=moving == "True",
+            )
+        )
+    return found
+
+
+def boxes_of(objects: list[VirtualObject], *, levels: tuple[float, float] = (0.5, 0.2)) -> Boxes:
+    """KITTI's labels of the vehicles of which a pixel is seen.
+
+    `occluded` is 1 from the first occupancy of `levels` on, 2 from the second, else 3; never 0, as the paper has it
+    (no object of Virtual KITTI counts as wholly visible).
+    """
+    seen = [thing for thing in objects if thing.pixels > 0]
+
+    def column(name: str, width: int) -> Float[Array, "n k"]:
+        return np.array([getattr(thing, name) for thing in seen], np.float32).reshape(-1, width)
+
+    occupancy = column("occupancy", 1)[:, 0]
+    return Boxes(
+        centre_m=column("centre_m", 3),
+        size_m=column("size_m", 3),
+        yaw_rad=column("yaw_rad", 1)[:, 0],
+        bbox_px=column("bbox_px", 4),
+        truncated=column("truncation", 1)[:, 0],
+        occluded=np.where(occupancy >= levels[0], 1, np.where(occupancy >= levels[1], 2, 3)).astype(np.int32),
+        kind=tuple(thing.kind for thing in seen),
+    )
+
+
+def _read(path: Path) -> UInt8[Array, "..."] | Array:
+    if not path.is_file():
+        raise ValueError(f"vkitti2: there is no {path}; the frame needs it, copy it from the data set's archives")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ValueError(f"vkitti2: {path} is not an image that can be read; copy it again")
+    return image
+
+
+def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
+    """Numbered lines below the header. Raises ValueError where the columns are not those of COLUMNS."""
+    if not path.is_file():
+        raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_textgt")
+    header, *lines = path.read_text().splitlines() or [""]
+    wanted = COLUMNS[kind].split()
+    if header.split()[:1] != wanted[:1] or len(header.split()) != len(wanted):
+        raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {COLUMNS[kind]!r}")
+    rows = [(number, line.split()) for number, line in enumerate(lines, 2) if line.strip()]
+    for number, row in rows:
+        if len(row) != len(wanted):
+            raise ValueError(f"vkitti2: {path}, line {number} has {len(row)} columns; it must have {len(wanted)}")
+    return rows
+
+
+def _numbers(path: Path, line: int, texts: list[str], kind: Callable[[str], float]) -> list:
+    try:
+        return [kind(text) for text in texts]
+    except ValueError as error:
+        raise ValueError(f"vkitti2: {path}, line {line}: {error}") from None

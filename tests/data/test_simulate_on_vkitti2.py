@@ -1,0 +1,106 @@
+"""`jaxsim simulate RUN --data vkitti2`: of an untrained run of KITTI-STEP, for the way is tested, not the answer."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+import configs
+from jaxsim.cli.simulate import Simulate
+from jaxsim.config import DataConfig
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.frame import CameraFrame
+from jaxsim.geometry import preset
+from jaxsim.pix2pix import ema_generator, state_shapes
+from jaxsim.prepare import input_channels
+from jaxsim.simulate import Checkpoints, describe, load, start_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    """A run of KITTI-STEP that has saved a random generator."""
+    folder = tmp_path_factory.mktemp("runs") / "step"
+    base, _ = configs.load("synthetic")
+    experiment = replace(
+        base,
+        data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
+    start_run(folder, describe(experiment, preset("hdl64e"), view))
+    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
+    rng = np.random.default_rng(0)
+    weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
+    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def simulate(run, virtual):
+    """The command on both frames of Scene01."""
+
+    def simulate(out: Path, **settings) -> Path:
+        common = {"frames": "0-1", "batch": 2, "formats": ("bin",), "previews": 0}
+        Simulate(run=run, out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), **common, **settings)()
+        return out / "polar"
+
+    return simulate
+
+
+def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(simulate, run, tmp_path):
+    polar = simulate(tmp_path / "a")
+    assert frame_names(polar) == ["Scene01-clone-Camera_0-00000", "Scene01-clone-Camera_0-00001"]
+    grid, about = read_grid(polar)
+    window, _ = load(run).window
+    np.testing.assert_allclose(grid.elevation_rad, window.elevation_rad, atol=1e-6)
+    assert {frame["scene"] for frame in about.values()} == {"Scene01"}
+    image, more = read_frame(polar, "Scene01-clone-Camera_0-00000")
+    assert image.valid.mean() > 0.3
+    ground = image.valid & (more["semantic"] == IDS["road"])
+    z = (image.range_m * np.sin(grid.elevation_rad)[:, None] + grid.origin_m[:, None])[ground]
+    assert np.median(z) == pytest.approx(-1.73, abs=0.15)
+    points = np.fromfile(tmp_path / "a/clouds/Scene01-clone-Camera_0-00000.bin", "<f4").reshape(-1, 4)
+    assert len(points) == image.valid.sum()
+    assert set(np.unique(more["instance"])) > {0}
+
+
+def test_without_projection_points_are_the_same_and_their_intensities_others(simulate, tmp_path):
+    name = "Scene01-clone-Camera_0-00000"
+    (plain, _), (scaled, _) = (
+        read_frame(simulate(tmp_path / mode, projection=mode), name) for mode in ("lidar", "none")
+    )
+    both = plain.valid & scaled.valid
+    np.testing.assert_allclose(plain.range_m[both], scaled.range_m[both], rtol=1e-5)
+    assert (plain.intensity[both] != scaled.intensity[both]).mean() > 0.1
+    with pytest.raises(ValueError, match="made with another data set"):
+        simulate(tmp_path / "lidar", projection="none")
+    with pytest.raises(ValueError, match="made with another data set"):
+        simulate(tmp_path / "lidar", lidar="camera")
+
+
+def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_crop(run, virtual):
+    sensor = load(run)
+    view = VirtualKitti2(virtual.root, scenes=("Scene01",))[0].camera
+    intensity = sensor.intensity_map(view)
+    assert intensity.shape == (375, 1242)
+    assert not intensity[:23].any()
+    assert not intensity[:, :13].any()
+    assert not intensity[:, -13:].any()
+    assert intensity[23:, 13:-13].any()
+    assert intensity.max() <= np.float32(0.99)
+
+
+def test_a_cloud_from_plain_arrays_is_that_of_the_command(simulate, run, virtual, tmp_path):
+    view = VirtualKitti2(virtual.root, scenes=("Scene01",))[0].camera
+    sensor = load(run)
+    arrays = {"rgb": view.rgb, "depth_m": view.depth_m, "semantic": view.semantic, "instance": view.instance}
+    cloud = sensor.simulate(**arrays, camera=view.camera)
+    assert np.asarray(cloud.valid).sum() > 500
+    with pytest.raises(ValueError, match=r"621 x 375, an aspect ratio of 1\.66"):
+        sensor.simulate(**{name: raster[:, :621] for name, raster in arrays.items()}, camera=view.camera)
