@@ -41,8 +41,8 @@ def _range(text: str, part: str, length: int) -> range:
 def _split(text: str, match: re.Match[str], dataset: Sized) -> list[int]:
     splits: dict[str, list[int]] = getattr(dataset, "splits", {})
     if match[1] not in splits:
-        known = f"it has {', '.join(splits)}" if splits else "it has none with a name; write e.g. 0-3,7 or 0-8:4"
-        raise ValueError(f"frames {text!r}: the data set has no part {match[1]!r}; {known}")
+        known = f", and the data set has no part of that name; it has {', '.join(splits)}" if splits else ""
+        raise ValueError(f"frames {text!r}: {match[1]!r} is no frame number{known}; write e.g. 0-3,7 or 0-8:4")
     if not splits[match[1]]:
         raise ValueError(f"frames {text!r}: no frame of {match[1]} is here; --data.scenes leaves out all of it")
     return splits[match[1]][:: int(match[2] or 1)]
