@@ -53,8 +53,16 @@ def simulate(run, virtual):
     return simulate
 
 
-def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(simulate, run, tmp_path):
-    polar = simulate(tmp_path / "a")
+@pytest.fixture(scope="module")
+def out(simulate, tmp_path_factory) -> Path:
+    """What the command makes by default."""
+    out = tmp_path_factory.mktemp("out")
+    simulate(out)
+    return out
+
+
+def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(out, run):
+    polar = out / "polar"
     assert frame_names(polar) == ["Scene01-clone-Camera_0-00000", "Scene01-clone-Camera_0-00001"]
     grid, about = read_grid(polar)
     window, _ = load(run).window
@@ -65,23 +73,22 @@ def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(simu
     ground = image.valid & (more["semantic"] == IDS["road"])
     z = (image.range_m * np.sin(grid.elevation_rad)[:, None] + grid.origin_m[:, None])[ground]
     assert np.median(z) == pytest.approx(-1.73, abs=0.15)
-    points = np.fromfile(tmp_path / "a/clouds/Scene01-clone-Camera_0-00000.bin", "<f4").reshape(-1, 4)
+    points = np.fromfile(out / "clouds/Scene01-clone-Camera_0-00000.bin", "<f4").reshape(-1, 4)
     assert len(points) == image.valid.sum()
     assert set(np.unique(more["instance"])) > {0}
 
 
-def test_without_projection_points_are_the_same_and_their_intensities_others(simulate, tmp_path):
+def test_without_projection_points_are_the_same_and_their_intensities_others(simulate, out, tmp_path):
     name = "Scene01-clone-Camera_0-00000"
-    (plain, _), (scaled, _) = (
-        read_frame(simulate(tmp_path / mode, projection=mode), name) for mode in ("lidar", "none")
-    )
+    plain, _ = read_frame(out / "polar", name)
+    scaled, _ = read_frame(simulate(tmp_path, projection="none"), name)
     both = plain.valid & scaled.valid
     np.testing.assert_allclose(plain.range_m[both], scaled.range_m[both], rtol=1e-5)
     assert (plain.intensity[both] != scaled.intensity[both]).mean() > 0.1
     with pytest.raises(ValueError, match="made with another data set"):
-        simulate(tmp_path / "lidar", projection="none")
+        simulate(out, projection="none")
     with pytest.raises(ValueError, match="made with another data set"):
-        simulate(tmp_path / "lidar", lidar="camera")
+        simulate(out, lidar="camera")
 
 
 def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_crop(run, virtual):
@@ -96,7 +103,7 @@ def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_cro
     assert intensity.max() <= np.float32(0.99)
 
 
-def test_a_cloud_from_plain_arrays_is_that_of_the_command(simulate, run, virtual, tmp_path):
+def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(run, virtual):
     view = VirtualKitti2(virtual.root, scenes=("Scene01",))[0].camera
     sensor = load(run)
     arrays = {"rgb": view.rgb, "depth_m": view.depth_m, "semantic": view.semantic, "instance": view.instance}

@@ -1,6 +1,7 @@
 """What the paper does with Virtual KITTI: inputs scaled down without projection; and the checks on images."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +28,11 @@ def generate(params, inputs):
     return params * inputs[..., :1]
 
 
+SETTINGS = {"generate": generate, "prepare": PREPARE}
+INTENSITY = jax.jit(partial(camera_intensity, **SETTINGS))
+UNPROJECTED = jax.jit(partial(simulate_unprojected, **SETTINGS))
+
+
 def view(seed: int = 0) -> CameraFrame:
     """A wall 10 m ahead of a camera in the LiDAR's place, its colours at random; no depth in the top rows."""
     rng = np.random.default_rng(seed)
@@ -39,7 +45,7 @@ def view(seed: int = 0) -> CameraFrame:
 
 def test_each_pixel_takes_the_answer_of_the_cell_it_falls_into():
     whole = view()
-    intensity = np.asarray(camera_intensity(jnp.float32(1), whole, GRID, ROW, generate=generate, prepare=PREPARE))
+    intensity = np.asarray(INTENSITY(jnp.float32(1), whole, GRID, ROW))
     small = shrink(whole, (16, 64))
     expected = np.where(small.valid, np.round(np.asarray(small.rgb)[..., 0] * 100) / 100, 0)
     for v, u in [(5, 0), (20, 63), (39, 127), (1, 4)]:
@@ -49,12 +55,11 @@ def test_each_pixel_takes_the_answer_of_the_cell_it_falls_into():
 
 def test_points_lie_where_the_lidar_has_them_with_the_intensity_of_their_pixel():
     whole = view()
-    settings = {"generate": generate, "prepare": PREPARE}
-    image, painted = simulate_unprojected(jnp.float32(1), whole, GRID, ROW, **settings)
+    image, painted = UNPROJECTED(jnp.float32(1), whole, GRID, ROW)
     plain = paint(whole, GRID)
     np.testing.assert_array_equal(image.range_m, plain.range_m)
     np.testing.assert_array_equal(painted.valid, plain.valid)
-    per_pixel = camera_intensity(jnp.float32(1), whole, GRID, ROW, **settings)
+    per_pixel = INTENSITY(jnp.float32(1), whole, GRID, ROW)
     carried = np.asarray(paint_raster(per_pixel, whole, GRID))
     np.testing.assert_array_equal(image.intensity, carried)
     np.testing.assert_array_equal(image.valid, np.asarray(plain.valid) & (carried > 0))
@@ -70,10 +75,9 @@ def test_a_carried_raster_is_that_of_the_painted_pixel():
 def test_a_batch_is_simulated_as_its_views_are():
     views = [view(k) for k in range(2)]
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
-    settings = {"generate": generate, "prepare": PREPARE}
-    together, _ = simulate_unprojected(jnp.float32(1), batch, GRID, ROW, **settings)
+    together, _ = UNPROJECTED(jnp.float32(1), batch, GRID, ROW)
     for k, one in enumerate(views):
-        alone, _ = simulate_unprojected(jnp.float32(1), one, GRID, ROW, **settings)
+        alone, _ = UNPROJECTED(jnp.float32(1), one, GRID, ROW)
         np.testing.assert_array_equal(together.intensity[k], alone.intensity)
 
 
