@@ -113,7 +113,8 @@ def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
 def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
     seen = []
 
-    def answer(simulated, measured, *, say):
+    def answer(simulated, measured, *, known, say):
+        assert not known.effects
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])
         return results.none()
 
@@ -151,11 +152,13 @@ def test_frames_that_the_data_set_does_not_have(run: Path, tmp_path: Path):
 @pytest.mark.slow
 def test_another_gain_for_every_beam_is_found_beside_a_run(run: Path, tmp_path: Path):
     discover.Discover(run=run, out=tmp_path, frames="0-47:4").pairs_of(run)
-    gain = np.random.default_rng(0).normal(0, 0.3, len(read_grid(tmp_path / "simulated")[0].elevation_rad))
+    rng = np.random.default_rng(0)
+    gain = rng.normal(0, 0.3, len(read_grid(tmp_path / "simulated")[0].elevation_rad))
     # The sensor is the run itself with gains: an untrained network is no model of any other.
     for name in frame_names(tmp_path / "simulated"):
         image, _ = read_frame(tmp_path / "simulated", name)
-        bright = np.clip(0.5 * image.intensity * np.exp(gain[:, None]), 0, 1).astype(np.float32)
+        noise = rng.normal(0, 0.03, image.intensity.shape)
+        bright = np.clip(0.5 * image.intensity * np.exp(gain[:, None] + noise), 0, 1).astype(np.float32)
         write_frame(tmp_path / "measured", name, image.replace(intensity=bright))
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         result = discover_folders(tmp_path / "simulated", tmp_path / "measured", effects=("beam_gain", "range_falloff"))
