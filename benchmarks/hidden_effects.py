@@ -64,12 +64,15 @@ def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> 
     for name in ("NPROC", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, spawn, initializer=_begin, max_tasks_per_child=RECYCLE)
-    try:
-        for future in as_completed([pool.submit(_answer, job, settings, out) for job in jobs]):
-            yield future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+    # A pool anew every so often; `max_tasks_per_child` hangs on some releases of Python 3.11 and 3.12.
+    for first in range(0, len(jobs), RECYCLE * workers):
+        pool = ProcessPoolExecutor(workers, spawn, initializer=_begin)
+        try:
+            some = jobs[first : first + RECYCLE * workers]
+            for future in as_completed([pool.submit(_answer, job, settings, out) for job in some]):
+                yield future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _begin() -> None:
