@@ -18,8 +18,8 @@ from jaxsim.simulate import Checkpoints
 
 CHANNELS, SIZE = 3, (16, 32)
 EXPERIMENT = Experiment(
-    generator=GeneratorConfig(filters=4, downsamples=1, blocks=1, enhancer_blocks=1),
-    discriminator=DiscriminatorConfig(scales=2, filters=4, max_filters=8, layers=2),
+    generator=GeneratorConfig(filters=4, downsamples=1, blocks=1, enhancers=0),
+    discriminator=DiscriminatorConfig(scales=1, filters=4, max_filters=8, layers=1),
     loss=LossConfig(gan=1.0, feature_matching=10.0, reconstruction=5.0),
     optim=OptimConfig(batch=4, ema_start=2),
 )

@@ -110,12 +110,6 @@ def test_only_the_first_process_writes(work, two_processes):
     assert not (work / "nowhere").exists()
 
 
-def test_one_device_goes_on_from_the_checkpoint_of_two_processes(work, one_device, two_processes):
-    (fifth,) = lines(start(work / "four", STEPS + 1, 0, count=1))
-    (expected,) = lines(start(work / "one", STEPS + 1, 0, count=1))
-    agree(fifth, expected)
-
-
 def test_a_batch_goes_to_as_many_devices_as_divide_it(capsys):
     if jax.device_count() != 2:
         pytest.skip(f"{jax.device_count()} devices, not 2")

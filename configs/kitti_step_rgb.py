@@ -1,0 +1,12 @@
+"""The camera's image alone: *rgb* of the paper's first table (FID 89.44).
+
+    python train.py kitti_step_rgb --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz
+
+All else is as in kitti_step_combined. Not run here.
+"""
+
+from dataclasses import replace
+
+from configs.kitti_step_combined import experiment as combined
+
+experiment = replace(combined, prepare=replace(combined.prepare, inputs=("rgb",)))

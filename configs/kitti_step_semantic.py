@@ -1,0 +1,12 @@
+"""Classes alone: *semantic* of the paper's first table (FID 77.01).
+
+    python train.py kitti_step_semantic --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz
+
+All else is as in kitti_step_combined. Not run here.
+"""
+
+from dataclasses import replace
+
+from configs.kitti_step_combined import experiment as combined
+
+experiment = replace(combined, prepare=replace(combined.prepare, inputs=("semantic",)))
