@@ -26,10 +26,9 @@ def quickly_compiled_steps():
         yield
 
 
-@pytest.fixture(scope="session")
-def published(golden: Path):
-    """Reads one file of golden/pix2pixhd_imaginaire as a dict."""
-    folder = golden / "pix2pixhd_imaginaire"
+def reader(golden: Path, name: str):
+    """Reads one file of a folder of the golden vectors as a dict; skips where there is no such folder."""
+    folder = golden / name
     if not folder.is_dir():
         pytest.skip(f"no golden vectors at {folder}")
 
@@ -38,6 +37,16 @@ def published(golden: Path):
             return dict(arrays)
 
     return read
+
+
+@pytest.fixture(scope="session")
+def published(golden: Path):
+    return reader(golden, "pix2pixhd_imaginaire")
+
+
+@pytest.fixture(scope="session")
+def original(golden: Path):
+    return reader(golden, "pix2pixhd_original")
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """NVIDIA/pix2pixHD's own form: its weights, by its names, give its images, features and losses."""
 
 from functools import partial
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -29,20 +28,6 @@ GENERATORS = {
 quickly = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 """Each runs once or twice, and LLVM works on them far longer."""
 DISCRIMINATOR = DiscriminatorConfig(form="original", scales=2, filters=8, layers=3)
-
-
-@pytest.fixture(scope="module")
-def original(golden: Path):
-    """Reads one file of golden/pix2pixhd_original as a dict."""
-    folder = golden / "pix2pixhd_original"
-    if not folder.is_dir():
-        pytest.skip(f"no golden vectors at {folder}")
-
-    def read(name: str) -> dict[str, np.ndarray]:
-        with np.load(folder / f"{name}.npz") as arrays:
-            return dict(arrays)
-
-    return read
 
 
 @pytest.fixture(scope="module")
