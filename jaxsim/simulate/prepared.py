@@ -44,7 +44,7 @@ def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
     """Where pairs of these settings are kept: the name depends on all that they depend on."""
     # Which frames are used and which channels the network sees changes no pair; but a frame without labels is an
     # error where labels are asked for, so such pairs are not shared.
-    labels = tuple(name for name in prepare.inputs if name in ("semantic", "edges"))[:1]
+    labels = ("semantic",) if {"semantic", "edges"} & {*prepare.inputs} else ()
     bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
     settings = TypeAdapter(DataConfig).dump_json(bare)
     settings += TypeAdapter(PrepareConfig).dump_json(replace(prepare, inputs=labels, network_size=(0, 0), classes=()))

@@ -15,12 +15,14 @@ def test_pairs_are_shared_by_settings_that_do_not_change_them_and_by_no_others()
     data = DataConfig()
     folder = cache_folder(data, PREPARE)
     assert folder == cache_folder(replace(data, train="7"), replace(PREPARE, inputs=("row",), network_size=(32, 64)))
+    labelled = cache_folder(data, replace(PREPARE, inputs=("edges",)))
+    assert labelled == cache_folder(data, replace(PREPARE, inputs=("rgb", "semantic")))
     others = [
         cache_folder(replace(data, seed=1), PREPARE),
         cache_folder(data, replace(PREPARE, columns=65)),
         cache_folder(data, replace(PREPARE, denoise="non_local_means")),
         cache_folder(replace(data, kind="kitti_raw", root=Path("a")), PREPARE),
-        cache_folder(data, replace(PREPARE, inputs=("rgb", "semantic"))),
+        labelled,
     ]
     assert len({folder, *others}) == 6
 
