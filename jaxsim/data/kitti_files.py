@@ -72,6 +72,15 @@ def object_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Came
     return _camera(path, size, f"P{camera}", "R0_rect", "Tr_velo_to_cam")
 
 
+def object_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
+    """R0_rect Tr_velo_to_cam of `calib/NNNNNN.txt`: from `velo` to the rectified camera 0, where labels are written.
+
+    `object_camera` holds camera 2 instead, which stands 6 cm beside it (P2's fourth column).
+    """
+    values = _read_calibration(path, {"R0_rect": 9, "Tr_velo_to_cam": 12})
+    return _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
+
+
 def tracking_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
     """The camera of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
 

@@ -1,5 +1,18 @@
 """Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees."""
 
+from jaxsim.geometry.boxes import (
+    box_corners,
+    camera_boxes,
+    iou_2d,
+    iou_3d,
+    iou_bev,
+    lidar_boxes,
+    nms_bev,
+    pair_overlap,
+    points_in_boxes,
+    points_per_box,
+    wrapped,
+)
 from jaxsim.geometry.camera import (
     camera_at_lidar,
     camera_from_projection,
@@ -32,7 +45,9 @@ __all__ = [
     "LidarSpec",
     "UnorderedCloud",
     "azimuth_of",
+    "box_corners",
     "camera_at_lidar",
+    "camera_boxes",
     "camera_from_projection",
     "camera_rows",
     "camera_window",
@@ -44,7 +59,15 @@ __all__ = [
     "full_grid",
     "incidence",
     "invert",
+    "iou_2d",
+    "iou_3d",
+    "iou_bev",
+    "lidar_boxes",
+    "nms_bev",
     "normals",
+    "pair_overlap",
+    "points_in_boxes",
+    "points_per_box",
     "points_to_polar",
     "polar_to_points",
     "preset",
@@ -58,4 +81,5 @@ __all__ = [
     "transform",
     "unproject",
     "window_grid",
+    "wrapped",
 ]
