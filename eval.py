@@ -1,6 +1,7 @@
 """Scores a trained run beside baselines: `python eval.py runs/NAME [--flags]`.
 
 `python eval.py generation --simulated DIR --measured DIR` compares two folders of frames or clouds.
+`python eval.py ablation --runs RUN ...` puts networks of different inputs into one table.
 """
 
 import sys
@@ -12,11 +13,12 @@ import numpy as np
 import tyro
 
 from jaxsim.cli import enable_compilation_cache, stop_on_error
+from jaxsim.cli.ablation import Ablation, ablation
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics import Score
 from jaxsim.metrics.generation.rangenet import load_rangenet
-from jaxsim.metrics.inception import load_extractor, random_extractor
+from jaxsim.metrics.inception import open_extractor
 from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
 from jaxsim.simulate import (
     baseline_scores,
@@ -79,8 +81,7 @@ def main(args: Evaluation) -> None:
     train = prepared(own, select(data.train, own), data, prepare)
     extractor = None
     if args.fid:
-        load_or_draw = random_extractor if args.fid == "random" else lambda n: load_extractor(Path(args.fid), n)
-        extractor = load_or_draw(args.fid_features)
+        extractor = open_extractor(args.fid, args.fid_features)
         require_images(len(judged), extractor)
 
     # Scores: the network and the baselines, on the same cells.
@@ -137,5 +138,9 @@ if __name__ == "__main__":
     with stop_on_error():
         if sys.argv[1:2] == ["generation"]:
             compare(tyro.cli(Generation, args=sys.argv[2:], prog="eval.py generation"))
+        elif sys.argv[1:2] == ["ablation"]:
+            end = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+            asked = tyro.cli(Ablation, args=sys.argv[2:end], prog="eval.py ablation")
+            ablation(asked, script=Path(__file__).with_name("train.py"), flags=sys.argv[end + 1 :])
         else:
             main(tyro.cli(Evaluation))

@@ -167,6 +167,14 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
 
 
+def open_extractor(source: str, width: int = WIDTHS[-1]) -> Extractor:
+    """The network of a command line's `--fid`: a converted file, or `random`.
+
+    Raises FileNotFoundError or ValueError, which say what to fetch and convert.
+    """
+    return random_extractor(width) if source == "random" else load_extractor(Path(source), width)
+
+
 def random_extractor(width: int = WIDTHS[-1], *, form: Form = "torchvision", seed: int = 0) -> Extractor:
     """The same network with random weights (He et al. 2015), the same for the same seed.
 
