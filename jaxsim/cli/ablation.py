@@ -5,13 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from jaxsim.config import DataKind
-from jaxsim.data import open_dataset, select
+from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.report import save_picture
 from jaxsim.report.ablation import ablation_picture, ablation_table, write_ablation
@@ -52,6 +52,8 @@ class Ablation:
     """Draw frames of this data set too, which no LiDAR measured: `vkitti2`."""
     also_root: Path | None = None
     """Its folder."""
+    also_scenes: tuple[str, ...] = ()
+    """Its scenes: `Scene01`. None named: all."""
     also_frames: str = "0-1"
     """Frames of it to draw."""
 
@@ -122,7 +124,7 @@ def ablation(args: Ablation, *, script: Path, flags: Sequence[str]) -> None:
 def unmeasured(sensors: Mapping[str, LearnedSensor], args: Ablation) -> dict[str, np.ndarray]:
     """Pictures of a renderer's frames, which have no measured intensity."""
     own = next(iter(sensors.values())).run.experiment.data
-    dataset = open_dataset(replace(own, kind=args.also, root=args.also_root, scenes=()))  # type: ignore
+    dataset = open_dataset(source_of(own, str(args.also), root=args.also_root, scenes=args.also_scenes))
     pictures = {}
     for position in select(args.also_frames, dataset):
         frame = dataset[position]

@@ -102,7 +102,7 @@ def _cells(rows: Sequence[AblationRow], baselines: Baselines) -> tuple[list[str]
     heads = ["inputs", "FID in the paper", *distance]
     heads += [n if first.scores[n].unit == "1" else f"{n} ({first.scores[n].unit})" for n in names]
 
-    def score(row: dict[str, Score], who: str) -> list[tuple[str, bool]]:
+    def score(row: dict[str, Score], who: str | None) -> list[tuple[str, bool]]:
         return [(f"{row[n].value:.{2 if row[n].unit == 'dB' else 4}f}", best[n] == who) for n in names]
 
     cells = []
@@ -111,7 +111,7 @@ def _cells(rows: Sequence[AblationRow], baselines: Baselines) -> tuple[list[str]
         ours = [(f"{row.frechet.value:.2f}", best["frechet"] == row.name)] if row.frechet else []
         cells.append([(row.name, False), (paper, False), *ours, *score(row.scores, row.name)])
     for name, baseline in baselines.items():
-        cells.append([(name, False), ("-", False), *[("-", False)] * len(distance), *score(baseline, "")])
+        cells.append([(name, False), ("-", False), *[("-", False)] * len(distance), *score(baseline, None)])
     return heads, cells
 
 

@@ -3,22 +3,18 @@
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 
 import configs
+from jaxsim.cli.ablation import Ablation, unmeasured
 from jaxsim.cli.simulate import Simulate
 from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
-from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2 import VirtualKitti2
-from jaxsim.frame import CameraFrame
-from jaxsim.geometry import preset
-from jaxsim.pix2pix import ema_generator, state_shapes
-from jaxsim.prepare import input_channels
-from jaxsim.simulate import Checkpoints, describe, load, start_run
+from jaxsim.simulate import load
+from tests.untrained import untrained_run
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +28,7 @@ def run(tmp_path_factory) -> Path:
         prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
         generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
     )
-    view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
-    start_run(folder, describe(experiment, preset("hdl64e"), view))
-    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
-    rng = np.random.default_rng(0)
-    weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
-    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
-    return folder
+    return untrained_run(folder, experiment)
 
 
 @pytest.fixture(scope="module")
@@ -111,3 +101,11 @@ def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(run, virtual
     assert np.asarray(cloud.valid).sum() > 500
     with pytest.raises(ValueError, match=r"621 x 375, an aspect ratio of 1\.66"):
         sensor.simulate(**{name: raster[:, :621] for name, raster in arrays.items()}, camera=view.camera)
+
+
+def test_an_ablation_draws_frames_that_no_lidar_measured(run, virtual, tmp_path):
+    args = Ablation(out=tmp_path, also="vkitti2", also_root=virtual.root, also_scenes=("Scene01",), also_frames="0")
+    (picture,) = unmeasured({"combined": load(run)}, args).values()
+    inputs, predicted = picture[:, :744], picture[:200, 748:]
+    assert inputs.std() > 20
+    assert predicted.std() > 5

@@ -1,0 +1,25 @@
+"""Runs that never trained: their folder, and a random generator. For tests of the way, not of the answer."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxsim.config import Experiment
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.frame import CameraFrame
+from jaxsim.geometry import preset
+from jaxsim.pix2pix import ema_generator, state_shapes
+from jaxsim.prepare import input_channels
+from jaxsim.simulate import Checkpoints, describe, start_run
+
+
+def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Path:
+    """Makes the folder; its camera is KITTI's."""
+    view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
+    start_run(folder, describe(experiment, preset("hdl64e"), view))
+    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
+    rng = np.random.default_rng(seed)
+    weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
+    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
+    return folder
