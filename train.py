@@ -18,7 +18,7 @@ from jaxsim import devices
 from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
 from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
-from jaxsim.data.batches import batches
+from jaxsim.data.batches import ahead, batches
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, save_picture, write_card
@@ -109,8 +109,8 @@ def main(experiment: Experiment, description: str) -> None:
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = tqdm(total=optim.steps, initial=start, disable=not devices.is_first(), **shown)
     try:
-        for k in range(start, optim.steps):
-            batch = to_batch(devices.cut(mesh, loader[k]))
+        for k, pairs in enumerate(ahead(loader, start, optim.steps), start):
+            batch = to_batch(devices.cut(mesh, pairs))
             updated, metrics = train_step(state, batch)
             if not bool(metrics["finite"]):
                 scribe.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))

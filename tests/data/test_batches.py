@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import batches, magnified
+from jaxsim.data.batches import ahead, batches, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
 
 
@@ -37,6 +37,24 @@ def test_an_epoch_shows_every_pair_once_and_the_next_in_another_order():
     epochs = [[*numbers(loader[2 * e]), *numbers(loader[2 * e + 1])] for e in range(2)]
     assert [sorted(epoch) for epoch in epochs] == [list(range(10))] * 2
     assert epochs[0] != epochs[1]
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_batches_read_ahead_are_those_asked_for_one_by_one(parts):
+    loader = batches(PAIRS, size=4, seed=3, flip=True, part=parts - 1, parts=parts)
+    for start in (0, 5):
+        read = [batch.target for batch in ahead(loader, start, 9)]
+        assert len(read) == 9 - start
+        for k, target in enumerate(read, start):
+            np.testing.assert_array_equal(target, loader[k].target)
+
+
+def test_what_spoils_a_batch_that_is_read_ahead_is_told():
+    def damaged(batch):
+        raise ValueError("record 7 is damaged")
+
+    with pytest.raises(ValueError, match="record 7 is damaged"):
+        next(ahead(batches(PAIRS, size=4, seed=3).map(damaged), 0, 2))
 
 
 def test_a_batch_that_cannot_be_filled_or_divided_is_refused():
