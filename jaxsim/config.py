@@ -65,8 +65,13 @@ class PrepareConfig:
     depth: Literal["given", "ip_basic", "ip_basic_fast"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
     is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps."""
-    denoise: Literal["none", "non_local_means"] = "none"
-    """Denoiser of the target intensity."""
+    denoise: Literal["none", "non_local_means", "lidia"] = "none"
+    """Denoiser of the target intensity (docs/denoising.md)."""
+    denoise_weights: Path | None = None
+    """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
+    denoise_statistics: Literal["stored", "image"] = "stored"
+    """What the batch norms of `lidia` divide by: the statistics of their training, or each image's own, as the
+    published scripts do."""
     occlusion_m: float = 1.0
     """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
     the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next

@@ -11,6 +11,7 @@ import tyro
 from jaxsim.metrics import inception
 from jaxsim.metrics.generation import rangenet
 from jaxsim.pix2pix import published_files, vgg
+from jaxsim.prepare.denoise import lidia
 from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
@@ -18,6 +19,7 @@ CONVERTERS: dict[str, Converter] = {
     **published_files.CONVERTERS,
     **inception.CONVERTERS,
     "rangenet53": rangenet.CONVERTER,
+    "lidia": lidia.CONVERTER,
 }
 """Every kind of published weights: its name, and how it is converted."""
 

@@ -48,7 +48,13 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         painted=painted,
         incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
         row=np.broadcast_to(place[:, None], painted.valid.shape).copy(),
-        target=denoise(measured.intensity, measured.valid, config.denoise),
+        target=denoise(
+            measured.intensity,
+            measured.valid,
+            config.denoise,
+            weights=config.denoise_weights,
+            statistics=config.denoise_statistics,
+        ),
         measured=measured,
     )
     return pair, grid

@@ -40,6 +40,17 @@ def _code() -> bytes:
     return b"".join(path.read_bytes() for path in [*files, root / "frame.py"])
 
 
+def weights_digest(prepare: PrepareConfig) -> bytes:
+    """Of the contents of the weights that preparation uses: pairs made with others are not these pairs.
+
+    Raises FileNotFoundError where a named file is missing.
+    """
+    used = [path for path in (prepare.denoise_weights,) if path is not None]
+    if missing := [str(path) for path in used if not path.is_file()]:
+        raise FileNotFoundError(f"prepare: no weights at {', '.join(missing)}; jaxsim convert writes them")
+    return b"".join(hashlib.sha256(path.read_bytes()).digest() for path in used)
+
+
 def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
     """Where pairs of these settings are kept: the name depends on all that they depend on."""
     # Which frames are used and which channels the network sees changes no pair; but a frame without labels is an
@@ -48,6 +59,7 @@ def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
     bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
     settings = TypeAdapter(DataConfig).dump_json(bare)
     settings += TypeAdapter(PrepareConfig).dump_json(replace(prepare, inputs=labels, network_size=(0, 0), classes=()))
+    settings += weights_digest(prepare)
     return data.cache / f"{data.kind}-{hashlib.sha256(settings + _code()).hexdigest()[:16]}"
 
 

@@ -6,40 +6,42 @@ before a filter sees the raster, and opened again afterwards.
 
 from __future__ import annotations
 
-import cv2
+from pathlib import Path
+from typing import Literal
+
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.prepare.denoise.gaps import close_gaps
+from jaxsim.prepare.denoise.lidia import Lidia, open_lidia
 from jaxsim.prepare.denoise.non_local_means import non_local_means
 
 Array = np.ndarray
 
 METHODS = {"none": lambda intensity: intensity, "non_local_means": non_local_means}
+"""Filters that need no weights; `lidia` does."""
 
-__all__ = ["METHODS", "denoise", "non_local_means"]
+__all__ = ["METHODS", "Lidia", "close_gaps", "denoise", "non_local_means"]
 
 
 def denoise(
-    intensity: Float[Array, "rows columns"], valid: Bool[Array, "rows columns"], method: str = "none"
+    intensity: Float[Array, "rows columns"],
+    valid: Bool[Array, "rows columns"],
+    method: str = "none",
+    *,
+    weights: Path | None = None,
+    statistics: Literal["stored", "image"] = "stored",
 ) -> Float[Array, "rows columns"]:
     """Intensity (0..1) without the sensor's noise where `valid`; 0 elsewhere.
 
-    Raises ValueError for an unknown method.
+    `lidia` takes `weights` that `jaxsim convert lidia` wrote, and `statistics` of its batch norms: those stored with
+    them, or each image's own.
+
+    Raises ValueError for an unknown method; for `lidia` also without weights, where no cell is valid, and for images of
+    fewer than 11 rows or columns.
     """
+    if method == "lidia":
+        return open_lidia(weights)(intensity, valid, statistics=statistics)
     if method not in METHODS:
-        raise ValueError(f"denoise: no method {method!r}; known: {', '.join(METHODS)}")
-    filled = _close_gaps(intensity.astype(np.float32), valid)
-    return np.where(valid, METHODS[method](filled), np.float32(0))
-
-
-def _close_gaps(intensity: Array, valid: Array) -> Array:
-    """Cells that are not valid take the value of the nearest valid one."""
-    if valid.all() or not valid.any():
-        return intensity
-    _, label = cv2.distanceTransformWithLabels(
-        (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    label = label.astype(np.int64)
-    value_of = np.zeros(label.max() + 1, np.float32)
-    value_of[label[valid]] = intensity[valid]
-    return value_of[label]
+        raise ValueError(f"denoise: no method {method!r}; known: {', '.join([*METHODS, 'lidia'])}")
+    return np.where(valid, METHODS[method](close_gaps(intensity, valid)), np.float32(0))

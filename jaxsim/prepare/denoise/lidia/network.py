@@ -1,0 +1,186 @@
+"""LIDIA's network: from a patch, its neighbours at two scales and their distances to the patch without noise.
+
+Vaksman, Elad, Milanfar: LIDIA, Lightweight Learned Image Denoising with Instance Adaptation, CVPR Workshops 2020;
+layer plan of grishavak/LIDIA-denoiser `code/modules.py`, whose names the modules bear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx, struct
+from jaxtyping import Float, Int
+
+from jaxsim.prepare.denoise.lidia.layers import Statistics, VerHor, VerHorBnRe, WeightsNet
+from jaxsim.prepare.denoise.lidia.patches import blur, counts, fold, pad, unfold
+from jaxsim.prepare.denoise.lidia.search import NEIGHBOURS
+
+Array = Any
+
+
+class Variant(NamedTuple):
+    """Which of the published networks."""
+
+    colour: bool = False
+    """Images of three channels. The published small network is for grey ones alone."""
+    small: bool = False
+    """Without the two blended layers: two thirds of the parameters."""
+
+    @property
+    def p(self) -> int:
+        """Patch width."""
+        return 5 if self.colour else 7
+
+    @property
+    def channels(self) -> int:
+        return 3 if self.colour else 1
+
+    @property
+    def numel(self) -> int:
+        """Values of a patch."""
+        return self.p**2 * self.channels
+
+    @property
+    def width(self) -> int:
+        """Features that take the place of a patch's values."""
+        return 80 if self.colour else 64
+
+
+@struct.dataclass
+class Scale:
+    """What the network sees of all n patches at one scale."""
+
+    table: Float[Array, "m numel"]
+    """Patches to choose neighbours from."""
+    index: Int[Array, "14 n"]
+    """Each patch's neighbours in the table, itself first."""
+    distance: Float[Array, "14 n"]
+    """Of the 13 others, ascending; last the patch's own variance times its values."""
+
+
+class Part1(nnx.Module):
+    """One scale alone."""
+
+    def __init__(self, variant: Variant, rngs: nnx.Rngs):
+        k, wide = NEIGHBOURS, variant.width
+        self.ver_hor_bn_re0 = VerHorBnRe((variant.numel, wide), (k, k), norm=False, rngs=rngs)
+        self.ver_hor_bn_re1 = None if variant.small else VerHorBnRe((wide, wide), (k, k), norm=True, rngs=rngs)
+        self.a = None if variant.small else nnx.Param(jnp.zeros(1))
+
+    def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
+        x = self.ver_hor_bn_re0(x, counted, statistics)
+        return _blended(self.a, x, self.ver_hor_bn_re1, counted, statistics)
+
+
+class Part2(nnx.Module):
+    """Both scales and both aggregations together: a patch's noise."""
+
+    def __init__(self, variant: Variant, rngs: nnx.Rngs):
+        k, wide = 4 * NEIGHBOURS, variant.width
+        self.ver_hor_bn_re2 = VerHorBnRe((wide, wide), (k, k), norm=True, rngs=rngs)
+        self.ver_hor_bn_re3 = None if variant.small else VerHorBnRe((wide, wide), (k, k), norm=True, rngs=rngs)
+        self.a = None if variant.small else nnx.Param(jnp.zeros(1))
+        self.ver_hor_out = VerHor((wide, variant.numel), (k, 1), rngs=rngs)
+
+    def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
+        x = self.ver_hor_bn_re2(x, counted, statistics)
+        return self.ver_hor_out(_blended(self.a, x, self.ver_hor_bn_re3, counted, statistics))
+
+
+def _blended(a: Any, x: Array, layer: VerHorBnRe | None, counted: Array, statistics: Statistics) -> Array:
+    return x if layer is None else a[0] * x + (1 - a[0]) * layer(x, counted, statistics)
+
+
+class SeparableNet(nnx.Module):
+    """From both scales' weighted neighbours to the noise of every patch."""
+
+    def __init__(self, variant: Variant, rngs: nnx.Rngs):
+        k, wide, numel = NEIGHBOURS, variant.width, variant.numel
+        self.sep_part1_s0, self.sep_part1_s1 = Part1(variant, rngs), Part1(variant, rngs)
+        self.ver_hor_agg0_pre = VerHor((wide, numel), (k, 1), rngs=rngs)
+        self.ver_hor_bn_re_agg0_post = VerHorBnRe((numel, wide), (1, k), norm=False, rngs=rngs)
+        self.ver_hor_agg1_pre = VerHor((wide, numel), (k, 1), rngs=rngs)
+        self.ver_hor_bn_re_agg1_post = VerHorBnRe((numel, wide), (1, k), norm=False, rngs=rngs)
+        self.sep_part2 = Part2(variant, rngs)
+
+
+class PatchDenoiser(nnx.Module):
+    """The whole network on patches."""
+
+    def __init__(self, variant: Variant, rngs: nnx.Rngs):
+        if variant.colour and variant.small:
+            raise ValueError("lidia: there is no small network for colour images; take the full one")
+        self.variant = variant
+        self.separable_fc_net = SeparableNet(variant, rngs)
+        self.weights_net0, self.weights_net1 = (WeightsNet(NEIGHBOURS, rngs=rngs) for _ in range(2))
+        self.alpha0, self.alpha1, self.beta = (nnx.Param(jnp.full(1, 0.5)) for _ in range(3))
+
+    def __call__(
+        self,
+        fine: Scale,
+        coarse: Scale,
+        counted: Float[Array, " n"],
+        *,
+        shape: tuple[int, int, int],
+        statistics: Statistics,
+        chunk: int,
+    ) -> tuple[Float[Array, "n numel"], Float[Array, " n"]]:
+        """Patches without noise, and the weight of each where they overlap.
+
+        shape: images, rows and columns of patches (their product is n). `chunk` patches at a time go through the
+        layers; with statistics of the image, of each chunk's patches, as in the published program.
+        """
+        net, p = self.separable_fc_net, self.variant.p
+        weight0 = self.weights_net0(jnp.exp(-jnp.abs(self.alpha0[0]) * fine.distance), counted, statistics)
+        weight1 = self.weights_net1(jnp.exp(-jnp.abs(self.alpha1[0]) * coarse.distance), counted, statistics)
+
+        def part1(index0: Array, weight0: Array, index1: Array, weight1: Array, counted: Array) -> tuple[Array, ...]:
+            x0 = net.sep_part1_s0(fine.table[index0] * weight0[..., None], counted, statistics)
+            x1 = net.sep_part1_s1(coarse.table[index1] * weight1[..., None], counted, statistics)
+            return jnp.concatenate([x0, x1]), net.ver_hor_agg0_pre(x0), net.ver_hor_agg1_pre(x1)
+
+        features, pre0, pre1 = _by_chunks(part1, chunk, fine.index, weight0, coarse.index, weight1, counted[None])
+
+        def aggregate(x: Array, d: int) -> Array:
+            """Patches that overlap agree on their mean."""
+            image = fold(x.reshape(*shape, -1), p, d) / counts(*shape[1:], p, d)
+            return unfold(image if d == 1 else blur(pad(image, 1, "reflect")), p, d).reshape(1, -1, x.shape[-1])
+
+        agreed0 = aggregate(pre0, 1)
+        agreed1 = weight1[:1, :, None] * aggregate(pre1 / weight1[:1, :, None], 2)
+
+        def part2(features: Array, agreed0: Array, agreed1: Array, counted: Array) -> tuple[Array, ...]:
+            more0 = net.ver_hor_bn_re_agg0_post(agreed0, counted, statistics)
+            more1 = net.ver_hor_bn_re_agg1_post(agreed1, counted, statistics)
+            return (net.sep_part2(jnp.concatenate([features, more0, more1]), counted, statistics),)
+
+        (noise,) = _by_chunks(part2, chunk, features, agreed0, agreed1, counted[None])
+        clean = fine.table[fine.index[0]] - noise[0]
+        spread = jnp.mean((clean - clean.mean(-1, keepdims=True)) ** 2, -1)
+        return clean, jnp.exp(-jnp.abs(self.beta[0]) * spread)
+
+
+def _by_chunks(function: Callable[..., tuple[Array, ...]], chunk: int, *arrays: Array) -> tuple[Array, ...]:
+    """`function` of the arrays, whose second axis are patches, `chunk` patches at a time.
+
+    The last array says which patches count, and comes without its first axis; the patches that fill up the last chunk
+    do not.
+    """
+    n = arrays[0].shape[1]
+    if n <= chunk:
+        return function(*arrays[:-1], arrays[-1][0])
+    more = -n % chunk
+
+    def cut(x: Array) -> Array:
+        x = jnp.pad(x, [(0, 0), (0, more), *[(0, 0)] * (x.ndim - 2)])
+        return jnp.moveaxis(x.reshape(x.shape[0], -1, chunk, *x.shape[2:]), 1, 0)
+
+    def joined(x: Array) -> Array:
+        x = jnp.moveaxis(x, 0, 1)
+        return x.reshape(x.shape[0], -1, *x.shape[3:])[:, :n]
+
+    parts = jax.lax.map(lambda part: function(*part[:-1], part[-1][0]), tuple(cut(x) for x in arrays))
+    return tuple(joined(x) for x in parts)
