@@ -2,6 +2,7 @@
 
 `python eval.py generation --simulated DIR --measured DIR` compares two folders of frames or clouds.
 `python eval.py ablation --runs RUN ...` puts networks of different inputs into one table.
+`python eval.py detection --detections DIR --labels DIR` scores a detector's KITTI result files.
 """
 
 import sys
@@ -14,6 +15,7 @@ import tyro
 
 from jaxsim.cli import enable_compilation_cache, stop_on_error
 from jaxsim.cli.ablation import Ablation, ablation
+from jaxsim.cli.detection import Detection, judge
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics import Score
@@ -138,6 +140,8 @@ if __name__ == "__main__":
     with stop_on_error():
         if sys.argv[1:2] == ["generation"]:
             compare(tyro.cli(Generation, args=sys.argv[2:], prog="eval.py generation"))
+        elif sys.argv[1:2] == ["detection"]:
+            judge(tyro.cli(Detection, args=sys.argv[2:], prog="eval.py detection"))
         elif sys.argv[1:2] == ["ablation"]:
             end = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
             asked = tyro.cli(Ablation, args=sys.argv[2:end], prog="eval.py ablation")

@@ -1,5 +1,6 @@
 """Pictures and tables, from plain results."""
 
+from jaxsim.report.detection import detection_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
@@ -8,6 +9,7 @@ from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
+    "detection_table",
     "draw_cloud",
     "list_scores",
     "pair_picture",
@@ -17,6 +19,7 @@ __all__ = [
     "strip",
     "verdict_sentence",
     "write_card",
+    "write_detection",
     "write_list",
     "write_report",
     "write_scores",

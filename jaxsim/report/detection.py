@@ -1,0 +1,114 @@
+"""KITTI's scores of a detector: tables as the papers print them, JSON, and precision over recall."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jaxsim.atomic import replacing
+from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, Curve
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
+from jaxsim.report.pictures import save_picture
+
+_COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
+_NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
+_COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
+_PANEL = 190
+
+
+def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
+    """A Markdown table a class: one row a difficulty, the paper's columns; `average` is ap_r40 or ap_r11."""
+    blocks = []
+    for kind in dict.fromkeys(curve.kind for curve in curves):
+        known = {(c.difficulty, c.metric, c.overlap_set): c for c in curves if c.kind == kind}
+        columns = [column for column in _COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
+        some = next(iter(DIFFICULTIES))
+        head = [f"{_NAMES[metric]}@{known[some, metric, which].min_overlap:g}" for metric, which in columns]
+        lines = [
+            f"| {kind}, AP {average[3:].upper()} | labels | detections | {' | '.join(head)} |",
+            f"|{'---|' * (len(head) + 3)}",
+        ]
+        for name in DIFFICULTIES:
+            row = [known[name, *column] for column in columns]
+            values = " | ".join(_percent(getattr(curve, average)) for curve in row)
+            lines.append(f"| {name} | {row[0].truths} | {row[0].detections} | {values} |")
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks)
+
+
+def _percent(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f}"
+
+
+def precision_recall_picture(curves: Sequence[Curve], overlap_set: str) -> Canvas:
+    """Precision over recall: a row of panels a class, a panel a metric, a line a difficulty."""
+    kinds = list(dict.fromkeys(curve.kind for curve in curves))
+    metrics = [m for m in ("bbox", "aos", "bev", "3d") if any(curve.metric == m for curve in curves)]
+    left, top, gap = 56, 46, 34
+    canvas = Canvas(left + len(metrics) * (_PANEL + gap), top + len(kinds) * (_PANEL + gap + 14) + 14)
+    x = left
+    for name, colour in _COLOURS.items():
+        canvas.line([(x, 14), (x + 22, 14)], colour=colour, width=2)
+        canvas.text(x + 28, 18, name, size=12)
+        x += 110
+    for i, kind in enumerate(kinds):
+        for j, metric in enumerate(metrics):
+            x, y = left + j * (_PANEL + gap), top + i * (_PANEL + gap + 14)
+            some = [c for c in curves if (c.kind, c.metric, c.overlap_set) == (kind, metric, overlap_set)]
+            canvas.text(x, y - 5, f"{kind} {_NAMES[metric]}@{some[0].min_overlap:g}", size=12)
+            _panel(canvas, x, y, some, labelled=j == 0)
+    canvas.text(left + len(metrics) * (_PANEL + gap) / 2, canvas.height - 6, "recall", anchor="middle", size=12)
+    canvas.text(14, canvas.height / 2, "precision (AOS: similarity)", anchor="middle", size=12, turned=True)
+    return canvas
+
+
+def _panel(canvas: Canvas, x: float, y: float, curves: Sequence[Curve], *, labelled: bool) -> None:
+    for k in range(6):
+        across, up = x + k / 5 * _PANEL, y + (1 - k / 5) * _PANEL
+        canvas.line([(x, up), (x + _PANEL, up)], colour=RULE, width=0.5)
+        canvas.line([(across, y), (across, y + _PANEL)], colour=RULE, width=0.5)
+        if k % 5 == 0:
+            canvas.text(across, y + _PANEL + 15, f"{k // 5}", anchor="middle", size=11, colour=FAINT)
+            if labelled:
+                canvas.text(x - 6, up + 4, f"{k // 5}", anchor="end", size=11, colour=FAINT)
+    for curve in curves:
+        reached = len(curve.threshold)
+        points = [(x + r / 40 * _PANEL, y + (1 - curve.precision[r]) * _PANEL) for r in range(reached)]
+        if points:
+            canvas.line([*points, (points[-1][0], y + _PANEL)], colour=_COLOURS[curve.difficulty], width=1.5)
+
+
+def write_detection(folder: Path, curves: Sequence[Curve], *, about: dict[str, Any]) -> None:
+    """Writes detection.json (every average, precision and threshold), detection.md and a picture an overlap set."""
+    content = about | {"curves": [_plain(curve) for curve in curves]}
+    with replacing(folder / "detection.json") as path:
+        path.write_text(json.dumps(content, indent=1, allow_nan=False))
+    said = "\n".join(f"- {key}: {value}" for key, value in about.items())
+    tables = "\n\n".join(detection_table(curves, average=average) for average in ("ap_r40", "ap_r11"))
+    with replacing(folder / "detection.md") as path:
+        path.write_text(f"{said}\n\n{tables}\n")
+    for overlap_set in OVERLAP_SETS:
+        picture = precision_recall_picture(curves, overlap_set)
+        save_picture(folder / f"precision_recall_{overlap_set}.png", picture.pixels())
+
+
+def _plain(curve: Curve) -> dict[str, Any]:
+    averages = {name: getattr(curve, name) for name in ("ap_r40", "ap_r11")}
+    return {
+        "class": curve.kind,
+        "difficulty": curve.difficulty,
+        "metric": curve.metric,
+        "overlap_set": curve.overlap_set,
+        "min_overlap": curve.min_overlap,
+        "labels": curve.truths,
+        "detections": curve.detections,
+        "unit": "%",
+        # JSON has no NaN: no label counts, so there is nothing to average.
+        **{name: None if math.isnan(value) else value for name, value in averages.items()},
+        "precision": curve.precision.tolist(),
+        "recall": curve.recall.tolist(),
+        "threshold": curve.threshold.tolist(),
+    }
