@@ -1,10 +1,16 @@
 """pix2pixHD at 64 x 512: generator forward and whole training step, against the same network in PyTorch.
 
 python benchmarks/pix2pixhd.py [small|half|full ...] [--batch 1 8] [--rounds 5] [--channels-last] [--one-core]
+                               [--compile] [--precision bfloat16] [--peak 989]
 
 `small`, `half` and `full` are 16, 32 and 64 filters. 40 input channels, one image channel, GAN and feature
 matching losses. On a machine that others use too, take --one-core: it pins the process to one core, for
 OpenMP's threads wait for each other by the time slice when they lack cores, which is not PyTorch's fault.
+
+--compile adds torch.compile of the same networks. On a GPU (jax[cuda] and PyTorch's CUDA build) both run there;
+--precision bfloat16 is our `optim.precision` and PyTorch's autocast, in training. --peak is the device's dense TFLOP/s
+at that precision (H100 SXM in bfloat16: 989): the share of it that a training step uses is printed, by the operations
+that PyTorch's own counter finds in its convolutions.
 """
 
 from __future__ import annotations
@@ -13,6 +19,7 @@ import argparse
 import gc
 import os
 import sys
+from functools import partial
 from itertools import pairwise
 
 # Both must be known before the libraries start their threads.
@@ -26,11 +33,13 @@ import torch
 from timing import interleave
 from torch import nn
 from torch.nn import functional as F
+from torch.utils.flop_counter import FlopCounterMode
 
-from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig
+from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.pix2pix import create_state, ema_generator, make_generate, make_train_step
 
 CHANNELS = 40
+DEVICE = "cuda" if torch.cuda.is_available() and jax.default_backend() == "gpu" else "cpu"
 SIZES = {
     "small": (GeneratorConfig(filters=16, blocks=3), DiscriminatorConfig(filters=16)),
     "half": (GeneratorConfig(filters=32), DiscriminatorConfig(filters=32)),
@@ -144,14 +153,28 @@ def folded(generator: nn.Module, averaged: nn.Module, decay: float) -> None:
 class TorchTrainer:
     """The training step of `jaxsim.pix2pix.steps` in PyTorch."""
 
-    def __init__(self, generator: GeneratorConfig, discriminator: DiscriminatorConfig, layout):
+    def __init__(self, generator: GeneratorConfig, discriminator: DiscriminatorConfig, layout, *, precision, compiled):
         torch.manual_seed(0)
-        self.g = Generator(generator).to(memory_format=layout)
-        self.ema = Generator(generator, spectral=False).to(memory_format=layout)
-        self.d = Discriminator(discriminator, CHANNELS + generator.out_channels).to(memory_format=layout)
+        self.g = Generator(generator).to(DEVICE, memory_format=layout)
+        self.ema = Generator(generator, spectral=False).to(DEVICE, memory_format=layout)
+        self.d = Discriminator(discriminator, CHANNELS + generator.out_channels).to(DEVICE, memory_format=layout)
         self.adams = [torch.optim.Adam(n.parameters(), 2e-4, (0.5, 0.999)) for n in (self.g, self.d)]
+        self.cast = torch.autocast(DEVICE, torch.bfloat16, enabled=precision == "bfloat16")
+        if compiled:
+            for network in (self.g, self.ema, self.d):
+                network.compile()
+
+    def forward(self, inputs):
+        with torch.no_grad():
+            self.ema(inputs)
+        if DEVICE == "cuda":
+            torch.cuda.synchronize()
 
     def step(self, inputs, target):
+        with self.cast:
+            return self._step(inputs, target)
+
+    def _step(self, inputs, target):
         adam_g, adam_d = self.adams
         with torch.no_grad():
             fake = self.g(inputs)
@@ -178,27 +201,32 @@ class TorchTrainer:
         return loss.item()
 
 
-def compare(size: str, batch: int, rounds: int, layout) -> None:
+def compare(size: str, batch: int, arguments: argparse.Namespace, layout) -> None:
     generator, discriminator = SIZES[size]
     random = np.random.default_rng(0)
     inputs = random.uniform(-1, 1, (batch, 64, 512, CHANNELS)).astype(np.float32)
     target = random.uniform(-1, 1, (batch, 64, 512, 1)).astype(np.float32)
     weight = np.ones((batch, 64, 512), np.float32)
 
-    experiment = Experiment(generator=generator, discriminator=discriminator, loss=LossConfig())
+    optim = OptimConfig(precision=arguments.precision)
+    experiment = Experiment(generator=generator, discriminator=discriminator, loss=LossConfig(), optim=optim)
     state = create_state(experiment, CHANNELS, seed=0)
     parameters = jax.tree.map(np.asarray, ema_generator(state))
     data = jax.device_put({"inputs": inputs, "target": target, "weight": weight})
     generate, train_step = make_generate(experiment, CHANNELS), make_train_step(experiment, CHANNELS)
-    trainer = TorchTrainer(generator, discriminator, layout)
-    theirs = [torch.from_numpy(a.transpose(0, 3, 1, 2)).contiguous(memory_format=layout) for a in (inputs, target)]
+    theirs = [
+        torch.from_numpy(a.transpose(0, 3, 1, 2)).to(DEVICE).contiguous(memory_format=layout) for a in (inputs, target)
+    ]
+    trainers = {
+        name: TorchTrainer(generator, discriminator, layout, precision=arguments.precision, compiled=compiled)
+        for name, compiled in (("torch", False), ("torch.compile", True))[: 2 if arguments.compile else 1]
+    }
+    with FlopCounterMode(display=False) as counter:
+        trainers["torch"].step(*theirs)
+    operations = counter.get_total_flops()
 
     def forward() -> None:
         jax.block_until_ready(generate(parameters, data["inputs"]))
-
-    def torch_forward() -> None:
-        with torch.no_grad():
-            trainer.ema(theirs[0])
 
     def step() -> None:
         nonlocal state
@@ -206,23 +234,36 @@ def compare(size: str, batch: int, rounds: int, layout) -> None:
         jax.block_until_ready((state, metrics))
 
     parameters = jax.device_put(parameters)
-    peers = {"jaxsim": forward, "torch": torch_forward}
-    interleave(f"generator forward, {size}, batch {batch}", peers, rounds=rounds, warmup=1)
-    peers = {"jaxsim": step, "torch": lambda: trainer.step(*theirs)}
-    interleave(f"training step, {size}, batch {batch}", peers, rounds=rounds, warmup=1)
+    peers = {"jaxsim": forward} | {name: partial(t.forward, theirs[0]) for name, t in trainers.items()}
+    took = interleave(f"generator forward, {size}, batch {batch}, float32", peers, rounds=arguments.rounds, warmup=1)
+    _rates(took, batch)
+    peers = {"jaxsim": step} | {name: partial(t.step, *theirs) for name, t in trainers.items()}
+    title = f"training step, {size}, batch {batch}, {arguments.precision}"
+    took = interleave(title, peers, rounds=arguments.rounds, warmup=1)
+    _rates(took, batch, operations=operations, peak=arguments.peak)
+
+
+def _rates(took: dict[str, float], batch: int, *, operations: float = 0.0, peak: float = 0.0) -> None:
+    for name, seconds in took.items():
+        note = f", {operations / seconds / 1e12:.2f} TFLOP/s" if operations else ""
+        note += f" ({operations / seconds / 1e12 / peak:.1%} of the peak)" if operations and peak else ""
+        print(f"  {name:<24}{batch / seconds:10.2f} images/s{note}", flush=True)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sizes", nargs="*", default=["small", "full"])
     parser.add_argument("--batch", type=int, nargs="*", default=[1, 8])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--channels-last", action="store_true")
     parser.add_argument("--one-core", action="store_true")
+    parser.add_argument("--compile", action="store_true")
+    parser.add_argument("--precision", choices=("float32", "bfloat16"), default="float32")
+    parser.add_argument("--peak", type=float, default=0.0)
     arguments = parser.parse_args()
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     layout = torch.channels_last if arguments.channels_last else torch.contiguous_format
     for size in arguments.sizes:
         for batch in arguments.batch:
-            compare(size, batch, arguments.rounds, layout)
+            compare(size, batch, arguments, layout)
             gc.collect()

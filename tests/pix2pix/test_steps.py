@@ -69,6 +69,16 @@ def test_same_seed_gives_the_same_numbers_and_another_seed_others(steps, batch):
     assert not equal(first[0].generator, other[0].generator)
 
 
+def test_a_step_in_bfloat16_is_nearly_that_in_float32_and_keeps_float32_parameters(steps, batch):
+    halved = replace(GAN, optim=replace(GAN.optim, precision="bfloat16"))
+    step = make_train_step(halved, CHANNELS)
+    (state, metrics), (_, exact) = (run(s, e, batch, count=1)[0] for s, e in ((step, halved), (steps[GAN], GAN)))
+    assert {leaf.dtype for leaf in jax.tree.leaves(state)} <= {np.dtype(t) for t in ("float32", "int32", "uint32")}
+    assert metrics["finite"]
+    differences = [abs(metrics[name] / exact[name] - 1) for name in exact if name.startswith("loss/")]
+    assert 0 < max(differences) < 0.05
+
+
 def test_every_term_in_use_is_reported(steps, batch):
     _, metrics = run(steps[GAN], GAN, batch, count=1)[0]
     terms = {"gan", "feature_matching", "reconstruction", "generator", "discriminator"}
