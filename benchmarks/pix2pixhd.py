@@ -7,7 +7,8 @@ python benchmarks/pix2pixhd.py [small|half|full ...] [--batch 1 8] [--rounds 5] 
 matching losses. On a machine that others use too, take --one-core: it pins the process to one core, for
 OpenMP's threads wait for each other by the time slice when they lack cores, which is not PyTorch's fault.
 
---compile adds torch.compile of the same networks. On a GPU (jax[cuda] and PyTorch's CUDA build) both run there;
+--compile adds torch.compile of the same generator (its discriminators stay eager). On a GPU (jax[cuda] and PyTorch's
+CUDA build) both run there;
 --precision bfloat16 is our `optim.precision` and PyTorch's autocast, in training. --peak is the device's dense TFLOP/s
 at that precision (H100 SXM in bfloat16: 989): the share of it that a training step uses is printed, by the operations
 that PyTorch's own counter finds in its convolutions.
@@ -161,8 +162,10 @@ class TorchTrainer:
         self.adams = [torch.optim.Adam(n.parameters(), 2e-4, (0.5, 0.999)) for n in (self.g, self.d)]
         self.cast = torch.autocast(DEVICE, torch.bfloat16, enabled=precision == "bfloat16")
         if compiled:
-            for network in (self.g, self.ema, self.d):
-                network.compile()
+            # The discriminators stay eager: they run twice before their backward pass, and compiled, the second run
+            # overwrites the spectral norm's vectors that the first one's gradient needs.
+            self.g.compile()
+            self.ema.compile()
 
     def forward(self, inputs):
         with torch.no_grad():

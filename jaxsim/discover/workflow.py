@@ -16,6 +16,7 @@ from jaxtyping import Float
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import CLUTTER, Problem, fit, on_top, to_values, to_z
+from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.likelihood import CHANNELS
@@ -89,6 +90,7 @@ def discover(
     everyone = np.ones(len(unit), np.float32)
     null, _ = fit_null(scan, ev, everyone, clutter=bool({*there} & {*CLUTTER}))
     places = _places(null, everyone, unit)
+    pairs = interactions(*_standardised(null, everyone), unit, level=CHANCE)
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     say(f"fitting {len(catalogue)} effects")
@@ -111,8 +113,8 @@ def discover(
         verdict=answer,
         effects=tuple(_named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
         where=tuple(
-            Where(p.channel, NAMED.get(p.covariate, p.covariate), p.p_value, p.share)
-            for p in places[:8]
+            Where(p.channel, spelled(p.covariate, NAMED), p.p_value, p.share)
+            for p in sorted([*places[:8], *pairs], key=lambda place: -place.gain)
             if p.p_value <= CHANCE
         ),
         unexplained=unexplained,
@@ -173,8 +175,13 @@ def _evidence(
 
 
 def _places(problem: Problem, everyone: Float[np.ndarray, " b"], unit: np.ndarray) -> list[Place]:
+    return localise(*_standardised(problem, everyone), unit)
+
+
+def _standardised(problem: Problem, everyone: Float[np.ndarray, " b"]) -> tuple[Any, dict[str, Any]]:
+    """Rays on the host; each channel's standardised residuals and where they count."""
     host = jax.tree.map(np.asarray, problem.ev.rays)
-    return localise(host, {name: (z, counts) for name, (_, z, counts) in residuals(problem, everyone).items()}, unit)
+    return host, {name: (z, counts) for name, (_, z, counts) in residuals(problem, everyone).items()}
 
 
 def _not_in_catalogue(

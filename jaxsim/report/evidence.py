@@ -32,7 +32,8 @@ def where(places: Sequence[Where]) -> str:
     rows = [_place(place) for place in places]
     words = (
         "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
-        "counts for what it adds to those above it in its channel. Share: of the residual variance on held-out scenes. "
+        "counts for what it adds to those above it in its channel, a pair (A x B) for what no single one explains. "
+        "Share: of the residual variance on held-out scenes. "
     )
     if any(place.p_value > WEAK for place in places):
         words += f"Grey: p above {WEAK}, as chance alone would give."
