@@ -1,5 +1,20 @@
-"""Point clouds out: files that other tools open."""
+"""Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open."""
 
 from jaxsim.cloud.export import FORMATS, points_of, save_cloud
+from jaxsim.cloud.pseudo_lidar import depth_of_disparity, depth_to_cloud, place_intensity, published_camera
+from jaxsim.cloud.sparsify import LINES, PUBLISHED_RANGE_M, EvenLines, crop_cloud, sparsify
 
-__all__ = ["FORMATS", "points_of", "save_cloud"]
+__all__ = [
+    "FORMATS",
+    "LINES",
+    "PUBLISHED_RANGE_M",
+    "EvenLines",
+    "crop_cloud",
+    "depth_of_disparity",
+    "depth_to_cloud",
+    "place_intensity",
+    "points_of",
+    "published_camera",
+    "save_cloud",
+    "sparsify",
+]

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from jaxsim.cloud import place_intensity
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, polar_to_points
@@ -105,11 +106,8 @@ class LearnedSensor:
         cropped = crop_image(view, prepare.image_crop)
         check_view(cropped, prepare)
         self._check_projection(cropped, "none")
-        intensity = self._intensity(self.params, cropped, *self.window)
-        top, left = size[0] - prepare.image_crop[0], round((size[1] - prepare.image_crop[1]) / 2)
-        border = [(0, 0)] * (intensity.ndim - 2)
-        right = size[1] - prepare.image_crop[1] - left
-        return np.pad(np.asarray(intensity), [*border, (top, 0), (left, right)])
+        intensity = np.asarray(self._intensity(self.params, cropped, *self.window))
+        return place_intensity(intensity, size, crop=prepare.image_crop)
 
     def _check_projection(self, cropped: CameraFrame, projection: str) -> None:
         if projection not in self._simulate:
