@@ -10,7 +10,8 @@ from configs.synthetic import experiment as synthetic
 experiment = replace(
     synthetic,
     data=replace(synthetic.data, train="0-1919:8", validation="1920-2079:2"),
-    prepare=replace(synthetic.prepare, inputs=("rgb", "depth", "semantic", "edges"), network_size=(64, 512)),
-    optim=replace(synthetic.optim, steps=700),
-    run=replace(synthetic.run, name="ablation", save_every=350, picture_every=350),
+    prepare=replace(synthetic.prepare, inputs=("rgb", "depth", "semantic", "edges", "row"), network_size=(44, 372)),
+    generator=replace(synthetic.generator, downsamples=1),
+    optim=replace(synthetic.optim, steps=900),
+    run=replace(synthetic.run, name="ablation", save_every=300, picture_every=300),
 )

@@ -7,16 +7,18 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from jaxsim.cli.common import parse_experiment
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.report import save_picture
 from jaxsim.report.ablation import ablation_picture, ablation_table, write_ablation
 from jaxsim.simulate import baseline_scores, load, make_predict, prepared, require_images
-from jaxsim.simulate.ablation import MODALITIES, ablation_row, labelled_prepare, named_sensors
+from jaxsim.simulate.ablation import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
 from jaxsim.simulate.paired import simulate_batch, take
 from jaxsim.simulate.sensor import LearnedSensor
 
@@ -29,8 +31,9 @@ class Ablation:
         python eval.py ablation --train ablation --out runs/ablation [-- FLAGS OF train.py]
 
     `--train` trains the experiment five times, with the inputs rgb, semantic, edges, depth, and all four (combined), to
-    OUT/NAME; a run that is finished is not trained again and one that was killed goes on. Writes ablation.md,
-    ablation.json, ablation.html (opens from disk) and the pictures (inputs and measurement | five predictions) to OUT.
+    OUT/NAME; inputs of the experiment that the paper has not (incidence, range, row) go to all five. A run that is
+    finished is not trained again and one that was killed goes on. Writes ablation.md, ablation.json, ablation.html
+    (opens from disk) and the pictures (inputs and measurement | five predictions) to OUT.
     """
 
     runs: tuple[Path, ...] = ()
@@ -58,8 +61,10 @@ class Ablation:
     """Frames of it to draw."""
 
 
-def train_all(script: Path, experiment: str, out: Path, flags: Sequence[str]) -> list[Path]:
-    """Trains the experiment once for each of MODALITIES, one process after the other; their folders.
+def train_all(
+    script: Path, experiment: str, out: Path, flags: Sequence[str], *, more: Sequence[str] = ()
+) -> list[Path]:
+    """Trains the experiment once for each of MODALITIES, with `more` inputs, one after the other; the runs' folders.
 
     `train.py` itself resumes, refuses a run of other settings, and has nothing to do for one that is finished. Ends the
     program with its exit status where it fails.
@@ -67,7 +72,7 @@ def train_all(script: Path, experiment: str, out: Path, flags: Sequence[str]) ->
     runs = []
     for name, inputs in MODALITIES.items():
         print(f"ablation: {name} ({', '.join(inputs)})", flush=True)
-        own = ["--prepare.inputs", *inputs, "--run.name", name, "--run.out", str(out)]
+        own = ["--prepare.inputs", *inputs, *more, "--run.name", name, "--run.out", str(out)]
         status = subprocess.run([sys.executable, str(script), experiment, *flags, *own]).returncode
         if status:
             sys.exit(f"error: ablation: training {name} ended with status {status}; the same command resumes")
@@ -75,13 +80,20 @@ def train_all(script: Path, experiment: str, out: Path, flags: Sequence[str]) ->
     return runs
 
 
-def ablation(args: Ablation, *, script: Path, flags: Sequence[str]) -> None:
+def ablation(args: Ablation, *, script: Path, flags: Sequence[str], configs: Any) -> None:
+    """Runs the command. `script` is train.py, `flags` are for it, `configs` the package of experiments.
+
+    Raises ValueError for runs that cannot be compared, and for flags that do not go together.
+    """
     if bool(args.runs) == bool(args.train):
         raise ValueError("ablation: give either --runs FOLDER ... or --train EXPERIMENT")
     if flags and not args.train:
         raise ValueError(f"ablation: {' '.join(flags)}: flags after -- are for training; give --train EXPERIMENT")
     extractor = open_extractor(args.fid, args.fid_features) if args.fid else None
-    folders = train_all(script, args.train, args.out, flags) if args.train else list(args.runs)
+    folders = list(args.runs)
+    if args.train:
+        asked, _ = parse_experiment(configs, [args.train, *flags])
+        folders = train_all(script, args.train, args.out, flags, more=besides(asked.prepare.inputs))
 
     # Runs: the same frames, targets and settings, other inputs.
     sensors = named_sensors({str(folder): load(folder) for folder in folders})
@@ -116,6 +128,8 @@ def ablation(args: Ablation, *, script: Path, flags: Sequence[str]) -> None:
         save_picture(args.out / "pictures" / f"{name.replace('/', '_')}.png", picture)
 
     about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
+    if more := besides(prepare.inputs):
+        about["every network also sees"] = ", ".join(more)
     about |= {"updates": str(experiment.optim.steps), "batch": str(experiment.optim.batch)}
     page = write_ablation(args.out, rows, baselines, pictures, about=about)
     print(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")

@@ -41,9 +41,15 @@ class AblationRow:
     """Between predicted and measured images; None where none was asked for."""
 
 
-def modality(inputs: Sequence[str]) -> str:
-    """The name of a network with these inputs: the paper's where it has one, else the inputs themselves."""
-    return next((name for name, own in MODALITIES.items() if set(own) == set(inputs)), "+".join(inputs))
+def besides(inputs: Sequence[InputName]) -> tuple[InputName, ...]:
+    """Those that the paper has not, as the laser line: every network of a table has the same of them."""
+    return tuple(name for name in inputs if name not in MODALITIES["combined"])
+
+
+def modality(inputs: Sequence[InputName]) -> str:
+    """The name of a network by the paper's inputs that it has: the paper's name, or the inputs themselves."""
+    own = [name for name in inputs if name in MODALITIES["combined"]]
+    return next((name for name, paper in MODALITIES.items() if set(own) == set(paper)), "+".join(own) or "none")
 
 
 def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSensor]:
@@ -72,7 +78,7 @@ def _compared(experiment: Experiment) -> dict[str, Any]:
     data = replace(experiment.data, cache=Path(), root=experiment.data.root and experiment.data.root.resolve())
     parts = {
         "data": data,
-        "prepare": replace(experiment.prepare, inputs=()),
+        "prepare": replace(experiment.prepare, inputs=besides(experiment.prepare.inputs)),
         **{name: getattr(experiment, name) for name in ("generator", "discriminator", "loss", "optim")},
     }
     return {f"{part}.{key}": value for part, config in parts.items() for key, value in vars(config).items()}

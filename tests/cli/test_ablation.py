@@ -12,10 +12,10 @@ from jaxsim.cli.ablation import Ablation, ablation, train_all
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.report.ablation import ablation_table, best_networks
-from jaxsim.simulate.ablation import MODALITIES, AblationRow, modality
+from jaxsim.simulate.ablation import MODALITIES, AblationRow, besides, modality
 from tests.untrained import untrained_run
 
-INPUTS = (("depth",), ("semantic", "rgb", "edges", "depth"), ("rgb", "row"))
+INPUTS = (("depth", "row"), ("semantic", "row", "rgb", "edges", "depth"))
 
 
 def experiment(inputs, **data):
@@ -48,7 +48,9 @@ def row(name: str, mae: float, psnr: float, distance: float) -> AblationRow:
 
 def test_networks_have_the_papers_names_whatever_the_order_of_their_inputs():
     assert modality(("edges", "semantic", "rgb", "depth")) == "combined"
-    assert modality(("rgb", "row")) == "rgb+row"
+    assert modality(("rgb", "depth", "row")) == "rgb+depth"
+    assert modality(("incidence", "row")) == "none"
+    assert besides(("row", "rgb", "incidence")) == ("row", "incidence")
 
 
 def test_the_table_holds_the_papers_fid_beside_ours_and_marks_the_best():
@@ -65,13 +67,14 @@ def test_the_table_holds_the_papers_fid_beside_ours_and_marks_the_best():
 
 def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
     out = work / "out"
-    ablation(Ablation(runs=runs, out=out, pictures=2), script=Path("none.py"), flags=())
+    ablation(Ablation(runs=runs, out=out, pictures=2), script=Path("none.py"), flags=(), configs=configs)
     printed = capsys.readouterr().out
     written = json.loads((out / "ablation.json").read_text())
-    assert [r["name"] for r in written["rows"]] == ["depth", "combined", "rgb+row"]
-    assert [r["paper_fid"] for r in written["rows"]] == [81.43, 73.81, None]
+    assert [r["name"] for r in written["rows"]] == ["depth", "combined"]
+    assert [r["paper_fid"] for r in written["rows"]] == [81.43, 73.81]
     assert set(written["baselines"]) == {"global mean", "per-class mean", "per-row mean"}
     assert written["about"]["judged frames"] == "3"
+    assert written["about"]["every network also sees"] == "row"
     for line in (out / "ablation.md").read_text().splitlines():
         if line.startswith("|"):
             assert line in printed
@@ -85,13 +88,16 @@ def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
 
 def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
     other = untrained_run(
-        work / "other", replace(experiment(("rgb",)), loss=replace(experiment(("rgb",)).loss, gan=3.0))
+        work / "other", replace(experiment(("rgb", "row")), loss=replace(experiment(("rgb",)).loss, gan=3.0))
     )
     with pytest.raises(ValueError, match=r"differ in more than their inputs: loss\.gan is 3\.0 and 1\.0"):
-        ablation(Ablation(runs=(runs[0], other), out=work / "no"), script=Path("none.py"), flags=())
-    twin = untrained_run(work / "twin", experiment(("depth",), cache=work / "elsewhere"))
+        ablation(Ablation(runs=(runs[0], other), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
+    plain = untrained_run(work / "plain", experiment(("rgb",)))
+    with pytest.raises(ValueError, match=r"prepare\.inputs is \(\) and \('row',\)"):
+        ablation(Ablation(runs=(runs[0], plain), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
+    twin = untrained_run(work / "twin", experiment(("row", "depth"), cache=work / "elsewhere"))
     with pytest.raises(ValueError, match="two runs have the inputs depth"):
-        ablation(Ablation(runs=(runs[0], twin), out=work / "no"), script=Path("none.py"), flags=())
+        ablation(Ablation(runs=(runs[0], twin), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
     assert not (work / "no").exists()
 
 
@@ -107,13 +113,13 @@ def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
 )
 def test_wrong_arguments_say_what_is_right(args, flags, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message):
-        ablation(args, script=Path("none.py"), flags=flags)
+        ablation(args, script=Path("none.py"), flags=flags, configs=configs)
 
 
 def test_too_few_frames_for_the_distance_are_refused_before_anything_is_scored(runs, work):
     args = Ablation(runs=runs, out=work / "few", fid="random", fid_features=64)
     with pytest.raises(ValueError, match="3 frames to judge, 64 features"):
-        ablation(args, script=Path("none.py"), flags=())
+        ablation(args, script=Path("none.py"), flags=(), configs=configs)
 
 
 def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp_path):
@@ -124,11 +130,11 @@ def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp
         "log.open('a').write(' '.join(sys.argv[1:]) + '\\n')\n"
         "sys.exit(3 if 'edges' in sys.argv and '--stop' in sys.argv else 0)\n"
     )
-    runs = train_all(script, "ablation", tmp_path / "out", ["--optim.steps", "5"])
+    runs = train_all(script, "ablation", tmp_path / "out", ["--optim.steps", "5"], more=("row",))
     assert [run.name for run in runs] == list(MODALITIES)
     lines = (tmp_path / "log").read_text().splitlines()
     assert lines[-1] == (
-        "ablation --optim.steps 5 --prepare.inputs rgb depth semantic edges --run.name combined "
+        "ablation --optim.steps 5 --prepare.inputs rgb depth semantic edges row --run.name combined "
         f"--run.out {tmp_path / 'out'}"
     )
     with pytest.raises(SystemExit, match="training edges ended with status 3"):
