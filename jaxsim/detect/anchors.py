@@ -1,0 +1,145 @@
+"""Anchors, the box coder, and which anchor learns which object (OpenPCDet's AnchorGenerator, ResidualCoder,
+AxisAlignedTargetAssigner).
+
+Boxes are (x, y, z, l, w, h, a) as in geometry.boxes: middle, sides in metres, heading in radians.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import struct
+from jaxtyping import Bool, Float
+
+from jaxsim.config import AnchorConfig, VoxelConfig
+from jaxsim.detect.voxelize import grid_shape
+from jaxsim.geometry.boxes import iou_2d
+
+Array = Any
+
+STRIDE = 8
+SMALLEST_M = 1e-5
+DIRECTION_OFFSET = 0.78539
+"""Angle at which the direction bins meet, as published: not quite pi / 4."""
+
+
+@struct.dataclass
+class AnchorTargets:
+    """What the anchors of a batch learn."""
+
+    positive: Array
+    """bool (b, a)."""
+    background: Array
+    """bool (b, a); an anchor that is neither is ignored."""
+    deltas: Array
+    """(b, a, 7): encoded boxes; 0 where not positive."""
+    direction: Array
+    """int32 (b, a): bin of the heading; 0 where not positive."""
+
+
+def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray, "a 7"]:
+    """All anchors in the order row (y), column (x), heading. The outermost lie on the range's borders, as published."""
+    _, rows, columns = (cells // STRIDE for cells in grid_shape(voxels))
+    x0, y0, _, x1, y1, _ = voxels.range_m
+    x, y = (np.linspace(a, b, n).astype(np.float32) for a, b, n in ((x0, x1, columns), (y0, y1, rows)))
+    y, x, yaw = np.meshgrid(y, x, np.float32(config.yaws_rad), indexing="ij")
+    fixed = np.float32([config.bottom_m + config.size_m[2] / 2, *config.size_m])
+    boxes = np.concatenate([np.stack([x, y], -1), np.broadcast_to(fixed, (*x.shape, 4)), yaw[..., None]], axis=-1)
+    return boxes.reshape(-1, 7).astype(np.float32)
+
+
+def encode(boxes: Float[Array, "*b 7"], anchors: Float[Array, "*b 7"]) -> Float[Array, "*b 7"]:
+    """Boxes relative to anchors: offsets by the anchor's diagonal and height, log ratios of sizes, heading minus
+    heading."""
+    size, base = (jnp.maximum(b[..., 3:6], SMALLEST_M) for b in (boxes, anchors))
+    diagonal = jnp.sqrt(base[..., :1] ** 2 + base[..., 1:2] ** 2)
+    return jnp.concatenate(
+        [
+            (boxes[..., :2] - anchors[..., :2]) / diagonal,
+            (boxes[..., 2:3] - anchors[..., 2:3]) / base[..., 2:],
+            jnp.log(size / base),
+            boxes[..., 6:] - anchors[..., 6:],
+        ],
+        axis=-1,
+    )
+
+
+def decode(deltas: Float[Array, "*b 7"], anchors: Float[Array, "*b 7"]) -> Float[Array, "*b 7"]:
+    """The inverse of `encode`."""
+    base = anchors[..., 3:6]
+    diagonal = jnp.sqrt(base[..., :1] ** 2 + base[..., 1:2] ** 2)
+    return jnp.concatenate(
+        [
+            deltas[..., :2] * diagonal + anchors[..., :2],
+            deltas[..., 2:3] * base[..., 2:] + anchors[..., 2:3],
+            jnp.exp(deltas[..., 3:6]) * base,
+            deltas[..., 6:] + anchors[..., 6:],
+        ],
+        axis=-1,
+    )
+
+
+def limit_period(value: Float[Array, "*b"], offset: float, period: float) -> Float[Array, "*b"]:
+    """The value moved by whole periods into [-offset period, (1 - offset) period)."""
+    return value - jnp.floor(value / period + offset) * period
+
+
+def direction_bin(heading_rad: Float[Array, "*b"]) -> Any:
+    """0 for headings from DIRECTION_OFFSET on over half a turn, else 1 (int32)."""
+    turned = limit_period(heading_rad - DIRECTION_OFFSET, 0.0, 2 * np.pi)
+    return jnp.clip(jnp.floor(turned / np.pi), 0, 1).astype(jnp.int32)
+
+
+def decode_with_direction(
+    deltas: Float[Array, "*b 7"], anchors: Float[Array, "*b 7"], direction: Float[Array, "*b 2"]
+) -> Float[Array, "*b 7"]:
+    """Boxes whose heading's half turn comes from the direction bin of the larger logit."""
+    boxes = decode(deltas, anchors)
+    half = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, np.pi) + DIRECTION_OFFSET
+    heading = half + np.pi * jnp.argmax(direction, axis=-1).astype(boxes.dtype)
+    return boxes.at[..., 6].set(heading)
+
+
+def nearest_bev(boxes: Float[Array, "*b 7"]) -> Float[Array, "*b 4"]:
+    """Rectangles (x0, y0, x1, y1) from above, each heading snapped to the nearer axis."""
+    turn = jnp.abs(limit_period(boxes[..., 6], 0.5, np.pi))
+    along = (turn < np.pi / 4)[..., None]
+    half = jnp.where(along, boxes[..., 3:5], boxes[..., 4:2:-1]) / 2
+    return jnp.concatenate([boxes[..., :2] - half, boxes[..., :2] + half], axis=-1)
+
+
+def assign(
+    anchors: Float[Array, "a 7"],
+    boxes: Float[Array, "b g 7"],
+    valid: Bool[Array, "b g"],
+    config: AnchorConfig,
+) -> AnchorTargets:
+    """Targets of all anchors for the objects of each sample.
+
+    An anchor is positive from `matched` overlap on, or if no other overlaps an object more; it learns the object that
+    it overlaps most, which for one of the latter may be another.
+    """
+    return jax.vmap(lambda b, v: _assign(anchors, b, v, config))(boxes, valid)
+
+
+def _assign(
+    anchors: Float[Array, "a 7"], boxes: Float[Array, "g 7"], valid: Bool[Array, " g"], config: AnchorConfig
+) -> AnchorTargets:
+    overlap = jnp.where(valid[None], iou_2d(nearest_bev(anchors), nearest_bev(boxes)), 0)
+    # Compared with its own maximum: it must not be computed anew, and rounded otherwise, for either.
+    overlap = jax.lax.optimization_barrier(overlap)
+    most, mine = overlap.max(axis=1), overlap.argmax(axis=1)
+    best = overlap.max(axis=0)
+    forced = ((overlap == best[None]) & (best > 0)[None]).any(axis=1)
+    positive = forced | (most >= config.matched)
+    boxes = boxes[mine]
+    keep = positive[:, None].astype(boxes.dtype)
+    return AnchorTargets(
+        positive=positive,
+        background=~positive & (most < config.unmatched),
+        deltas=jnp.where(positive[:, None], encode(boxes, anchors), 0) * keep,
+        direction=jnp.where(positive, direction_bin(boxes[:, 6]), 0),
+    )

@@ -1,0 +1,182 @@
+"""Sparse 3D convolution with static shapes: sorted keys, neighbour tables, gather and matrix product.
+
+Letters: n sites of the input, m of the output, k cells of the kernel, c channels in, d out. A grid is (z, y, x). A
+site's key is (z Y + y) X + x; keys rise, and the places that a sample does not use come last, with a key past the
+grid's last cell. A table holds rows of the other side; one past the last row means that there is no site.
+
+A table is built once a stage and has no gradient. Every pass, forward and backward, gathers rows and multiplies:
+no feature is scattered, and no dense volume is made.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Bool, Float, Int
+
+Array = Any
+Triple = tuple[int, int, int]
+"""Of z, y, x."""
+
+
+@struct.dataclass
+class Sites:
+    """Active cells of one sample's grid, each once."""
+
+    key: Array
+    """int32 (n): rising."""
+    shape: Triple = struct.field(pytree_node=False)
+    """Cells of the grid along z, y, x."""
+
+    @property
+    def valid(self) -> Bool[Array, " n"]:
+        return self.key < cells(self.shape)
+
+    @property
+    def zyx(self) -> Int[Array, "n 3"]:
+        """Places in the grid; of unused places they mean nothing."""
+        _, rows, columns = self.shape
+        return jnp.stack([self.key // (rows * columns), self.key // columns % rows, self.key % columns], axis=-1)
+
+
+@struct.dataclass
+class Tables:
+    """Who sees whom in one convolution."""
+
+    forward: Array
+    """int32 (m, k): for each output and kernel cell the input's row; n: none."""
+    backward: Array
+    """int32 (n, k): for each input and kernel cell the output's row that it adds to; m: none."""
+
+
+def cells(shape: Triple) -> int:
+    """Cells of a grid. Raises ValueError where their keys do not fit 32 bits."""
+    count = shape[0] * shape[1] * shape[2]
+    if count >= 2**31 - 1:
+        raise ValueError(f"sparse: a grid of {shape} cells has keys beyond 32 bits; use larger voxels or a shorter range")
+    return count
+
+
+def key_of(zyx: Int[Array, "*n 3"], shape: Triple) -> Int[Array, "*n"]:
+    """Keys of places inside the grid."""
+    return (zyx[..., 0] * shape[1] + zyx[..., 1]) * shape[2] + zyx[..., 2]
+
+
+def strided_shape(shape: Triple, kernel: Triple, stride: Triple, padding: Triple) -> Triple:
+    """Grid of a strided convolution's output."""
+    z, y, x = ((s + 2 * p - k) // t + 1 for s, k, t, p in zip(shape, kernel, stride, padding, strict=True))
+    return z, y, x
+
+
+def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[Sites, Int[Array, ""]]:
+    """The different keys among these, rising, and how many did not fit: those beyond `capacity` are left out."""
+    outside = cells(shape)
+    keys = jnp.sort(jnp.minimum(keys, outside))
+    new = (keys < outside) & jnp.concatenate([jnp.ones(1, bool), keys[1:] != keys[:-1]])
+    place = jnp.cumsum(new, dtype=jnp.int32) - 1
+    kept = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, place, capacity)].set(keys, mode="drop")
+    return Sites(kept, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
+
+
+def strided_sites(
+    sites: Sites, kernel: Triple, stride: Triple, padding: Triple, *, capacity: int
+) -> tuple[Sites, Int[Array, ""]]:
+    """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
+    shape = strided_shape(sites.shape, kernel, stride, padding)
+    zyx, valid = sites.zyx, sites.valid
+    # Input i is seen by outputs o with o t - p <= i < o t - p + k: along each axis the last such o and those below it.
+    reach = [-(-k // t) for k, t in zip(kernel, stride, strict=True)]
+    keys = []
+    for back in product(*map(range, reach)):
+        inside, out = valid, []
+        for axis, b in enumerate(back):
+            o = (zyx[:, axis] + padding[axis]) // stride[axis] - b
+            seen = zyx[:, axis] + padding[axis] - o * stride[axis] < kernel[axis]
+            inside &= (o >= 0) & (o < shape[axis]) & seen
+            out.append(o)
+        keys.append(jnp.where(inside, key_of(jnp.stack(out, axis=-1), shape), cells(shape)))
+    return unique_sites(jnp.concatenate(keys), shape, capacity)
+
+
+def neighbours(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, padding: Triple) -> Int[Array, "m k"]:
+    """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
+    n, (planes, rows, columns) = len(inputs.key), inputs.shape
+    corner = outputs.zyx * jnp.array([stride]) - jnp.array([padding])
+    dz, dy = jnp.repeat(jnp.arange(kernel[0]), kernel[1]), jnp.tile(jnp.arange(kernel[1]), kernel[0])
+    z, y, x = corner[:, :1] + dz[None], corner[:, 1:2] + dy[None], corner[:, 2:]
+    row_inside = outputs.valid[:, None] & (z >= 0) & (z < planes) & (y >= 0) & (y < rows)
+    start = jnp.where(row_inside, (z * rows + y) * columns, 0)
+    # One search a kernel row: the cells along x have neighbouring keys, so their sites follow one another.
+    at = jnp.searchsorted(inputs.key, start + jnp.maximum(x, 0)).astype(jnp.int32)
+    table = []
+    for dx in range(kernel[2]):
+        here = inputs.key.at[at].get(mode="fill", fill_value=-1)
+        found = row_inside & (x + dx >= 0) & (x + dx < columns) & (here == start + x + dx)
+        table.append(jnp.where(found, at, n))
+        at = at + found.astype(jnp.int32)
+    return jnp.stack(table, axis=-1).reshape(len(outputs.key), -1)
+
+
+def submanifold_tables(sites: Sites, kernel: Triple) -> Tables:
+    """Of a convolution whose outputs are its inputs' sites. The kernel's sides are odd."""
+    if any(k % 2 == 0 for k in kernel):
+        raise ValueError(f"sparse: a submanifold kernel has a middle; {kernel} has even sides")
+    z, y, x = (k // 2 for k in kernel)
+    forward = neighbours(sites, sites, kernel, (1, 1, 1), (z, y, x))
+    return Tables(forward, forward[:, ::-1])  # who sees a site through one cell is seen by it through the opposite one
+
+
+def strided_tables(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, padding: Triple) -> Tables:
+    """Of a convolution from `inputs` to the sites that `strided_sites` gave."""
+    forward = neighbours(inputs, outputs, kernel, stride, padding)
+    m, k = forward.shape
+    rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]
+    backward = jnp.full((len(inputs.key), k), m, jnp.int32).at[forward, columns].set(rows, mode="drop")
+    return Tables(forward, backward)
+
+
+@jax.custom_vjp
+def sparse_conv(
+    features: Float[Array, "n c"], kernel: Float[Array, "kz ky kx c d"], tables: Tables
+) -> Float[Array, "m d"]:
+    """Cross-correlation of the inputs' features with the kernel, at the outputs' sites."""
+
+    # One kernel cell after another: side by side the gathered rows of all cells would fill the memory.
+    def add(total, cell):
+        row, weights = cell
+        return total + _rows(features, row) @ weights, None
+
+    start = jnp.zeros((len(tables.forward), kernel.shape[-1]), features.dtype)
+    return jax.lax.scan(add, start, (tables.forward.T, _cells_of(kernel)))[0]
+
+
+def _rows(features: Float[Array, "n c"], row: Int[Array, " m"]) -> Float[Array, "m c"]:
+    """Rows of the features, 0 where there is none."""
+    return features.at[row].get(mode="fill", fill_value=0)
+
+
+def _cells_of(kernel: Float[Array, "kz ky kx c d"]) -> Float[Array, "k c d"]:
+    return kernel.reshape(-1, *kernel.shape[-2:])
+
+
+def _forward(features, kernel, tables):
+    return sparse_conv(features, kernel, tables), (features, kernel, tables)
+
+
+def _backward(kept, change):
+    features, kernel, tables = kept
+
+    def add(total, cell):
+        row, back, weights = cell
+        return total + _rows(change, back) @ weights.T, _rows(features, row).T @ change
+
+    cells_of_kernel = (tables.forward.T, tables.backward.T, _cells_of(kernel))
+    of_features, of_kernel = jax.lax.scan(add, jnp.zeros_like(features), cells_of_kernel)
+    return of_features, of_kernel.reshape(kernel.shape), None
+
+
+sparse_conv.defvjp(_forward, _backward)
