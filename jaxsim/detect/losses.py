@@ -34,9 +34,7 @@ def bce(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "
     return jnp.maximum(logit, 0) - logit * target + jnp.log1p(jnp.exp(-jnp.abs(logit)))
 
 
-def smooth_l1(
-    predicted: Float[Array, "*b"], target: Float[Array, "*b"], *, beta: float = BETA
-) -> Float[Array, "*b"]:
+def smooth_l1(predicted: Float[Array, "*b"], target: Float[Array, "*b"], *, beta: float = BETA) -> Float[Array, "*b"]:
     """Half a square over beta below it, straight above; a NaN target costs nothing."""
     off = jnp.abs(predicted - jnp.where(jnp.isnan(target), predicted, target))
     return jnp.where(off < beta, 0.5 * off**2 / beta, off - 0.5 * beta)

@@ -13,12 +13,11 @@ from jaxtyping import Bool, Float
 from jaxsim.config import DetectorConfig, VoxelConfig
 from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
 from jaxsim.detect.backbone2d import AnchorHead, BevBackbone
-from jaxsim.detect.backbone3d import Scale, VoxelBackBone8x, capacities
+from jaxsim.detect.backbone3d import DOWN, Scale, VoxelBackBone8x, capacities
 from jaxsim.detect.losses import refined, roi_losses, rpn_losses
 from jaxsim.detect.roi_head import VoxelRoiHead, propose
 from jaxsim.detect.roi_targets import assign_rois
 from jaxsim.detect.sparse import strided_shape
-from jaxsim.detect.backbone3d import DOWN
 from jaxsim.detect.voxelize import sparse_shape, voxelize
 from jaxsim.geometry.boxes import nms_bev
 
@@ -85,9 +84,7 @@ class VoxelRcnn(nnx.Module):
         cls, box = self.roi(scales, targets.rois, self.voxels, key=of_dropout)
         return terms | roi_losses(cls, box, targets, self.config), dropped
 
-    def detect(
-        self, points: Float[Array, "b p 4"], valid: Bool[Array, "b p"]
-    ) -> tuple[Detections, dict[str, Array]]:
+    def detect(self, points: Float[Array, "b p 4"], valid: Bool[Array, "b p"]) -> tuple[Detections, dict[str, Array]]:
         """Boxes of scores of `config.score` and more, and what was left out (voxels and sites, a sample)."""
         scales, (cls, _, _), boxes, dropped = self.first_stage(points, valid, train=False)
         rois, _, taken = propose(cls, boxes, self.config.proposals)

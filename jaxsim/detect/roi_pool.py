@@ -56,7 +56,8 @@ def _rows_in_reach(reach: int, radius_m: float, cell_m: tuple[float, float, floa
     near = [
         (dz, dy)
         for dz, dy in product(range(-reach, reach + 1), repeat=2)
-        if (max(abs(dz) - 0.5, 0) * cell_m[2]) ** 2 + (max(abs(dy) - 0.5, 0) * cell_m[1]) ** 2 <= (1.001 * radius_m) ** 2
+        if (max(abs(dz) - 0.5, 0) * cell_m[2]) ** 2 + (max(abs(dy) - 0.5, 0) * cell_m[1]) ** 2
+        <= (1.001 * radius_m) ** 2
     ]
     return np.array(near, np.int32)
 
@@ -109,7 +110,14 @@ class VoxelPool(nnx.Module):
             layer.kernel[...] = (2 / fan_in) ** 0.5 * jax.random.normal(rngs.params(), layer.kernel[...].shape)
 
     def __call__(
-        self, scale: Scale, xyz: Float[Array, "b q 3"], radius_m: float, voxels: VoxelConfig, config: RoiConfig, *, train: bool
+        self,
+        scale: Scale,
+        xyz: Float[Array, "b q 3"],
+        radius_m: float,
+        voxels: VoxelConfig,
+        config: RoiConfig,
+        *,
+        train: bool,
     ) -> Float[Array, "b q c"]:
         sites = scale.sites
 
@@ -123,4 +131,15 @@ class VoxelPool(nnx.Module):
         centres = jax.vmap(lambda s, i: s[i])(cell_centres(sites.zyx, voxels, scale.stride), index)
         offset = (centres - xyz[:, :, None]) * near
         together = jax.nn.relu(grouped + self.offset_norm(self.of_offset(offset), train=train))
-        return jax.nn.relu(self.out_norm(self.out(together.max(axis=2)), train=train))
+        return jax.nn.relu(self.out_norm(self.out(_pooled(together)), train=train))
+
+
+def _pooled(grouped: Float[Array, "b q s c"]) -> Float[Array, "b q c"]:
+    """The maximum over a query's samples; its gradient goes to the first of them.
+
+    By its place: the gradient of `max` looks for the samples that equal the maximum, and finds none where XLA computes
+    a sample twice and rounds it otherwise.
+    """
+    place = jnp.argmax(grouped, axis=2, keepdims=True)
+    largest = jnp.arange(grouped.shape[2]).reshape(1, 1, -1, 1) == place
+    return jnp.where(largest, grouped, 0).sum(axis=2)

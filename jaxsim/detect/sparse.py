@@ -25,19 +25,19 @@ Triple = tuple[int, int, int]
 
 @struct.dataclass
 class Sites:
-    """Active cells of one sample's grid, each once."""
+    """Active cells of a sample's grid, each once; or of a batch of samples."""
 
     key: Array
-    """int32 (n): rising."""
+    """int32 (*b, n): rising."""
     shape: Triple = struct.field(pytree_node=False)
     """Cells of the grid along z, y, x."""
 
     @property
-    def valid(self) -> Bool[Array, " n"]:
+    def valid(self) -> Bool[Array, "*b n"]:
         return self.key < cells(self.shape)
 
     @property
-    def zyx(self) -> Int[Array, "n 3"]:
+    def zyx(self) -> Int[Array, "*b n 3"]:
         """Places in the grid; of unused places they mean nothing."""
         _, rows, columns = self.shape
         return jnp.stack([self.key // (rows * columns), self.key // columns % rows, self.key % columns], axis=-1)
@@ -57,7 +57,9 @@ def cells(shape: Triple) -> int:
     """Cells of a grid. Raises ValueError where their keys do not fit 32 bits."""
     count = shape[0] * shape[1] * shape[2]
     if count >= 2**31 - 1:
-        raise ValueError(f"sparse: a grid of {shape} cells has keys beyond 32 bits; use larger voxels or a shorter range")
+        raise ValueError(
+            f"sparse: a grid of {shape} cells has keys beyond 32 bits; use larger voxels or a shorter range"
+        )
     return count
 
 

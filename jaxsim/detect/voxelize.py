@@ -49,14 +49,12 @@ def sparse_shape(config: VoxelConfig) -> Triple:
     return z + 1, y, x
 
 
-def voxelize(
-    points: Float[Array, "p c"], valid: Bool[Array, " p"], config: VoxelConfig, *, max_voxels: int
-) -> Voxels:
+def voxelize(points: Float[Array, "p c"], valid: Bool[Array, " p"], config: VoxelConfig, *, max_voxels: int) -> Voxels:
     """Voxels of one cloud: x, y, z in metres, then any features. Points outside the range are left out."""
     inner, shape = grid_shape(config), sparse_shape(config)
     count, outside = len(points), cells(shape)
     low, size = (jnp.asarray(np.array(v, np.float32)) for v in (config.range_m[:3], config.size_m))
-    # One divisor a point, behind a barrier: XLA multiplies by the inverse of a common one, which moves points on borders.
+    # A divisor a point, behind a barrier: by a common one XLA multiplies inversely, which moves points on borders.
     size = jax.lax.optimization_barrier(jnp.broadcast_to(size, (count, 3)))
     xyz = jnp.floor((points[:, :3] - low[None]) / size)
     inside = valid & ((xyz >= 0) & (xyz < jnp.array(inner[::-1], jnp.float32)[None])).all(axis=1)

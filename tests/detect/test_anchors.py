@@ -3,7 +3,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.config import AnchorConfig, VoxelConfig
-from jaxsim.detect.anchors import anchor_boxes, assign, decode, decode_with_direction, direction_bin, encode, nearest_bev
+from jaxsim.detect.anchors import (
+    anchor_boxes,
+    assign,
+    decode,
+    decode_with_direction,
+    direction_bin,
+    encode,
+    nearest_bev,
+)
 from jaxsim.geometry.boxes import iou_2d
 
 CONFIG, VOXELS = AnchorConfig(), VoxelConfig()

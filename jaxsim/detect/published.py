@@ -1,0 +1,164 @@
+"""OpenPCDet's Voxel R-CNN checkpoints: names and layouts of a state dict, and the network's values from it.
+
+Kernels of sparse convolutions come in three layouts: (z, y, x, in, out) of spconv 1, (out, z, y, x, in) of spconv 2,
+and (z, y, x, out, in) of spconv 2's *native* algorithm. The first layer, whose 4 inputs no other axis has, tells which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxsim.config import DetectorConfig, DetectorExperiment
+from jaxsim.detect.network import FEATURES
+from jaxsim.detect.state import Network, network_shapes
+from jaxsim.weights import Converter, fit
+
+Arrays = Mapping[str, np.ndarray]
+
+SPARSE_LAYOUTS: dict[str, tuple[int, ...]] = {
+    "spconv 2": (1, 2, 3, 4, 0),
+    "spconv 1": (0, 1, 2, 3, 4),
+    "spconv 2, native": (0, 1, 2, 4, 3),
+}
+"""Where our axes (z, y, x, in, out) stand in each layout."""
+FIRST_KERNEL = "backbone_3d.conv_input.0.weight"
+BATCH_NORM = {"weight": "scale", "bias": "shift", "running_mean": "mean", "running_var": "variance"}
+
+
+class Tensor(NamedTuple):
+    """One array of a state dict and where it goes."""
+
+    name: str
+    path: tuple[str | int, ...]
+    layout: str
+    """`sparse`, `conv`, `up`, `linear` or `vector`."""
+
+
+def tensors(config: DetectorConfig) -> list[Tensor]:
+    """Every array of the state dict but the batch norms' counters."""
+    return list(_tensors(config))
+
+
+def _norm(name: str, *path: str | int) -> Iterator[Tensor]:
+    for theirs, ours in BATCH_NORM.items():
+        yield Tensor(f"{name}.{theirs}", (*path, ours), "vector")
+
+
+def _tensors(config: DetectorConfig) -> Iterator[Tensor]:
+    sparse = {"conv_input": ("conv_input",), "conv1.0": ("conv1",), "conv_out": ("out",)}
+    for stage in ("conv2", "conv3", "conv4"):
+        sparse |= {f"{stage}.{k}": (stage, part) for k, part in enumerate(("down", "first", "second"))}
+    for name, path in sparse.items():
+        yield Tensor(f"backbone_3d.{name}.0.weight", ("backbone3d", *path, "kernel"), "sparse")
+        yield from _norm(f"backbone_3d.{name}.1", "backbone3d", *path, "norm")
+
+    for i, layers in enumerate(config.backbone.bev_layers):
+        for k in range(layers + 1):  # padding, then convolution, norm and ReLU again and again
+            path = ("backbone2d", "blocks", i, k)
+            yield Tensor(f"backbone_2d.blocks.{i}.{3 * k + 1}.weight", (*path, "kernel"), "conv")
+            yield from _norm(f"backbone_2d.blocks.{i}.{3 * k + 2}", *path, "norm")
+        yield Tensor(f"backbone_2d.deblocks.{i}.0.weight", ("backbone2d", "ups", i, "kernel"), "up")
+        yield from _norm(f"backbone_2d.deblocks.{i}.1", "backbone2d", "ups", i, "norm")
+
+    for theirs, ours in (("conv_cls", "cls"), ("conv_box", "box"), ("conv_dir_cls", "direction")):
+        yield Tensor(f"dense_head.{theirs}.weight", ("head", ours, "kernel"), "linear")
+        yield Tensor(f"dense_head.{theirs}.bias", ("head", ours, "bias"), "vector")
+
+    pools = {"mlps_in": ("of_features", "features_norm"), "mlps_pos": ("of_offset", "offset_norm")}
+    pools |= {"mlps_out": ("out", "out_norm")}
+    for i in range(len(config.roi.radii_m)):
+        for theirs, (layer, norm) in pools.items():
+            name = f"roi_head.roi_grid_pool_layers.{i}.{theirs}.0"
+            yield Tensor(f"{name}.0.weight", ("roi", "pools", i, layer, "kernel"), "linear")
+            yield from _norm(f"{name}.1", "roi", "pools", i, norm)
+    for theirs, ours in (("shared_fc_layer", "shared"), ("cls_fc_layers", "of_cls"), ("reg_fc_layers", "of_box")):
+        for k in range(len(config.roi.layers)):  # linear map, norm, ReLU, dropout
+            yield Tensor(f"roi_head.{theirs}.{4 * k}.weight", ("roi", ours, "layers", k, "kernel"), "linear")
+            yield from _norm(f"roi_head.{theirs}.{4 * k + 1}", "roi", ours, "norms", k)
+    for theirs, ours in (("cls_pred_layer", "cls"), ("reg_pred_layer", "box")):
+        yield Tensor(f"roi_head.{theirs}.weight", ("roi", ours, "kernel"), "linear")
+        yield Tensor(f"roi_head.{theirs}.bias", ("roi", ours, "bias"), "vector")
+
+
+def _at(tree: Any, path: tuple[str | int, ...]) -> Any:
+    for step in path:
+        tree = tree[step]
+    return tree
+
+
+def _inverse(axes: tuple[int, ...]) -> list[int]:
+    return [axes.index(k) for k in range(len(axes))]
+
+
+def _published_shape(tensor: Tensor, shape: tuple[int, ...], sparse: tuple[int, ...]) -> tuple[int, ...]:
+    if tensor.layout == "sparse":
+        return tuple(shape[k] for k in _inverse(sparse))
+    if tensor.layout == "conv":
+        return (shape[3], shape[2], *shape[:2])
+    if tensor.layout == "up":
+        return (shape[2], shape[3], *shape[:2])
+    if tensor.layout == "linear":
+        ones = 2 if "dense_head" in tensor.name or "mlps_pos" in tensor.name else 1 if "mlps" in tensor.name else 0
+        return (shape[1], shape[0], *(1,) * ones)
+    return shape
+
+
+def _ours(tensor: Tensor, array: np.ndarray, sparse: tuple[int, ...]) -> np.ndarray:
+    if tensor.layout == "sparse":
+        return array.transpose(sparse)
+    if tensor.layout == "conv":
+        return array.transpose(2, 3, 1, 0)
+    if tensor.layout == "up":
+        return array.transpose(2, 3, 0, 1)
+    if tensor.layout == "linear":
+        return array.reshape(array.shape[:2]).T
+    return array
+
+
+def sparse_layout(arrays: Arrays) -> str:
+    """Which layout the kernels of sparse convolutions have. Raises ValueError where the first layer fits none."""
+    found = next((a for name, a in arrays.items() if name.endswith(FIRST_KERNEL)), None)
+    if found is None:
+        raise ValueError(f"it has no {FIRST_KERNEL}.")
+    for name, axes in SPARSE_LAYOUTS.items():
+        if found.ndim == 5 and found.transpose(axes).shape[:4] == (3, 3, 3, FEATURES):
+            return name
+    raise ValueError(f"{FIRST_KERNEL} is {found.shape}; it takes 3 x 3 x 3 cells of {FEATURES} features.")
+
+
+def published_shapes(experiment: DetectorExperiment, layout: str) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the state dict of an experiment's network."""
+    values, axes = network_shapes(experiment), SPARSE_LAYOUTS[layout]
+    return {
+        t.name: _published_shape(t, _at(_tree_of(t, values), t.path).shape, axes) for t in tensors(experiment.detector)
+    }
+
+
+def _tree_of(tensor: Tensor, network: Network) -> Any:
+    return network.statistics if tensor.path[-1] in ("mean", "variance") else network.parameters
+
+
+def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
+    """The network's values from a state dict. Raises ValueError where it is another network's."""
+    layout = sparse_layout(arrays)
+    arrays = fit(dict(arrays), published_shapes(experiment, layout))
+    network = network_shapes(experiment)
+    for tensor in tensors(experiment.detector):
+        *path, last = tensor.path
+        _at(_tree_of(tensor, network), tuple(path))[last] = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
+    return network
+
+
+def _car(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return fit(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays)))
+
+
+KIND = "voxel_rcnn_car"
+CONVERTER = Converter(
+    title="OpenPCDet's Voxel R-CNN for cars on KITTI",
+    fetch="voxel_rcnn_car_84.54.pth, linked in the model zoo of github.com/open-mmlab/OpenPCDet (README.md)",
+    convert=_car,
+)
