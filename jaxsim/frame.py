@@ -144,3 +144,7 @@ class Frame:
     """What the LiDAR measured; None where there was none, as in a renderer's data set."""
     time_s: float | None = None
     boxes: Boxes | None = None
+    rect_from_velo: Float[Array, "4 4"] | None = None
+    """To the frame that `boxes` are given in, where that is not the camera's: KITTI's rectified camera 0."""
+    ground: Float[Array, " 4"] | None = None
+    """Road plane a, b, c, d in the frame of the boxes: a x + b y + c z + d = 0 with b < 0."""

@@ -17,7 +17,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from jaxsim.data.kitti_files import listing, object_camera, raw_camera, read_image, read_labels
+from jaxsim.data.kitti_files import (
+    listing,
+    object_camera,
+    object_rect_from_velo,
+    raw_camera,
+    read_image,
+    read_labels,
+    read_plane,
+)
 from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
@@ -111,13 +119,15 @@ class KittiObject:
         number = self._frames[index]
         rgb = read_image(self._folder / f"image_{self.camera}" / f"{number}.png")
         calibration = self._folder / "calib" / f"{number}.txt"
-        labels = self._folder / "label_2"
+        labels, plane = self._folder / "label_2", self._folder / "planes" / f"{number}.txt"
         return Frame(
             name=number,
             scene=number,
             camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2], camera=self.camera)),
             cloud=read_cloud(self._scan(index), self._rows),
             boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
+            rect_from_velo=object_rect_from_velo(calibration),
+            ground=read_plane(plane) if plane.parent.is_dir() else None,
         )
 
     def name_of(self, index: int) -> str:

@@ -81,12 +81,31 @@ def object_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
     return _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
 
 
+def read_plane(path: Path) -> Float[Array, " 4"]:
+    """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; b < 0."""
+    lines = _existing(path).read_text().split("\n")
+    try:
+        plane = np.array([float(value) for value in lines[3].split()])
+        normal = np.linalg.norm(plane[:3])
+    except (IndexError, ValueError) as error:
+        raise ValueError(f"kitti: {path}: the fourth line must hold the plane's four numbers ({error})") from None
+    if plane.shape != (4,) or not normal > 0 or not np.isfinite(plane).all():
+        raise ValueError(f"kitti: {path}: the fourth line must hold the plane's four numbers, not {lines[3]!r}")
+    return plane / normal * (-1 if plane[1] > 0 else 1)
+
+
 def tracking_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
     """The camera of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
 
     The same numbers as the object benchmark's under other names, three of them without a colon.
     """
     return _camera(path, size, f"P{camera}", "R_rect", "Tr_velo_cam")
+
+
+def tracking_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
+    """R_rect Tr_velo_cam of a tracking sequence's `calib/NNNN.txt`: to the frame in which its labels are written."""
+    values = _read_calibration(path, {"R_rect": 9, "Tr_velo_cam": 12})
+    return _homogeneous(values["R_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_cam"])
 
 
 def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:

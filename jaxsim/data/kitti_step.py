@@ -18,7 +18,14 @@ import numpy as np
 from jaxtyping import Int
 
 from jaxsim.data.cityscapes import VOID, ids_of_train_ids
-from jaxsim.data.kitti_files import NO_BOXES, listing, read_image, read_tracking_labels, tracking_camera
+from jaxsim.data.kitti_files import (
+    NO_BOXES,
+    listing,
+    read_image,
+    read_tracking_labels,
+    tracking_camera,
+    tracking_rect_from_velo,
+)
 from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
@@ -90,6 +97,7 @@ class KittiStep:
             ),
             cloud=read_cloud(self._path("velodyne", index, ".bin"), self._rows),
             boxes=self._boxes(sequence, int(number)),
+            rect_from_velo=tracking_rect_from_velo(calibration),
         )
 
     def name_of(self, index: int) -> str:

@@ -76,7 +76,9 @@ def state_shapes(experiment: DetectorExperiment, steps: int) -> TrainState:
 
 @cache
 def _compiled_create() -> Any:
-    return jax.jit(_create, static_argnums=(0, 1))
+    # It runs once: on a CPU, LLVM would work on it several times as long as is saved.
+    options = {"xla_backend_optimization_level": 0} if jax.default_backend() == "cpu" else None
+    return jax.jit(_create, static_argnums=(0, 1), compiler_options=options)
 
 
 def _create(experiment: DetectorExperiment, steps: int, key: Array) -> TrainState:

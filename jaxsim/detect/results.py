@@ -1,0 +1,84 @@
+"""Detections as KITTI writes them: one line an object, in the frame of the labels, with the rectangle in the image.
+
+Columns: kind, truncated, occluded, alpha, left, top, right, bottom, height, width, length, x, y, z, rotation_y, score
+(the devkit's readme). What a detector does not know, truncated and occluded, is -1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from jaxsim.atomic import replacing
+from jaxsim.detect.scenes import View
+from jaxsim.frame import Boxes
+from jaxsim.geometry.boxes import camera_boxes, wrapped
+
+NEAR_M = 0.1
+
+
+@dataclass(frozen=True)
+class Found:
+    """The detections of one frame on the host, best first."""
+
+    boxes: Float32[np.ndarray, "n 7"]
+    """In `velo`."""
+    score: Float32[np.ndarray, " n"]
+    """0..1."""
+
+
+def corners_of(boxes: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 8 3"]:
+    """Corners on the host: front left, front right, rear right, rear left, first below and then above."""
+    signs = [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
+    local = np.asarray(boxes, np.float64)[:, None, 3:6] * np.array(signs)
+    cos, sin = np.cos(boxes[:, None, 6]), np.sin(boxes[:, None, 6])
+    x, y = cos * local[..., 0] - sin * local[..., 1], sin * local[..., 0] + cos * local[..., 1]
+    return np.stack([x, y, local[..., 2]], axis=-1) + boxes[:, None, :3]
+
+
+def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "n 4"]:
+    """Left, top, right, bottom in pixels of the corners that lie ahead, cut at the image's borders."""
+    cam = corners_of(boxes) @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
+    ahead = cam[..., 2] > NEAR_M
+    pixel = cam @ view.intrinsics.T
+    uv = pixel[..., :2] / np.where(ahead, pixel[..., 2], 1)[..., None]
+    low = np.where(ahead[..., None], uv, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(ahead[..., None], uv, -np.inf).max(axis=1, initial=-np.inf)
+    rows, columns = view.size
+    return np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
+
+
+def result_lines(found: Found, kind: str, view: View) -> list[str]:
+    """The lines of a result file."""
+    centre, size, yaw = camera_boxes(found.boxes, view.rect_from_velo)
+    alpha = wrapped(yaw - np.arctan2(-found.boxes[:, 1], found.boxes[:, 0]))
+    rectangle = outlines(found.boxes.astype(np.float64), view)
+    return [
+        f"{kind} -1 -1 {' '.join(f'{v:.4f}' for v in (a, *r, *s[::-1], *c, y, score))}"
+        for a, r, s, c, y, score in zip(alpha, rectangle, size, centre, yaw, found.score, strict=True)
+    ]
+
+
+def label_lines(labels: Boxes) -> list[str]:
+    """The lines of a label file; alpha follows from the box."""
+    lines = []
+    for k, kind in enumerate(labels.kind):
+        x, y, z = (float(v) for v in labels.centre_m[k])
+        length, width, height = (float(v) for v in labels.size_m[k])
+        yaw = float(labels.yaw_rad[k])
+        alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped(np.array(yaw - np.arctan2(x, z))))
+        numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)
+        lines.append(
+            f"{kind} {float(labels.truncated[k]):.2f} {int(labels.occluded[k])} "
+            + " ".join(f"{float(v):.4f}" for v in numbers)
+        )
+    return lines
+
+
+def write_lines(path: Path, lines: list[str]) -> None:
+    """Writes a label or result file whole; one without lines says that nothing is there."""
+    with replacing(path) as temporary:
+        temporary.write_text("".join(line + "\n" for line in lines))
