@@ -1,4 +1,4 @@
-"""Trains an intensity network: `python train.py [EXPERIMENT] [--flags]`.
+"""Trains an intensity network or a detector: `python train.py [EXPERIMENT] [--flags]`.
 
 EXPERIMENT is a file of configs/ (default: synthetic, the embedded world). Any field is a flag. The run goes to
 runs/NAME; the same command again resumes it.
@@ -6,42 +6,70 @@ runs/NAME; the same command again resumes it.
 
 import sys
 import time
-from dataclasses import replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from tqdm import tqdm
 
 import configs
-from jaxsim import devices
+from jaxsim import detect, devices
 from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
-from jaxsim.config import Experiment
+from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import ahead, batches
+from jaxsim.metrics import Score
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
-from jaxsim.report import pair_picture, save_picture, write_card
+from jaxsim.report import detection_picture, pair_picture, save_picture, write_card, write_detector_card
 from jaxsim.simulate import (
     Checkpoints,
+    DetectorRun,
+    Run,
     Scribe,
     describe,
+    experiment_scenes,
+    main_scores,
     make_batch,
+    make_find,
     make_predict,
     prepared,
+    score_detector,
     score_pairs,
     start_run,
 )
 
+Tree = Any
 
-def main(experiment: Experiment, description: str) -> None:
+
+@dataclass(frozen=True)
+class Training:
+    """What the loop needs of an experiment."""
+
+    run: Run | DetectorRun
+    steps: int
+    save_every: int
+    judge_every: int
+    state: Tree
+    """With its `step`."""
+    batches: Callable[[int, int], Iterable[Tree]]
+    """Those of steps a to b - 1, on the devices. Batch k depends on (seed, k) alone."""
+    step: Callable[[Tree, Tree], tuple[Tree, dict[str, Any]]]
+    name: str
+    """Of what is used of the state, in checkpoints."""
+    used: Callable[[Tree], Tree]
+    judge: Callable[[Tree, str], tuple[dict[str, Score], np.ndarray]]
+    """Of what is used: validation scores, and a picture under a title."""
+    card: Callable[..., None]
+    hint: str
+    """What to do next with the run's folder."""
+
+
+def intensity_network(experiment: Experiment, mesh: Any) -> Training:
     data, prepare, settings, optim = experiment.data, experiment.prepare, experiment.run, experiment.optim
-    folder = Path(settings.out) / settings.name
-
-    # Devices: all of them share each batch; of several processes the first alone writes.
-    if settings.distributed:
-        devices.connect()
-    mesh = devices.data_mesh(optim.batch)
 
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
@@ -74,14 +102,89 @@ def main(experiment: Experiment, description: str) -> None:
 
     # Model: both networks, their optimisers and the averaged generator, one pytree.
     channels = input_channels(prepare)
-    train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
-    state = start_from(create_state(experiment, channels, seed=settings.seed), optim.start, experiment)
     predict = make_predict(make_generate(experiment, channels), prepare)
 
+    def judge(params: Tree, title: str) -> tuple[dict[str, Score], np.ndarray]:
+        """Scores of the averaged generator."""
+        pair = validation[0]
+        picture = pair_picture(pair, np.asarray(predict(params, pair)), title=title)
+        return score_pairs(predict, params, validation), picture
+
+    return Training(
+        run=describe(experiment, dataset.spec, dataset[chosen[0]].camera),
+        steps=optim.steps,
+        save_every=settings.save_every,
+        judge_every=settings.picture_every,
+        state=start_from(create_state(experiment, channels, seed=settings.seed), optim.start, experiment),
+        batches=lambda a, b: (to_batch(devices.cut(mesh, pairs)) for pairs in ahead(loader, a, b)),
+        step=make_train_step(experiment, channels, vgg=vgg, mesh=mesh),
+        name="generator",
+        used=ema_generator,
+        judge=judge,
+        card=write_card,
+        hint="Scores beside baselines, and pictures",
+    )
+
+
+def detector(experiment: DetectorExperiment, mesh: Any) -> Training:
+    data, settings, optim = experiment.data, experiment.run, experiment.optim
+
+    # Data: frames to scenes, made once and kept; objects of all training scenes to paste into others.
+    dataset = open_dataset(data)
+    train = experiment_scenes(dataset, select(data.train, dataset), experiment)
+    validation = list(experiment_scenes(dataset, select(data.validation, dataset), experiment))
+    loader = detect.SceneBatches(
+        train,
+        experiment.voxels,
+        experiment.augment,
+        size=optim.batch,
+        seed=settings.seed,
+        part=jax.process_index(),
+        parts=jax.process_count(),
+    )
+    epoch = loader.steps_per_epoch
+    steps = optim.epochs * epoch
+
+    # Model: both stages and their optimiser, one pytree.
+    find = make_find(experiment)
+
+    def judge(network: Tree, title: str) -> tuple[dict[str, Score], np.ndarray]:
+        """KITTI's average precision."""
+        curves, found = score_detector(find, network, validation, experiment)
+        return main_scores(curves), detection_picture(validation[0], found[0], experiment.voxels.range_m, title=title)
+
+    return Training(
+        run=DetectorRun(experiment, steps, len(train)),
+        steps=steps,
+        save_every=settings.save_every or epoch,
+        judge_every=settings.picture_every or epoch,
+        state=detect.create_state(experiment, steps, seed=settings.seed),
+        batches=lambda a, b: (devices.cut(mesh, batch) for batch in detect.ahead(loader, a, b)),
+        step=detect.make_train_step(experiment, steps, mesh=mesh),
+        name="network",
+        used=lambda state: state.network,
+        judge=judge,
+        card=write_detector_card,
+        hint="The last epochs' average precision, and pictures",
+    )
+
+
+def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
+    settings = experiment.run
+    folder = Path(settings.out) / settings.name
+
+    # Devices: all of them share each batch; of several processes the first alone writes.
+    if settings.distributed:
+        devices.connect()
+    mesh = devices.data_mesh(experiment.optim.batch)
+    if isinstance(experiment, DetectorExperiment):
+        training = detector(experiment, mesh)
+    else:
+        training = intensity_network(experiment, mesh)
+
     # Run: a new folder, or the one that the same command began.
-    run = describe(experiment, dataset.spec, dataset[chosen[0]].camera)
-    devices.by_first(lambda: start_run(folder, run))
-    checkpoints = Checkpoints(folder, keep=settings.keep) if devices.is_first() else None
+    devices.by_first(lambda: start_run(folder, training.run))
+    checkpoints, state = Checkpoints(folder, keep=settings.keep) if devices.is_first() else None, training.state
     if checkpoints and checkpoints.latest:
         state = checkpoints.restore("state", state)
         print(f"resuming {folder} at step {checkpoints.latest}")
@@ -91,39 +194,37 @@ def main(experiment: Experiment, description: str) -> None:
 
     def save() -> None:
         if checkpoints:
-            checkpoints.save(step, state=state, generator=ema_generator(state))
+            checkpoints.save(step, **{"state": state, training.name: training.used(state)})
 
-    def judge() -> None:
-        """Validation scores and a picture of the averaged generator; meanwhile other processes wait in their step."""
+    def judge() -> dict[str, Score]:
+        """Validation scores and a picture; meanwhile other processes wait in their step."""
         if not devices.is_first():
-            return
-        params, pair = devices.nearby(ema_generator(state)), validation[0]
-        scores = score_pairs(predict, params, validation)
+            return {}
+        scores, picture = training.judge(devices.nearby(training.used(state)), f"step {step}")
         scribe.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
-        picture = pair_picture(pair, np.asarray(predict(params, pair)), title=f"step {step}")
         save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
         bar.write(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4f}" for name, s in scores.items()))
+        return scores
 
-    # Loop: batch k depends on (seed, k) alone, so a resumed run sees what an uninterrupted one would.
-    begun = time.monotonic()
+    # Loop: a resumed run sees the batches that an uninterrupted one would.
+    begun, scores = time.monotonic(), {}
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
-    bar = tqdm(total=optim.steps, initial=start, disable=not devices.is_first(), **shown)
+    bar = tqdm(total=training.steps, initial=start, disable=not devices.is_first(), **shown)
     try:
-        for k, pairs in enumerate(ahead(loader, start, optim.steps), start):
-            batch = to_batch(devices.cut(mesh, pairs))
-            updated, metrics = train_step(state, batch)
+        for k, batch in enumerate(training.batches(start, training.steps), start):
+            updated, metrics = training.step(state, batch)
             if not bool(metrics["finite"]):
                 scribe.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
-            state, step, last = updated, k + 1, k + 1 == optim.steps
+            state, step, last = updated, k + 1, k + 1 == training.steps
             if step % settings.log_every == 0 or last:
                 values = {name: float(value) for name, value in metrics.items() if name != "finite"}
                 scribe.write(step, values)
                 losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
                 bar.set_postfix(losses, refresh=False)
             bar.update()
-            if step % settings.picture_every == 0 or last:
-                judge()
-            if step % settings.save_every == 0 or last:
+            if step % training.judge_every == 0 or last:
+                scores = judge()
+            if step % training.save_every == 0 or last:
                 save()
     except KeyboardInterrupt:
         bar.close()
@@ -133,9 +234,9 @@ def main(experiment: Experiment, description: str) -> None:
 
     # Card: what the run is and what it scored.
     if devices.is_first():
-        scores = score_pairs(predict, devices.nearby(ema_generator(state)), validation)
-        write_card(folder, run, description, scores, seconds=time.monotonic() - begun)
-        print(f"{folder}: {step} steps done. Scores beside baselines, and pictures: python eval.py {folder}")
+        scores = scores or training.judge(devices.nearby(training.used(state)), "")[0]
+        training.card(folder, training.run, description, scores, seconds=time.monotonic() - begun)
+        print(f"{folder}: {step} steps done. {training.hint}: python eval.py {folder}")
     devices.wait("the end")
 
 

@@ -3,12 +3,12 @@
 import importlib
 import pkgutil
 
-from jaxsim.config import Experiment
+from jaxsim.config import DetectorExperiment, Experiment
 
 NAMES = sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def load(name: str) -> tuple[Experiment, str]:
+def load(name: str) -> tuple[Experiment | DetectorExperiment, str]:
     """The experiment of that name and its docstring. Raises ValueError for an unknown name."""
     if name not in NAMES:
         raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(NAMES)}")

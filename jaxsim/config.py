@@ -174,9 +174,9 @@ class RunConfig:
     seed: int = 2
     log_every: int = 10
     save_every: int = 200
-    """Steps between checkpoints; a killed run resumes from the last."""
+    """Steps between checkpoints; a killed run resumes from the last. 0, for a detector: an epoch."""
     picture_every: int = 200
-    """Steps between validation scores and pictures (input | predicted | measured)."""
+    """Steps between validation scores and pictures (input | predicted | measured). 0, for a detector: an epoch."""
     keep: int = 2
     """Checkpoints kept."""
     distributed: bool = False
@@ -356,6 +356,9 @@ class DetectorExperiment:
     data: DataConfig = field(default_factory=DataConfig)
     in_image: bool = True
     """Only points that the camera sees, as published: KITTI labels nothing else."""
+    scored: Literal["all", "inside"] = "all"
+    """Labels that validation scores count: all, as in KITTI's evaluation, or only those inside the range of the voxels,
+    for a range shorter than KITTI's; the others are then DontCare."""
     voxels: VoxelConfig = field(default_factory=VoxelConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     augment: AugmentConfig = field(default_factory=AugmentConfig)

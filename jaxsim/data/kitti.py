@@ -134,6 +134,13 @@ class KittiObject:
         """The frame's name, without reading it."""
         return self._frames[index]
 
+    @property
+    def splits(self) -> dict[str, list[int]]:
+        """Positions by the name of a list: ROOT/ImageSets/NAME.txt, one number a line (`train`, `val` in OpenPCDet)."""
+        place = {number: position for position, number in enumerate(self._frames)}
+        lists = sorted((self.root / "ImageSets").glob("*.txt"))
+        return {path.stem: [place[n] for n in path.read_text().split() if n in place] for path in lists}
+
     def _scan(self, index: int) -> Path:
         return self._scans / f"{self._frames[index]}.bin"
 

@@ -45,8 +45,8 @@ def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray,
     _, rows, columns = (cells // STRIDE for cells in grid_shape(voxels))
     x0, y0, _, x1, y1, _ = voxels.range_m
     x, y = (np.linspace(a, b, n).astype(np.float32) for a, b, n in ((x0, x1, columns), (y0, y1, rows)))
-    y, x, yaw = np.meshgrid(y, x, np.float32(config.yaws_rad), indexing="ij")
-    fixed = np.float32([config.bottom_m + config.size_m[2] / 2, *config.size_m])
+    y, x, yaw = np.meshgrid(y, x, np.array(config.yaws_rad, np.float32), indexing="ij")
+    fixed = np.array([config.bottom_m + config.size_m[2] / 2, *config.size_m], np.float32)
     boxes = np.concatenate([np.stack([x, y], -1), np.broadcast_to(fixed, (*x.shape, 4)), yaw[..., None]], axis=-1)
     return boxes.reshape(-1, 7).astype(np.float32)
 

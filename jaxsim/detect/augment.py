@@ -95,7 +95,7 @@ def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, rng: 
     boxes = np.stack([cutout.box for cutout in chosen])
     with_each_other = collide(boxes, boxes)
     np.fill_diagonal(with_each_other, False)
-    free = ~(with_each_other.any(axis=1) | collide(boxes, scene.boxes).any(axis=1))
+    free = np.asarray(~(with_each_other.any(axis=1) | collide(boxes, scene.boxes).any(axis=1)))
     boxes, chosen = boxes[free], [cutout for cutout, fits in zip(chosen, free, strict=True) if fits]
     lift = np.zeros(len(boxes), np.float32)
     if config.on_ground:
@@ -105,11 +105,11 @@ def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, rng: 
                 "--augment.no-on-ground"
             )
         lift = heights_on(scene.ground, boxes, scene.view) - (boxes[:, 2] - boxes[:, 5] / 2)
-        boxes = boxes + lift[:, None] * np.float32([0, 0, 1, 0, 0, 0, 0])
+        boxes = boxes + lift[:, None] * np.array([0, 0, 1, 0, 0, 0, 0], np.float32)
     points = scene.points
     for box in boxes:
         points = points[~in_box(points, box)]
-    moved = [cutout.points + np.float32([0, 0, up, 0]) for cutout, up in zip(chosen, lift, strict=True)]
+    moved = [cutout.points + np.array([0, 0, up, 0], np.float32) for cutout, up in zip(chosen, lift, strict=True)]
     return replace(
         scene,
         points=np.concatenate([*moved, points]),

@@ -80,13 +80,13 @@ class SceneBatches:
 def inside(boxes: np.ndarray, voxels: VoxelConfig) -> np.ndarray:
     """Which boxes have their middle inside the range."""
     low, high = np.array(voxels.range_m[:3]), np.array(voxels.range_m[3:])
-    return ((boxes[:, :3] >= low) & (boxes[:, :3] <= high)).all(axis=1)
+    return np.asarray(((boxes[:, :3] >= low) & (boxes[:, :3] <= high)).all(axis=1))
 
 
 def in_range(points: np.ndarray, voxels: VoxelConfig) -> np.ndarray:
     """Which points lie inside the range along x and y."""
     low, high = np.array(voxels.range_m[:2]), np.array(voxels.range_m[3:5])
-    return ((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1)
+    return np.asarray(((points[:, :2] >= low) & (points[:, :2] <= high)).all(axis=1))
 
 
 def pad_scene(
@@ -102,7 +102,7 @@ def pad_scene(
         "valid": np.arange(voxels.max_points) < len(kept),
         "objects": boxes,
         "is_object": np.arange(room) < len(objects),
-        "dropped_points": np.int32(len(points) - len(kept)),
+        "dropped_points": np.array(len(points) - len(kept), np.int32),
     }
 
 

@@ -118,8 +118,10 @@ class Linear(nnx.Module):
 
     def __init__(self, in_channels: int, out_channels: int, *, bias: bool = True, rngs: nnx.Rngs):
         self.kernel = nnx.Param(uniform(rngs, (in_channels, out_channels), in_channels))
-        self.bias = nnx.Param(uniform(rngs, (out_channels,), in_channels)) if bias else None
+        self.has_bias = bias
+        if bias:
+            self.bias = nnx.Param(uniform(rngs, (out_channels,), in_channels))
 
     def __call__(self, x: Float[Array, "*b c"]) -> Float[Array, "*b d"]:
         y = x @ self.kernel[...]
-        return y if self.bias is None else y + self.bias[...].reshape((1,) * (y.ndim - 1) + (-1,))
+        return y + self.bias[...].reshape((1,) * (y.ndim - 1) + (-1,)) if self.has_bias else y

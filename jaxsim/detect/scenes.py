@@ -181,4 +181,5 @@ def read_scene(path: Path) -> Scene:
         rows, columns = (int(n) for n in a["view.size"])
         view = View(**{name: a[f"view.{name}"] for name in _VIEW}, size=(rows, columns))
         ground = a.get("ground")
-        return Scene(str(a["name"]), *(a[name] for name in _PLAIN), view, labels, ground)
+        plain = {name: a[name] for name in _PLAIN}
+        return Scene(name=str(a["name"]), view=view, labels=labels, ground=ground, **plain)

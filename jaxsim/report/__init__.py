@@ -1,16 +1,20 @@
 """Pictures and tables, from plain results."""
 
+from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
 from jaxsim.report.detection import detection_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
-from jaxsim.report.scores import list_scores, score_table, write_card, write_list, write_scores
+from jaxsim.report.scores import list_scores, score_table, write_card, write_detector_card, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
+    "detection_picture",
     "detection_table",
+    "draw_above",
     "draw_cloud",
+    "draw_on_image",
     "list_scores",
     "pair_picture",
     "save_picture",
@@ -20,6 +24,7 @@ __all__ = [
     "verdict_sentence",
     "write_card",
     "write_detection",
+    "write_detector_card",
     "write_list",
     "write_report",
     "write_scores",

@@ -8,7 +8,7 @@ from typing import Any
 
 from jaxsim.atomic import replacing
 from jaxsim.metrics import Score
-from jaxsim.simulate import Run
+from jaxsim.simulate import DetectorRun, Run
 
 Scores = dict[str, dict[str, Score]]
 """Predictor -> score's name -> score."""
@@ -72,6 +72,33 @@ def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score
 ```python
 import jaxsim
 sensor = jaxsim.load("{folder}")
+```
+"""
+    with replacing(folder / "card.md") as path:
+        path.write_text(text)
+
+
+def write_detector_card(
+    folder: Path, run: DetectorRun, description: str, scores: dict[str, Score], *, seconds: float
+) -> None:
+    """Writes card.md of a detector's run."""
+    experiment = run.experiment
+    text = f"""# {folder.name}
+
+{description.splitlines()[0] if description else "A detector."}
+
+- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
+- class: {experiment.detector.anchors.kind}
+- {run.scenes} scenes, {experiment.optim.epochs} epochs, {run.steps} steps of {experiment.optim.batch}; \
+{seconds / 60:.1f} minutes since the last start
+- jaxsim {run.version}; all settings are in config.json
+
+Validation, last step (AP is average precision over 40 recalls, KITTI's rules):
+
+{list_scores(scores)}
+
+```
+jaxsim detect {folder} --clouds FOLDER --out OUT
 ```
 """
     with replacing(folder / "card.md") as path:

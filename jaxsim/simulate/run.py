@@ -5,11 +5,12 @@ Everything that is needed to use the trained sensor again lies in it, without th
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ import orbax.checkpoint as ocp
 from pydantic import TypeAdapter, ValidationError
 
 from jaxsim.atomic import replacing
-from jaxsim.config import Experiment
+from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.simulate.lock import hold
@@ -55,7 +56,21 @@ def describe(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
     return Run(experiment, spec, intrinsics, cam_from_velo, view.rgb.shape[-3:-1])
 
 
-RUN = TypeAdapter(Run)
+@dataclass(frozen=True)
+class DetectorRun:
+    """What a detector's run was."""
+
+    experiment: DetectorExperiment
+    steps: int
+    """Updates of the whole training, which its cycle of rates depends on."""
+    scenes: int
+    """Training scenes."""
+    version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+
+AnyRun = TypeVar("AnyRun", Run, DetectorRun)
+RUNS: dict[type, TypeAdapter] = {Run: TypeAdapter(Run), DetectorRun: TypeAdapter(DetectorRun)}
+"""Kinds of runs, and how their config.json is read and written."""
 
 
 def _differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
@@ -80,39 +95,56 @@ FREE = (
 """Settings that a resumed run may change: none of them changes what was learned so far."""
 
 
-def start_run(folder: Path, run: Run) -> None:
+def start_run(folder: Path, run: Run | DetectorRun) -> None:
     """Makes the run's folder, or checks that the folder holds this very run; keeps it for this process.
 
     Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
     hold(folder)
     if (folder / "config.json").is_file():
-        was, now = (TypeAdapter(Experiment).dump_python(r.experiment, mode="json") for r in (load_run(folder), run))
-        other = [d for d in _differences(was, now) if d.split()[0][2:] not in FREE]
+        # A detector's rates depend on how long it is to learn.
+        free = {*FREE} - ({"optim.epochs"} if isinstance(run, DetectorRun) else set())
+        was_run = load_run(folder, DetectorRun) if isinstance(run, DetectorRun) else load_run(folder)
+        both = was_run, run
+        was, now = (TypeAdapter(type(r.experiment)).dump_python(r.experiment, mode="json") for r in both)
+        other = [d for d in _differences(was, now) if d.split()[0][2:] not in free]
         if other:
             raise ValueError(
                 f"run: {folder} holds a run with other settings ({'; '.join(other)}); "
                 "give this one another --run.name, or delete the folder"
             )
     with replacing(folder / "config.json") as path:
-        path.write_bytes(RUN.dump_json(run, indent=2))
+        path.write_bytes(RUNS[type(run)].dump_json(run, indent=2))
 
 
-def load_run(folder: Path | str) -> Run:
-    """Reads `config.json`. Raises ValueError where the folder is no run, or holds settings unknown here."""
+def is_detector(folder: Path | str) -> bool:
+    """Whether a folder holds a detector's run."""
+    path = Path(folder) / "config.json"
+    return path.is_file() and "detector" in json.loads(path.read_bytes()).get("experiment", {})
+
+
+def load_run(folder: Path | str, kind: type[AnyRun] = Run) -> AnyRun:
+    """Reads `config.json`.
+
+    Raises ValueError where the folder is no run, is one of another kind, or holds settings unknown here.
+    """
     path = Path(folder) / "config.json"
     if not path.is_file():
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
         hint = f"; there are runs at {', '.join(near)}" if near else "; `python train.py` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
+    if is_detector(folder) != (kind is DetectorRun):
+        words = "a detector", "an intensity network"
+        found, wanted = words if is_detector(folder) else words[::-1]
+        raise ValueError(f"run: {folder} is the run of {found}, not of {wanted}; name another")
     try:
-        return RUN.validate_json(path.read_bytes())
+        return RUNS[kind].validate_json(path.read_bytes())
     except ValidationError as error:
         raise ValueError(f"run: {path} does not fit this version ({version('jaxsim-lidar')}):\n{error}") from error
 
 
 class Checkpoints:
-    """The training state and the averaged generator, by step (orbax).
+    """The training state, and the network that is used, by step (orbax).
 
     Plain arrays are written, whole: a checkpoint says nothing of the devices that made it, and fits any others. Of
     several processes one alone uses it.
@@ -133,15 +165,21 @@ class Checkpoints:
     def latest(self) -> int | None:
         return self.manager.latest_step()
 
-    def save(self, step: int, *, state: Any, generator: Any) -> None:
-        state, generator = (jax.tree.map(np.asarray, tree) for tree in (state, generator))
-        items = ocp.args.Composite(state=ocp.args.StandardSave(state), generator=ocp.args.StandardSave(generator))
-        self.manager.save(step, args=items, force=True)
+    @property
+    def steps(self) -> list[int]:
+        """Steps that are kept, rising."""
+        return sorted(self.manager.all_steps())
 
-    def restore(self, item: str, like: Any) -> Any:
-        """`state` or `generator` of the latest step, in the structure of `like` (arrays or their shapes)."""
-        if self.latest is None:
+    def save(self, step: int, **items: Any) -> None:
+        """Keeps trees of arrays by name; one of them is `state`."""
+        saved = {name: ocp.args.StandardSave(jax.tree.map(np.asarray, tree)) for name, tree in items.items()}
+        self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
+
+    def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
+        """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes)."""
+        step = self.latest if step is None else step
+        if step is None:
             raise ValueError(f"run: no checkpoint in {self.manager.directory}; the training has not saved one yet")
         wanted = jax.tree.map(lambda x: np.broadcast_to(np.zeros((), x.dtype), x.shape), like)
         items = ocp.args.Composite(**{item: ocp.args.StandardRestore(wanted)})
-        return jax.tree.map(jnp.asarray, self.manager.restore(self.latest, args=items)[item])
+        return jax.tree.map(jnp.asarray, self.manager.restore(step, args=items)[item])

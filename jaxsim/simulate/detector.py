@@ -1,0 +1,158 @@
+"""A trained detector: its scenes, its run's network, what it finds, and what KITTI's evaluation says of that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import TypeAdapter
+from tqdm import tqdm
+
+from jaxsim.config import DataConfig, DetectorExperiment
+from jaxsim.detect.batches import in_range, inside
+from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
+from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
+from jaxsim.detect.state import Network, network_shapes
+from jaxsim.detect.steps import make_detect
+from jaxsim.frame import Boxes
+from jaxsim.geometry.boxes import lidar_boxes
+from jaxsim.metrics import Score
+from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
+from jaxsim.simulate.run import Checkpoints, DetectorRun, load_run
+
+STEP_POINTS = 8192
+"""Clouds are filled up to multiples of this, so that few sizes are compiled."""
+Find = Callable[[Network, np.ndarray], tuple[Found, dict[str, int]]]
+
+
+def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: DetectorExperiment) -> Scenes:
+    """Scenes at these positions of a data set (jaxsim.data), as an experiment sees them; kept in `data.cache`."""
+    data = experiment.data
+    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
+    return kept_scenes(
+        dataset,
+        positions,
+        experiment.detector.anchors.kind,
+        in_image=experiment.in_image,
+        cache=data.cache,
+        settings=TypeAdapter(DataConfig).dump_json(bare).decode(),
+    )
+
+
+def make_find(experiment: DetectorExperiment) -> Find:
+    """(network, points (n, 4) of one cloud) -> detections, and how many voxels and sites were left out, by stage.
+
+    Clouds of any size; those whose padded size is new are compiled first.
+    """
+    detect, voxels = make_detect(experiment), experiment.voxels
+
+    def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
+        points = points[in_range(points, voxels)]
+        room = max(-(-len(points) // STEP_POINTS), 1) * STEP_POINTS
+        padded = np.zeros((1, room, 4), np.float32)
+        padded[0, : len(points)] = points
+        detections, dropped = detect(network, jnp.asarray(padded), jnp.asarray(np.arange(room) < len(points))[None])
+        detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
+        valid = detections.valid[0]
+        found = Found(detections.boxes[0][valid], detections.score[0][valid])
+        return found, {name: int(count[0]) for name, count in dropped.items() if count[0]}
+
+    return find
+
+
+def find_all(
+    find: Find, network: Network, clouds: Iterable[tuple[str, np.ndarray]], *, total: int, quiet: bool = False
+) -> Iterator[tuple[str, Found]]:
+    """Detections cloud by cloud; says at the end where voxels or sites were left out."""
+    left_out: dict[str, dict[str, int]] = {}
+    for name, points in tqdm(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
+        found, dropped = find(network, points)
+        if dropped:
+            left_out[name] = dropped
+        yield name, found
+    if left_out:
+        name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
+        worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
+        print(
+            f"detect: {len(left_out)} of {total} clouds had more voxels or sites than there is room for; worst {name}: "
+            f"{worst} left out; raise --voxels.max-voxels or --voxels.growth"
+        )
+
+
+def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
+    """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are DontCare.
+
+    Raises ValueError for a scene without labels.
+    """
+    labels = scene.labels
+    if labels is None:
+        raise ValueError(f"detect: {scene.name} has no labels to be scored by; choose labelled frames")
+    if experiment.scored == "all":
+        return labels
+    near = inside(lidar_boxes(labels, scene.view.rect_from_velo), experiment.voxels)
+    kinds = tuple(kind if n else "DontCare" for kind, n in zip(labels.kind, near, strict=True))
+    return replace(labels, kind=kinds)
+
+
+def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: DetectorExperiment) -> list[Curve]:
+    """KITTI's curves of an experiment's class, by the official rules."""
+    kind = experiment.detector.anchors.kind
+    with TemporaryDirectory() as folder:
+        labels, results = Path(folder) / "label_2", Path(folder) / "results"
+        names = [f"{k:06d}" for k in range(len(scenes))]
+        for name, scene, detections in zip(names, scenes, found, strict=True):
+            write_lines(labels / f"{name}.txt", label_lines(counted(scene, experiment)))
+            write_lines(results / f"{name}.txt", result_lines(detections, kind, scene.view))
+        return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
+
+
+def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:
+    """AP R40 in space and from above at the first set of overlaps, by difficulty; count: labels."""
+    return {
+        f"AP_{curve.metric}_{curve.difficulty}": Score(curve.ap_r40, "%", curve.truths)
+        for curve in curves
+        if curve.metric in ("3d", "bev") and curve.overlap_set == "0.7" and curve.truths
+    }
+
+
+def score_detector(
+    find: Find, network: Network, scenes: Sequence[Scene], experiment: DetectorExperiment
+) -> tuple[list[Curve], list[Found]]:
+    """What a network finds in scenes, and KITTI's curves of it."""
+    clouds = ((scene.name, scene.points) for scene in scenes)
+    found = [detections for _, detections in find_all(find, network, clouds, total=len(scenes), quiet=True)]
+    return kitti_curves(scenes, found, experiment), found
+
+
+@dataclass(frozen=True)
+class LearnedDetector:
+    """A detector with everything that its use needs."""
+
+    run: DetectorRun
+    network: Network
+    step: int
+
+    def make_find(self) -> Find:
+        return make_find(self.run.experiment)
+
+
+def load_detector(folder: Path | str, *, step: int | None = None) -> LearnedDetector:
+    """The detector of a run at its latest checkpoint, or at `step`."""
+    run, checkpoints = load_run(folder, DetectorRun), Checkpoints(Path(folder))
+    network = checkpoints.restore("network", network_shapes(run.experiment), step=step)
+    return LearnedDetector(run, network, checkpoints.latest or 0 if step is None else step)
+
+
+def mean_curves(per_epoch: Sequence[Sequence[Curve]]) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """Mean and standard deviation of AP R40 over epochs, by metric, overlap set and difficulty."""
+    values: dict[tuple[str, str, str], list[float]] = {}
+    for curves in per_epoch:
+        for curve in curves:
+            values.setdefault((curve.metric, curve.overlap_set, curve.difficulty), []).append(curve.ap_r40)
+    return {key: (float(np.mean(aps)), float(np.std(aps))) for key, aps in values.items()}
