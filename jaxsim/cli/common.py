@@ -48,7 +48,8 @@ def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
     """
     name, flags = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("synthetic", argv)
     experiment, docstring = configs.load(name)
-    others = "\n".join(f"  {n:<12}{configs.load(n)[1].splitlines()[0]}" for n in configs.NAMES)
+    width = max(map(len, configs.NAMES)) + 2
+    others = "\n".join(f"  {n:<{width}}{configs.load(n)[1].splitlines()[0]}" for n in configs.NAMES)
     intro = f"""python train.py [EXPERIMENT] [--flags]; the same command again resumes the run.
 
 Experiments (configs/):
