@@ -33,8 +33,8 @@ class DataConfig:
     camera: Literal[0, 1] = 0
     """Of vkitti2: 0 left, 1 right."""
     lidar: Literal["kitti", "camera"] = "kitti"
-    """Where the LiDAR is thought to be in vkitti2: where KITTI's car has it, or in the camera, so that nothing that the
-    camera sees is hidden from it."""
+    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car, or in
+    one place, so that nothing that the camera sees is hidden from the LiDAR."""
     train: str = "0-159"
     """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth. Or a
     part that the data set names, `training` or `evaluation` of kitti_step; `training:4` is every fourth of it."""

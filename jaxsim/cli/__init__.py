@@ -8,11 +8,12 @@ from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_o
 from jaxsim.cli.convert import Convert
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
+from jaxsim.cli.export import Export
 from jaxsim.cli.simulate import Simulate
 
 __all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
 
-COMMANDS = {"simulate": Simulate, "discover": Discover, "effects": Effects, "convert": Convert}
+COMMANDS = {"simulate": Simulate, "discover": Discover, "effects": Effects, "convert": Convert, "export": Export}
 """Every command: its name and what it takes."""
 
 

@@ -21,7 +21,7 @@ from jaxsim.data.ouster import read_pcap
 from jaxsim.data.select import select
 from jaxsim.data.sweep import Sweep
 from jaxsim.frame import Frame
-from jaxsim.geometry import LidarSpec, preset
+from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 
 __all__ = [
     "DATASETS",
@@ -60,10 +60,11 @@ class Dataset(Protocol):
 
 
 def _synthetic(config: DataConfig) -> Dataset:
-    from jaxsim.data.synthetic import SyntheticWorld
+    from jaxsim.data.synthetic import SyntheticWorld, kitti_camera
 
+    camera = camera_at_lidar(kitti_camera().intrinsics) if config.lidar == "camera" else None
     # At the sensor's full rate: with fewer columns than the camera's window asks for, gaps would look like drops.
-    return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns)
+    return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns, camera=camera)
 
 
 def _vkitti2(config: DataConfig) -> Dataset:

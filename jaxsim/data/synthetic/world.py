@@ -78,7 +78,8 @@ class SyntheticWorld:
     """Frames of an HDL-64E-like sensor and KITTI's camera 2 in made-up streets.
 
     Four frames, 0.1 s apart, make a drive through one street, which is a scene. Frame i depends on (seed, i) alone.
-    Semantic ids are Cityscapes'; `image_size` scales the camera's focal length, so that the view stays.
+    Semantic ids are Cityscapes'; `image_size` scales the camera's focal length, so that the view stays. Another
+    `camera` of that size may stand elsewhere: in the LiDAR's place (`camera_at_lidar`) nothing that it sees is hidden.
     """
 
     def __init__(
@@ -89,13 +90,14 @@ class SyntheticWorld:
         *,
         image_size: tuple[int, int] = KITTI_SIZE,
         sensor: TrueSensor | None = None,
+        camera: Camera | None = None,
     ):
         self.name = "synthetic"
         self.seed, self.columns, self.image_size = seed, columns, image_size
         self.spec = spec or preset("hdl64e")
         self.sensor = sensor or TrueSensor()
         self.grid = full_grid(self.spec, columns)
-        self.camera = kitti_camera(image_size)
+        self.camera = camera or kitti_camera(image_size)
 
     def __len__(self) -> int:
         return 1_000_000

@@ -1,0 +1,243 @@
+"""`jaxsim export`: a data set's frames as a tree of the KITTI object benchmark, which detectors train on."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from tqdm import tqdm
+
+from jaxsim.atomic import replacing
+from jaxsim.cloud.kitti_tree import (
+    REACH_M,
+    choose_boxes,
+    files_of,
+    within_reach,
+    write_image_sets,
+    write_kitti_frame,
+)
+from jaxsim.config import DataConfig, DataKind
+from jaxsim.data import Dataset, open_dataset, select
+from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.data.vkitti2_files import boxes_of
+from jaxsim.frame import Boxes, Frame
+from jaxsim.simulate import load
+from jaxsim.simulate.clouds import CloudRecipe, check_recipe, make_cloud
+from jaxsim.simulate.sensor import LearnedSensor
+
+_SAVE_EVERY = 20
+
+
+@dataclass(frozen=True)
+class Export:
+    """Writes frames as a KITTI tree: OUT/training/{velodyne, calib, label_2, image_2} and OUT/ImageSets.
+
+    Objects farther than 80 m, and frames in which no object is left, are left out. A frame's number is its place in
+    the data set. What is already there is not made again, so that a killed command resumes (docs/kitti-tree.md).
+    """
+
+    out: Path
+    """Folder to write to."""
+    data: DataKind = "synthetic"
+    """Data set to export."""
+    root: Path | None = None
+    """Its folder."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of it to use: `Scene01`, or `0001 0018`."""
+    variations: tuple[str, ...] = ("clone",)
+    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] = 0
+    """Of vkitti2: 0 left, 1 right."""
+    lidar: Literal["kitti", "camera"] = "kitti"
+    """Where the LiDAR is thought to be in vkitti2, or the camera in the embedded world: apart as on KITTI's car, or in
+    one place, from which nothing is hidden (the paper's additional camera)."""
+    seed: int = 0
+    """World seed of the embedded world."""
+    rows: Literal["file_order", "elevation"] = "file_order"
+    """Laser line of a KITTI point; `elevation` for clouds that were reordered."""
+    frames: str = ""
+    """Frames to export: `0-99`. Empty: all (of the embedded world you must say which)."""
+    validation: str = ""
+    """Which of them go to ImageSets/val.txt; the others go to train.txt. Empty: all go to both."""
+    recipe: CloudRecipe = field(default_factory=CloudRecipe)
+    """How the clouds are made."""
+    run: Path | None = None
+    """Folder of the trained sensor, for `--recipe.source simulated`."""
+    occlusion: Literal["levels", "never_visible", "paper"] = "levels"
+    """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
+    that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
+    read. Other sets have levels of their own."""
+    filled: tuple[float, float] = (0.5, 0.25)
+    """Share of the box that an object fills at least at level 0, and at level 1: an unhidden car fills 0.65 to 0.85."""
+    reach_m: float = REACH_M
+    """Objects farther away are left out."""
+    keep_empty: bool = False
+    """Write frames without objects too, with an empty label file. OpenPCDet cannot read such a frame for training."""
+    workers: int = 2
+    """Frames at work at once."""
+
+    def __call__(self) -> None:
+        # Frames, and what their clouds are made with.
+        sensor = load(self.run) if self.run else None
+        check_recipe(self.recipe, sensor)
+        dataset = open_dataset(self._source())
+        if self.data == "synthetic" and not self.frames:
+            raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
+        wanted = select(self.frames, dataset) if self.frames else list(range(len(dataset)))
+        validation = set(select(self.validation, dataset)) if self.validation else set()
+        if not validation <= set(wanted):
+            raise ValueError(f"export: --validation {self.validation} names frames that --frames does not")
+        self._check_occlusion(dataset)
+        record = Record.open(self.out, self._settings(sensor))
+        todo = [place for place in wanted if not record.has(self.out, f"{place:06d}")]
+
+        # Frames in threads: files and kernels leave Python's lock.
+        begun = len(wanted) - len(todo)
+        with (
+            tqdm(total=len(wanted), initial=begun, unit="frame", desc="exporting") as bar,
+            ThreadPoolExecutor(self.workers) as pool,
+        ):
+            jobs = [pool.submit(self.write, dataset, place, sensor) for place in todo]
+            try:
+                for job in as_completed(jobs):
+                    record.frames.update([job.result()])
+                    bar.update()
+                    if bar.n % _SAVE_EVERY == 0:
+                        record.save(self.out)
+            finally:
+                pool.shutdown(cancel_futures=True)
+                record.save(self.out)
+        self._finish(record, wanted, validation)
+
+    def write(self, dataset: Dataset, place: int, sensor: LearnedSensor | None) -> tuple[str, dict[str, Any]]:
+        """Writes one frame, unless nothing is left of it; its number and its entry in export.json."""
+        number, frame = f"{place:06d}", dataset[place]
+        boxes, occluded = self._labels(dataset, place, frame)
+        near = within_reach(boxes, self.reach_m)
+        boxes, occluded = choose_boxes(boxes, near), None if occluded is None else occluded[near]
+        objects = sum(kind != "DontCare" for kind in boxes.kind)
+        about = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
+        if not objects and not self.keep_empty:
+            return number, about | {"left_out": f"no object within {self.reach_m:g} m"}
+        cloud = make_cloud(frame, self.recipe, sensor)
+        points = int(np.asarray(cloud.valid).sum())
+        if not points:
+            return number, about | {"left_out": "no point"}
+        rect = getattr(frame, "rect_from_velo", None)
+        write_kitti_frame(self.out, number, frame.camera, cloud, boxes, rect_from_velo=rect, occluded=occluded)
+        return number, about | {"points": points}
+
+    def _labels(self, dataset: Dataset, place: int, frame: Frame) -> tuple[Boxes, np.ndarray | None]:
+        """Boxes of a frame, and what to write into `occluded` instead of their levels."""
+        if isinstance(dataset, VirtualKitti2):
+            seen = [thing for thing in dataset.objects(place) if thing.pixels > 0]
+            boxes = boxes_of(seen, levels=self.filled)  # 1, 2, 3
+            if self.occlusion == "paper":
+                return boxes, np.array([1 - thing.occupancy for thing in seen], np.float32)
+            shift = 1 if self.occlusion == "levels" else 0
+            return replace(boxes, occluded=np.asarray(boxes.occluded) - shift), None
+        if frame.boxes is None:
+            raise ValueError(
+                f"export: {frame.name} has no labels, and a detector needs them; copy the data set's labels beside its "
+                "clouds, or export another set (kitti_raw has none)"
+            )
+        return frame.boxes, None
+
+    def _check_occlusion(self, dataset: Dataset) -> None:
+        if self.occlusion == "levels":
+            return
+        if not isinstance(dataset, VirtualKitti2):
+            raise ValueError(f"export: --occlusion {self.occlusion} is for vkitti2; labels of {self.data} have levels")
+        if self.occlusion == "paper":
+            print(
+                "warning: fractions in the column `occluded`: the official evaluation reads an integer there and takes "
+                "every later column for another; score with `eval.py detection --rules openpcdet`. No object is easy.",
+                file=sys.stderr,
+            )
+
+    def _source(self) -> DataConfig:
+        return DataConfig(
+            kind=self.data,
+            root=self.root,
+            scenes=self.scenes,
+            variations=self.variations,
+            camera=self.camera,
+            lidar=self.lidar,
+            seed=self.seed,
+            rows=self.rows,
+        )
+
+    def _settings(self, sensor: LearnedSensor | None) -> dict[str, Any]:
+        """All that decides what a frame's files hold."""
+        source = {key: getattr(self, key) for key in ("data", "scenes", "variations", "camera", "lidar", "seed")}
+        labels = {key: getattr(self, key) for key in ("occlusion", "filled", "reach_m", "keep_empty")}
+        recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
+        made = source | labels | recipe | {"sensor": sensor.fingerprint if sensor else None}
+        return json.loads(json.dumps(made))
+
+    def _finish(self, record: Record, wanted: list[int], validation: set[int]) -> None:
+        """Writes ImageSets, says what was left out."""
+        about = {place: record.frames[f"{place:06d}"] for place in wanted}
+        kept = {place for place, frame in about.items() if not frame["left_out"]}
+        shared = {about[p]["scene"] for p in kept & validation} & {about[p]["scene"] for p in kept - validation}
+        if shared:
+            print(
+                f"warning: scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
+                "scored on streets that it has seen",
+                file=sys.stderr,
+            )
+        sets = {"trainval": kept, "train": kept - validation, "val": validation & kept if validation else kept}
+        write_image_sets(self.out, {name: [f"{place:06d}" for place in places] for name, places in sets.items()})
+        reasons = Counter(frame["left_out"] for frame in about.values() if frame["left_out"])
+        left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
+        points = sum(about[place]["points"] for place in kept) / max(len(kept), 1)
+        print(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {self.out}")
+        if not kept:
+            raise ValueError(f"export: no frame of {len(about)} is left; see {self.out / 'export.json'}")
+
+
+@dataclass
+class Record:
+    """OUT/export.json: what the tree is made with, and what became of each frame."""
+
+    settings: dict[str, Any]
+    frames: dict[str, dict[str, Any]]
+
+    @classmethod
+    def open(cls, out: Path, settings: dict[str, Any]) -> Record:
+        """The record of `out`, a new one where there is none.
+
+        Raises ValueError where the tree was made with other settings, or by something else.
+        """
+        path = out / "export.json"
+        if not path.is_file():
+            if any((out / "training").glob("*/*")):
+                raise ValueError(f"export: {out} holds a training/ that this command did not make; give another --out")
+            return cls(settings, {})
+        try:
+            content = json.loads(path.read_text())
+            was, frames = content["settings"], content["frames"]
+        except (ValueError, KeyError) as error:
+            raise ValueError(f"export: {path} cannot be read ({error!r}); give another --out, or delete it") from error
+        other = [key for key, value in settings.items() if was.get(key) != value]
+        if other and frames:
+            told = ", ".join(f"{key} {was.get(key)} instead of {settings[key]}" for key in other)
+            raise ValueError(f"export: {out} holds frames made with {told}; give another --out, or delete the folder")
+        return cls(settings, frames)
+
+    def has(self, out: Path, number: str) -> bool:
+        """Whether a frame is done: all its files are there, or it was left out."""
+        about = self.frames.get(number)
+        return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
+
+    def save(self, out: Path) -> None:
+        with replacing(out / "export.json") as path:
+            path.write_text(
+                json.dumps({"settings": self.settings, "frames": dict(sorted(self.frames.items()))}, indent=1)
+            )

@@ -1,0 +1,160 @@
+"""Frames as a tree of the KITTI object benchmark, field by field in docs/kitti-tree.md:
+
+    ROOT/training/{velodyne, calib, label_2, image_2}/000000.{bin, txt, txt, png}
+    ROOT/ImageSets/{train, val, trainval}.txt
+
+Numbers are written so that they read back to the last bit, which two decimals (KITTI's own) would not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Shaped
+
+from jaxsim.atomic import replacing
+from jaxsim.cloud.export import points_of, save_cloud
+from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
+
+SUFFIXES = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}
+"""Folders of a frame's files; the label is written last, so that a frame that has one is whole."""
+REACH_M = 80.0
+"""Objects farther than this are left out, as in the paper."""
+_DONT_CARE = "-1 -1 -10 {} -1 -1 -1 -1000 -1000 -1000 -10"
+
+
+def files_of(root: Path, number: str) -> list[Path]:
+    """Files of a frame, the label last."""
+    return [root / "training" / folder / f"{number}{suffix}" for folder, suffix in SUFFIXES.items()]
+
+
+def write_kitti_frame(
+    root: Path,
+    number: str,
+    view: CameraFrame,
+    cloud: Cloud,
+    boxes: Boxes,
+    *,
+    rect_from_velo: Float[Array, "4 4"] | None = None,
+    occluded: Float[np.ndarray, " n"] | None = None,
+) -> None:
+    """Writes the four files of one frame; `number` is KITTI's name of it, 000000.
+
+    `boxes` are in `view`'s camera, or in the frame that `rect_from_velo` leads to. `occluded` writes other values than
+    theirs into that column. Raises ValueError for a cloud that no KITTI reader would take (no point, intensity that is
+    missing or beyond 0..1, values that are not finite) and for boxes that are not finite or have a size of 0 or less.
+    """
+    check_cloud(cloud, number)
+    lines = label_lines(boxes, occluded=occluded)
+    velodyne, calibration, image, label = files_of(root, number)
+    save_cloud(velodyne, cloud)
+    with replacing(calibration) as path:
+        path.write_text(calibration_text(view.camera, rect_from_velo))
+    with replacing(image) as path:
+        if not cv2.imwrite(str(path), np.ascontiguousarray(np.asarray(view.rgb)[..., ::-1])):
+            raise OSError(f"kitti: could not write {image}")
+    with replacing(label) as path:
+        path.write_text("".join(f"{line}\n" for line in lines))
+
+
+def check_cloud(cloud: Cloud, name: str) -> None:
+    """Raises ValueError for a cloud that KITTI's format cannot hold."""
+    if cloud.intensity is None:
+        raise ValueError(f"kitti: the cloud of {name} has no intensity; write 0 for all, as depth_to_cloud does")
+    points = points_of(cloud)
+    if not len(points):
+        raise ValueError(f"kitti: the cloud of {name} holds no point; leave the frame out, or look at what made it")
+    broken = int((~np.isfinite(points).all(axis=1)).sum())
+    if broken:
+        raise ValueError(f"kitti: {broken} of {len(points)} points of {name} are not finite; leave them out")
+    low, high = points[:, 3].min(), points[:, 3].max()
+    if low < 0 or high > 1:
+        raise ValueError(f"kitti: intensity of {name} spans {low:g}..{high:g}; it must lie in 0..1 (divide by 255?)")
+
+
+def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None = None) -> str:
+    """A calib file's seven lines, in KITTI's order: readers count them.
+
+    R0_rect is the identity and Tr_velo_to_cam leads straight to the labels' frame. P2 = K [I | t], where t leads from
+    there to the camera: 0 where the labels are in its frame. The other cameras do not exist and get P2 as well; the
+    motion unit has the LiDAR's place.
+    """
+    if np.ndim(camera.intrinsics) != 2:
+        raise ValueError(f"kitti: a calib file is of one camera, got a batch {np.shape(camera.intrinsics)[:-2]}")
+    cam_from_velo, intrinsics = (np.asarray(a, np.float64) for a in (camera.cam_from_velo, camera.intrinsics))
+    rect = cam_from_velo if rect_from_velo is None else np.asarray(rect_from_velo, np.float64)
+    shift = cam_from_velo @ np.linalg.inv(rect) if rect_from_velo is not None else np.eye(4)
+    if np.abs(shift[:3, :3] - np.eye(3)).max() > 1e-4:
+        raise ValueError("kitti: the labels' frame is turned against the camera's; KITTI knows only a shift (P2)")
+    projection = np.column_stack([intrinsics, intrinsics @ shift[:3, 3]])
+    eye = np.eye(4)[:3]
+    rows = {f"P{k}": projection for k in range(4)}
+    rows |= {"R0_rect": np.eye(3), "Tr_velo_to_cam": rect[:3], "Tr_imu_to_velo": eye}
+    return "".join(f"{name}: {' '.join(repr(float(v)) for v in values.ravel())}\n" for name, values in rows.items())
+
+
+def label_lines(boxes: Boxes, *, occluded: Float[np.ndarray, " n"] | None = None) -> list[str]:
+    """The 15 columns of each object, DontCare regions last: OpenPCDet's reader takes the objects from the front.
+
+    Raises ValueError for values that are not finite, sizes of 0 or less, and kinds with a blank in their name.
+    """
+    centre, size, bbox = (np.asarray(a, np.float32) for a in (boxes.centre_m, boxes.size_m, boxes.bbox_px))
+    yaw, truncated = np.asarray(boxes.yaw_rad, np.float32), np.asarray(boxes.truncated, np.float32)
+    level = np.asarray(boxes.occluded) if occluded is None else np.asarray(occluded, np.float32)
+    objects, regions = [], []
+    for i, kind in enumerate(boxes.kind):
+        corners = " ".join(map(_exact, bbox[i]))
+        if kind == "DontCare":
+            regions.append(f"{kind} {_DONT_CARE.format(corners)}")
+            continue
+        numbers = np.array([truncated[i], *bbox[i], *size[i], *centre[i], yaw[i]])
+        if not np.isfinite(numbers).all() or (size[i] <= 0).any():
+            raise ValueError(
+                f"kitti: object {i} ({kind}) is at {centre[i].tolist()}, {size[i].tolist()} m large, turned by "
+                f"{yaw[i]}, seen at {bbox[i].tolist()}: all must be finite, and sizes above 0"
+            )
+        if not kind or kind.split() != [kind]:
+            raise ValueError(f"kitti: object {i} is called {kind!r}; columns are divided by blanks, write one word")
+        alpha = _turn(float(yaw[i]) - float(np.arctan2(centre[i, 0], centre[i, 2])))
+        hidden = str(int(level[i])) if level[i] == int(level[i]) else _exact(level[i])
+        sizes = " ".join(map(_exact, size[i][[2, 1, 0]]))
+        place = " ".join(map(_exact, centre[i]))
+        objects.append(f"{kind} {_exact(truncated[i])} {hidden} {alpha:.6f} {corners} {sizes} {place} {_exact(yaw[i])}")
+    return objects + regions
+
+
+def _exact(value: Shaped[np.ndarray, ""] | np.floating) -> str:
+    """The shortest decimals that read back to this float32, without an exponent."""
+    return np.format_float_positional(np.float32(value), trim="0")
+
+
+def _turn(angle_rad: float) -> float:
+    return float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+
+
+def choose_boxes(boxes: Boxes, keep: Bool[np.ndarray, " n"]) -> Boxes:
+    """The boxes of `keep`, on the host."""
+    arrays = {
+        name: np.asarray(getattr(boxes, name))[keep]
+        for name in ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "occluded")
+    }
+    return Boxes(**arrays, kind=tuple(kind for kind, kept in zip(boxes.kind, keep, strict=True) if kept))
+
+
+def within_reach(boxes: Boxes, reach_m: float = REACH_M) -> Bool[np.ndarray, " n"]:
+    """Which objects lie within `reach_m` of the labels' origin; DontCare regions have no place and all do.
+
+    The paper says 80 m and not how it measures; this is the straight distance to the middle of the bottom face.
+    """
+    far = np.linalg.norm(np.asarray(boxes.centre_m, np.float64), axis=1) > reach_m
+    return ~far | np.array([kind == "DontCare" for kind in boxes.kind], bool)
+
+
+def write_image_sets(root: Path, sets: dict[str, Iterable[str]]) -> None:
+    """Writes ImageSets/NAME.txt, one number a line, sorted."""
+    for name, numbers in sets.items():
+        with replacing(root / "ImageSets" / f"{name}.txt") as path:
+            path.write_text("".join(f"{number}\n" for number in sorted(numbers)))

@@ -1,0 +1,111 @@
+"""The clouds that a detector learns from: measured, from depth alone, or with the intensity of a trained sensor.
+
+The paper's three ways to place the sensor: *projected from the camera* (`depth` or `simulated` with projection
+`camera`: a point a pixel, carried to the LiDAR's frame); *projected before the network* (`simulated` with projection
+`grid`: the network sees the LiDAR's own grid); and *an additional camera at the LiDAR*, which is the first way on
+frames whose camera stands there (`--lidar camera`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import jax
+import numpy as np
+
+from jaxsim.cloud import LINES, EvenLines, crop_cloud, depth_to_cloud, sparsify
+from jaxsim.frame import Cloud, Frame, PolarGrid
+from jaxsim.geometry import PRESETS, full_grid, polar_to_points
+from jaxsim.prepare import dense_view
+from jaxsim.simulate.paired import take
+from jaxsim.simulate.sensor import LearnedSensor
+
+NO_LINES = "none"
+
+
+@dataclass(frozen=True)
+class CloudRecipe:
+    """How a frame's cloud is made."""
+
+    source: Literal["measured", "depth", "simulated"] = "depth"
+    """What the sensor measured; the camera's depth, all of intensity 0; or depth with a trained sensor's intensity."""
+    projection: Literal["camera", "grid"] = "camera"
+    """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
+    lines: str = ""
+    """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
+    sensor (hdl64e, hdl32e, vlp16, os1_128), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
+    beams: tuple[int, ...] = ()
+    """Rows of the lines to keep, 0 the top; all by default."""
+    keep_zero: bool = False
+    """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
+    published: bool = False
+    """As the published program thins: the last pixel wins a cell instead of the nearest point, and what lies beyond
+    the lines goes into the border cells."""
+    max_high_m: float = 1.0
+    """Highest point of a cloud of pixels, above the LiDAR."""
+
+
+def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None) -> None:
+    """Raises ValueError for lines that nobody knows, and for a simulated cloud without a trained sensor."""
+    known = {*LINES, *PRESETS, NO_LINES}
+    if lines_of(recipe) not in known:
+        raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {', '.join(sorted(known))}")
+    if recipe.beams and lines_of(recipe) == NO_LINES:
+        raise ValueError("clouds: beams are rows of lines, and there are none; name them with --recipe.lines 64")
+    if recipe.source == "simulated" and sensor is None:
+        raise ValueError("clouds: a simulated cloud needs a trained sensor; name its run with --run runs/NAME")
+
+
+def lines_of(recipe: CloudRecipe) -> str:
+    """The name of the recipe's lines, what is not named filled in."""
+    of_pixels = recipe.source == "depth" or (recipe.source == "simulated" and recipe.projection == "camera")
+    return recipe.lines or ("64" if of_pixels else NO_LINES)
+
+
+def make_cloud(frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None = None) -> Cloud:
+    """The cloud of one frame, host memory; points that are not there are not valid.
+
+    Raises ValueError where the frame lacks what the recipe needs, and as `check_recipe`.
+    """
+    check_recipe(recipe, sensor)
+    dense = _dense(frame, recipe, sensor)
+    lines = lines_of(recipe)
+    if lines != NO_LINES:
+        cells, rows = _cells(lines)
+        beams = tuple(recipe.beams) or rows
+        dense = crop_cloud(dense) if lines in LINES else dense
+        winner = "last" if recipe.published else "nearest"
+        dense = sparsify(dense, cells, beams=beams, winner=winner, clamp=recipe.published)
+    return jax.tree.map(np.asarray, dense)
+
+
+def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
+    return LINES[lines] if lines in LINES else (full_grid(PRESETS[lines]), None)
+
+
+def _dense(frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None) -> Cloud:
+    view = frame.camera
+    if recipe.source == "measured":
+        if frame.cloud is None:
+            raise ValueError(
+                f"clouds: {frame.name} has no measured cloud; make one: --recipe.source depth or simulated"
+            )
+        return frame.cloud
+    if recipe.projection == "grid" and recipe.source == "simulated" and sensor is not None:
+        grid, _ = sensor.window
+        batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, sensor.run.experiment.prepare))
+        image, painted = take(sensor.simulate_view(batch), 0)
+        return polar_to_points(replace(image, valid=painted.valid) if recipe.keep_zero else image, grid)
+    if view.depth_m is None:
+        raise ValueError(
+            f"clouds: {frame.name} has no depth, which a cloud of pixels is made of; take a renderer's data set, or "
+            "--recipe.source measured"
+        )
+    known = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
+    known = known if view.depth_valid is None else known & np.asarray(view.depth_valid)
+    intensity = sensor.intensity_map(view) if recipe.source == "simulated" and sensor is not None else None
+    return depth_to_cloud(
+        view.camera, view.depth_m, known, intensity, drop_zero=not recipe.keep_zero, max_high_m=recipe.max_high_m
+    )

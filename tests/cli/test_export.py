@@ -1,0 +1,170 @@
+"""`jaxsim export` on a data set of six small frames that needs no rendering."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.cli.export import Export
+from jaxsim.cloud.kitti_tree import files_of
+from jaxsim.data import DATASETS, KittiObject
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
+from jaxsim.geometry import preset
+from jaxsim.simulate.clouds import CloudRecipe
+
+SIZE = (38, 124)
+
+
+def boxes_at(*places, kind="Car"):
+    n = len(places)
+    return Boxes(
+        np.array(places, np.float32).reshape(-1, 3),
+        np.tile(np.float32([4, 1.6, 1.5]), (n, 1)),
+        np.zeros(n, np.float32),
+        np.tile(np.float32([10, 5, 40, 30]), (n, 1)),
+        np.zeros(n, np.float32),
+        np.zeros(n, np.int32),
+        (kind,) * n,
+    )
+
+
+class Six:
+    """Frame 1 has no object, frame 2 one that is too far; frames 0-2 are one scene, 3-5 another."""
+
+    name = "synthetic"
+    spec = preset("hdl64e")
+    made: list[int]
+
+    def __init__(self, boxes=None):
+        self.made, self.boxes = [], boxes
+
+    def __len__(self):
+        return 6
+
+    def name_of(self, index):
+        return f"six-{index}"
+
+    def __getitem__(self, index):
+        self.made.append(index)
+        places = {1: [], 2: [(0, 1.5, 90)]}.get(index, [(0, 1.5, 10 + index), (30, 1.5, 80)])
+        depth = np.full(SIZE, 20.0 + index, np.float32)
+        rgb = np.full((*SIZE, 3), index, np.uint8)
+        view = CameraFrame(rgb, kitti_camera(SIZE), depth, depth > 0)
+        cloud = Cloud(np.float32([[10, 0, 0], [12, 1, -1]]), np.float32([0.25, 0.5]), np.ones(2, bool))
+        boxes = boxes_at(*places) if self.boxes is None else self.boxes(index)
+        return Frame(f"six-{index}", f"street-{index // 3}", view, cloud, boxes=boxes)
+
+
+@pytest.fixture
+def six(monkeypatch):
+    dataset = Six()
+    monkeypatch.setitem(DATASETS, "synthetic", lambda config: dataset)
+    return dataset
+
+
+def listed(out, name):
+    return (out / f"ImageSets/{name}.txt").read_text().split()
+
+
+def test_objects_too_far_and_frames_without_objects_are_left_out(tmp_path, six, capsys):
+    Export(out=tmp_path, frames="0-5", validation="3-5")()
+    assert listed(tmp_path, "trainval") == ["000000", "000003", "000004", "000005"]
+    assert listed(tmp_path, "train") == ["000000"]
+    assert listed(tmp_path, "val") == ["000003", "000004", "000005"]
+    assert "4 frames of" in (printed := capsys.readouterr().out)
+    assert "2 left out (no object within 80 m)" in printed
+    label = (tmp_path / "training/label_2/000004.txt").read_text()
+    assert len(label.splitlines()) == 1
+    dataset = KittiObject(tmp_path, rows="elevation")
+    assert (dataset[0].cloud.intensity == 0).all()
+    assert len(dataset[0].cloud.xyz_m) > 100
+    about = json.loads((tmp_path / "export.json").read_text())["frames"]["000002"]
+    assert (about["name"], about["left_out"]) == ("six-2", "no object within 80 m")
+
+
+def test_the_same_command_makes_only_what_is_missing(tmp_path, six):
+    Export(out=tmp_path, frames="0-3")()
+    assert sorted(six.made) == [0, 1, 2, 3]
+    files_of(tmp_path, "000003")[0].unlink()
+    six.made.clear()
+    Export(out=tmp_path, frames="0-5")()
+    assert sorted(six.made) == [3, 4, 5]
+    assert all(path.is_file() for path in files_of(tmp_path, "000003"))
+    six.made.clear()
+    Export(out=tmp_path, frames="0-5")()
+    assert six.made == []
+
+
+def test_frames_of_another_making_are_not_added(tmp_path, six):
+    Export(out=tmp_path, frames="0")()
+    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+        Export(out=tmp_path, frames="0-1", reach_m=60)()
+    (tmp_path / "export.json").write_text("{")
+    with pytest.raises(ValueError, match="cannot be read"):
+        Export(out=tmp_path, frames="0")()
+    (tmp_path / "export.json").unlink()
+    with pytest.raises(ValueError, match="did not make"):
+        Export(out=tmp_path, frames="0")()
+
+
+def test_an_error_in_one_frame_keeps_the_record_of_the_others(tmp_path, six):
+    six.boxes = lambda index: None if index == 4 else boxes_at((0, 1.5, 10))
+    with pytest.raises(ValueError, match="six-4 has no labels"):
+        Export(out=tmp_path, frames="0-5", workers=1)()
+    done = json.loads((tmp_path / "export.json").read_text())["frames"]
+    assert {"000000", "000001", "000002", "000003"} <= set(done)
+    six.boxes = None
+    six.made.clear()
+    Export(out=tmp_path, frames="0-5")()
+    assert 4 in six.made
+    assert 0 not in six.made
+
+
+@pytest.mark.parametrize(("keep", "numbers"), [(False, []), (True, ["000001"])])
+def test_frames_without_objects_stay_where_they_are_asked_for(tmp_path, six, keep, numbers):
+    Export(out=tmp_path, frames="0-1", keep_empty=keep)()
+    assert listed(tmp_path, "trainval")[1:] == numbers
+
+
+def test_measured_clouds_are_written_as_they_are(tmp_path, six):
+    Export(out=tmp_path, frames="0", recipe=CloudRecipe(source="measured"))()
+    points = np.fromfile(tmp_path / "training/velodyne/000000.bin", "<f4").reshape(-1, 4)
+    assert points.tolist() == [[10, 0, 0, 0.25], [12, 1, -1, 0.5]]
+
+
+def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
+    Export(out=tmp_path, frames="3-5", validation="5")()
+    assert "scenes on both sides of the split, street-1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"frames": ""}, "say which frames"),
+        ({"frames": "0-1", "validation": "2"}, "names frames that --frames does not"),
+        ({"frames": "0", "occlusion": "paper"}, "is for vkitti2"),
+        ({"frames": "0", "recipe": CloudRecipe(lines="128")}, "no lines named '128'; known: 32_of_64, 32_wide"),
+        ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
+        ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
+        ({"frames": "1-2"}, "no frame of 2 is left"),
+    ],
+)
+def test_what_cannot_be_exported_is_told(tmp_path, six, settings, message):
+    with pytest.raises(ValueError, match=message):
+        Export(out=tmp_path, **settings)()
+
+
+def test_a_set_without_depth_asks_for_measured_clouds(tmp_path, six, monkeypatch):
+    plain = Six.__getitem__
+
+    def without(self, index):
+        frame = plain(self, index)
+        return replace(frame, camera=replace(frame.camera, depth_m=None, depth_valid=None), cloud=None)
+
+    monkeypatch.setattr(Six, "__getitem__", without)
+    with pytest.raises(ValueError, match="six-0 has no depth"):
+        Export(out=tmp_path, frames="0")()
+    with pytest.raises(ValueError, match="six-0 has no measured cloud"):
+        Export(out=tmp_path, frames="0", recipe=CloudRecipe(source="measured"))()

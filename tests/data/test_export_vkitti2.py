@@ -1,0 +1,133 @@
+"""`jaxsim export --data vkitti2`, read back by an independent reader's rules."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import configs
+from jaxsim.cli.export import Export
+from jaxsim.config import DataConfig
+from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.metrics.detection import DIFFICULTIES, read_truth
+from jaxsim.metrics.detection.rules import truth_flags
+from jaxsim.simulate import load
+from jaxsim.simulate.clouds import CloudRecipe, make_cloud
+from jaxsim.simulate.sensor import LearnedSensor
+from tests.untrained import untrained_run
+
+sys.path.append(str(Path(__file__).parents[1] / "cloud"))
+import openpcdet_rules as rules
+
+
+@pytest.fixture(scope="module")
+def export(virtual, tmp_path_factory):
+    def export(**settings) -> Path:
+        out = tmp_path_factory.mktemp("tree")
+        Export(out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), frames="0-1", **settings)()
+        return out
+
+    return export
+
+
+@pytest.fixture(scope="module")
+def tree(export) -> Path:
+    return export()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "step"
+    base, _ = configs.load("synthetic")
+    experiment = replace(
+        base,
+        data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    return untrained_run(folder, experiment)
+
+
+@pytest.fixture(scope="module")
+def sensor(run) -> LearnedSensor:
+    return load(run)
+
+
+def test_an_independent_reader_finds_vehicles_where_the_points_are(tree):
+    frames = rules.accept(tree)
+    assert list(frames) == ["000000", "000001"]
+    held = 0
+    for frame in frames.values():
+        assert frame["in_image"].mean() > 0.99
+        assert (frame["points"][:, 3] == 0).all()
+        for box, thing in zip(frame["boxes"], frame["objects"], strict=True):
+            inside = rules.points_in(box, frame["points"])
+            if thing["occluded"] == 0 and thing["truncated"] < 0.1 and box[0] < 40:
+                assert inside.sum() > 20, thing
+                held += 1
+                # The points on it are on its surface that faces the sensor: the box is no larger than the object.
+                around = rules.points_in(box, frame["points"], grown_m=0.3) & (frame["points"][:, 2] > box[2])
+                assert (inside & around).sum() > 0.8 * around.sum()
+    assert held >= 2
+
+
+def test_levels_are_kittis_or_none_is_visible_or_the_papers_fraction(export, tree, virtual, capsys):
+    things = [t for t in VirtualKitti2(virtual.root, scenes=("Scene01",)).objects(0) if t.pixels]
+    things = [t for t in things if np.linalg.norm(t.centre_m) <= 80]
+
+    def column(out):
+        return [line.split()[2] for line in (out / "training/label_2/000000.txt").read_text().splitlines()]
+
+    levels = [0 if t.occupancy >= 0.5 else 1 if t.occupancy >= 0.25 else 2 for t in things]
+    assert column(tree) == [str(level) for level in levels]
+    assert column(export(occlusion="never_visible")) == [str(level + 1) for level in levels]
+    assert "warning" not in capsys.readouterr().err
+    paper = export(occlusion="paper")
+    assert "official evaluation reads an integer" in capsys.readouterr().err
+    assert [float(v) for v in column(paper)] == pytest.approx([1 - t.occupancy for t in things], abs=1e-6)
+    # No object is wholly visible, none unseen: whatever its height, none is easy, and none is beyond moderate.
+    assert all(0 < float(v) <= 1 for v in column(paper))
+    truth = read_truth(paper / "training/label_2", ["000000", "000001"])
+    assert not (truth_flags(truth, "Car", DIFFICULTIES["easy"], "openpcdet") == 0).any()
+
+
+def test_fewer_lines_have_fewer_points_and_both_readings_of_32_are_there(virtual):
+    frame = VirtualKitti2(virtual.root, scenes=("Scene01",))[0]
+    counts = {}
+    for lines in ("none", "64", "32_of_64", "32_wide", "hdl64e", "vlp16"):
+        counts[lines] = int(make_cloud(frame, CloudRecipe(lines=lines)).valid.sum())
+    assert counts["none"] > 100_000 > 40_000 > counts["64"] > counts["32_wide"] > counts["32_of_64"]
+    assert counts["32_of_64"] == pytest.approx(counts["64"] / 2, rel=0.1)
+    four = make_cloud(frame, CloudRecipe(beams=(9, 13, 17, 21)))
+    assert set(four.row[four.valid].tolist()) == {9, 13, 17, 21}
+
+
+@pytest.mark.parametrize("lidar", ["kitti", "camera"])
+def test_clouds_of_a_trained_sensor_carry_its_intensity_in_all_placements(virtual, sensor, lidar):
+    frame = VirtualKitti2(virtual.root, scenes=("Scene01",), lidar=lidar)[0]
+    recipe = CloudRecipe(source="simulated", lines="none")
+    dropped = make_cloud(frame, recipe, sensor)
+    intensity = sensor.intensity_map(frame.camera).ravel()
+    assert (dropped.intensity == intensity).all()
+    assert (intensity[dropped.valid] > 0).all()
+    assert 0 < dropped.valid.sum() < dropped.valid.size
+    kept = make_cloud(frame, replace(recipe, keep_zero=True), sensor)
+    assert kept.valid.sum() > dropped.valid.sum()
+    assert 0 in kept.intensity[kept.valid]
+    if lidar == "kitti":
+        grid = make_cloud(frame, replace(recipe, projection="grid", lines=""), sensor)
+        window, _ = sensor.window
+        assert grid.valid.size == len(window.elevation_rad) * len(window.azimuth_rad)
+        assert (grid.intensity[grid.valid] > 0).all()
+
+
+def test_the_command_writes_a_trained_sensors_clouds(export, run, sensor, tree, monkeypatch):
+    monkeypatch.setattr("jaxsim.cli.export.load", lambda folder: sensor)  # compiled already
+    out = export(recipe=CloudRecipe(source="simulated"), run=run)
+    simulated, plain = rules.accept(out), rules.accept(tree)
+    for number, frame in simulated.items():
+        assert 0 < len(frame["points"]) < len(plain[number]["points"])
+        assert (frame["points"][:, 3] > 0).all()
+        assert (frame["boxes"] == plain[number]["boxes"]).all()
