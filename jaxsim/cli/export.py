@@ -129,7 +129,7 @@ class Export:
         points = int(np.asarray(cloud.valid).sum())
         if not points:
             return number, about | {"left_out": "no point"}
-        rect = getattr(frame, "rect_from_velo", None)
+        rect = frame.rect_from_velo
         write_kitti_frame(self.out, number, frame.camera, cloud, boxes, rect_from_velo=rect, occluded=occluded)
         return number, about | {"points": points}
 

@@ -1,7 +1,10 @@
 """`jaxsim export` on a data set of six small frames that needs no rendering."""
 
 import json
+import shutil
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +16,9 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import preset
 from jaxsim.simulate.clouds import CloudRecipe
+
+sys.path.append(str(Path(__file__).parents[1] / "cloud"))
+import openpcdet_rules as rules
 
 SIZE = (38, 124)
 
@@ -168,3 +174,40 @@ def test_a_set_without_depth_asks_for_measured_clouds(tmp_path, six, monkeypatch
         Export(out=tmp_path, frames="0")()
     with pytest.raises(ValueError, match="six-0 has no measured cloud"):
         Export(out=tmp_path, frames="0", recipe=CloudRecipe(source="measured"))()
+
+
+def test_kittis_own_frames_are_copied_without_those_that_hold_nothing(tmp_path, samples):
+    settings = {"data": "kitti_object", "root": samples / "kitti_object", "recipe": CloudRecipe(source="measured")}
+    Export(out=tmp_path, **settings)()
+    source, copy = KittiObject(samples / "kitti_object"), KittiObject(tmp_path)
+    assert len(copy) == 3
+    for k in range(3):
+        assert (copy[k].cloud.xyz_m == source[k].cloud.xyz_m).all()
+        assert (copy[k].cloud.row == source[k].cloud.row).all()
+        assert copy[k].boxes.kind == source[k].boxes.kind
+        assert (copy[k].boxes.centre_m == source[k].boxes.centre_m).all()
+
+
+def test_labels_without_their_calibration_are_told(tmp_path, samples):
+    folder = tmp_path / "source" / "training"
+    for name in ("velodyne", "image_2", "label_2"):
+        shutil.copytree(samples / "kitti_object/training" / name, folder / name)
+    settings = {"data": "kitti_object", "root": folder.parent, "recipe": CloudRecipe(source="measured")}
+    with pytest.raises(ValueError, match=r"there is no .*calib/000000.txt"):
+        Export(out=tmp_path / "out", frames="0", **settings)()
+
+
+@pytest.mark.slow
+def test_the_embedded_worlds_boxes_hold_their_points_from_the_camera_and_from_the_lidar(tmp_path):
+    for lidar in ("kitti", "camera"):
+        for source in ("depth", "measured"):
+            out = tmp_path / f"{lidar}_{source}"
+            Export(out=out, frames="0-4:4", lidar=lidar, recipe=CloudRecipe(source=source))()
+            held = 0
+            for frame in rules.accept(out).values():
+                for box, thing in zip(frame["boxes"], frame["objects"], strict=True):
+                    if thing["occluded"] == 0 and thing["truncated"] < 0.1 and np.hypot(*box[:2]) < 40:
+                        count = rules.points_in(box, frame["points"]).sum()
+                        assert count > 10, (lidar, source, thing)
+                        held += 1
+            assert held > 3
