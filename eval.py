@@ -17,6 +17,7 @@ import configs
 from jaxsim.cli import enable_compilation_cache, stop_on_error
 from jaxsim.cli.ablation import Ablation, ablation
 from jaxsim.cli.detection import Detection, judge
+from jaxsim.cli.detector_run import judge_run
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.metrics import Score
@@ -28,6 +29,7 @@ from jaxsim.simulate import (
     frechet_line,
     frechet_of_run,
     generation_scores,
+    is_detector,
     load,
     make_predict,
     open_folder,
@@ -67,6 +69,9 @@ class Evaluation:
 
 
 def main(args: Evaluation) -> None:
+    if is_detector(args.run):
+        return judge_run(args.run, data=args.data, root=args.root, scenes=args.scenes, frames=args.frames, out=args.out)
+
     # Run: the learned sensor and the settings it was trained with.
     sensor = load(args.run)
     data, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare

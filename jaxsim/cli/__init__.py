@@ -6,6 +6,7 @@ import tyro
 
 from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_on_error
 from jaxsim.cli.convert import Convert
+from jaxsim.cli.detect import Detect
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
 from jaxsim.cli.export import Export
@@ -13,7 +14,14 @@ from jaxsim.cli.simulate import Simulate
 
 __all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
 
-COMMANDS = {"simulate": Simulate, "discover": Discover, "effects": Effects, "convert": Convert, "export": Export}
+COMMANDS = {
+    "simulate": Simulate,
+    "export": Export,
+    "detect": Detect,
+    "discover": Discover,
+    "effects": Effects,
+    "convert": Convert,
+}
 """Every command: its name and what it takes."""
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from jaxsim.detect import published as voxel_rcnn
 from jaxsim.metrics import inception
 from jaxsim.metrics.generation import rangenet
 from jaxsim.pix2pix import published_files, vgg
@@ -20,6 +21,7 @@ CONVERTERS: dict[str, Converter] = {
     **inception.CONVERTERS,
     "rangenet53": rangenet.CONVERTER,
     "lidia": lidia.CONVERTER,
+    voxel_rcnn.KIND: voxel_rcnn.CONVERTER,
 }
 """Every kind of published weights: its name, and how it is converted."""
 

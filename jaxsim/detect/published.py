@@ -7,14 +7,17 @@ and (z, y, x, out, in) of spconv 2's *native* algorithm. The first layer, whose 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.config import DetectorConfig, DetectorExperiment
 from jaxsim.detect.network import FEATURES
 from jaxsim.detect.state import Network, network_shapes
-from jaxsim.weights import Converter, fit
+from jaxsim.weights import Converter, fit, load_weights
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -154,6 +157,14 @@ def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
 
 def _car(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return fit(arrays, published_shapes(DetectorExperiment(), sparse_layout(arrays)))
+
+
+def load_published(path: Path) -> Network:
+    """OpenPCDet's network for cars from a file that `jaxsim convert` wrote; its settings are `DetectorExperiment()`.
+
+    Raises FileNotFoundError or ValueError, which say how to get the right file.
+    """
+    return jax.tree.map(jnp.asarray, from_published(load_weights(path, KIND, CONVERTER).arrays, DetectorExperiment()))
 
 
 KIND = "voxel_rcnn_car"

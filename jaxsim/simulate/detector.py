@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.detect.batches import in_range, inside
+from jaxsim.detect.published import load_published
 from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
 from jaxsim.detect.state import Network, network_shapes
@@ -134,19 +135,23 @@ def score_detector(
 class LearnedDetector:
     """A detector with everything that its use needs."""
 
-    run: DetectorRun
+    experiment: DetectorExperiment
     network: Network
-    step: int
-
-    def make_find(self) -> Find:
-        return make_find(self.run.experiment)
 
 
-def load_detector(folder: Path | str, *, step: int | None = None) -> LearnedDetector:
-    """The detector of a run at its latest checkpoint, or at `step`."""
-    run, checkpoints = load_run(folder, DetectorRun), Checkpoints(Path(folder))
-    network = checkpoints.restore("network", network_shapes(run.experiment), step=step)
-    return LearnedDetector(run, network, checkpoints.latest or 0 if step is None else step)
+def load_detector(path: Path | str, *, step: int | None = None) -> LearnedDetector:
+    """The detector of a run's folder at its latest checkpoint, or at `step`; or published weights (.npz).
+
+    Raises ValueError for a step that is not kept.
+    """
+    path = Path(path)
+    if path.suffix == ".npz":
+        return LearnedDetector(DetectorExperiment(), load_published(path))
+    run, checkpoints = load_run(path, DetectorRun), Checkpoints(path)
+    if step is not None and step not in checkpoints.steps:
+        kept = ", ".join(map(str, checkpoints.steps)) or "none"
+        raise ValueError(f"run: {path} keeps no checkpoint of step {step}; it keeps {kept}")
+    return LearnedDetector(run.experiment, checkpoints.restore("network", network_shapes(run.experiment), step=step))
 
 
 def mean_curves(per_epoch: Sequence[Sequence[Curve]]) -> dict[tuple[str, str, str], tuple[float, float]]:

@@ -1,0 +1,67 @@
+"""The optimiser against the published schedule and against PyTorch's arithmetic written out."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+
+from jaxsim.config import OneCycleConfig
+from jaxsim.detect.state import one_cycle, optimiser
+
+CONFIG = OneCycleConfig()
+
+
+@pytest.mark.parametrize("steps", [148480, 100, 997])
+def test_the_cycle_is_the_published_one(published, steps):
+    heads = published("heads")
+    with jax.enable_x64(True):
+        for step, (rate, beta) in zip(heads[f"onecycle_{steps}_steps"], heads[f"onecycle_{steps}_lr_mom"], strict=True):
+            mine = one_cycle(CONFIG, steps, jnp.asarray(float(step)))
+            np.testing.assert_allclose(np.array([float(v) for v in mine]), [rate, beta], rtol=0, atol=1e-12)
+
+
+def test_the_cycle_on_a_device_is_near_it(published):
+    heads = published("heads")
+    steps, wanted = heads["onecycle_997_steps"], heads["onecycle_997_lr_mom"]
+    mine = jax.jit(jax.vmap(lambda s: jnp.stack(one_cycle(CONFIG, 997, s))))(jnp.asarray(steps, jnp.int32))
+    np.testing.assert_allclose(mine, wanted, rtol=2e-5, atol=1e-9)
+
+
+def oracle(parameter, gradients, steps, config):
+    """Clip, decay, Adam (torch.optim.Adam), one array, float64."""
+    first = second = np.zeros_like(parameter)
+    with jax.enable_x64(True):
+        cycle = [tuple(float(v) for v in one_cycle(config, steps, jnp.asarray(float(k)))) for k in range(steps)]
+    for k, gradient in enumerate(gradients):
+        rate, beta = cycle[k]
+        norm = np.linalg.norm(gradient)
+        gradient = gradient * min(1.0, config.clip / (norm + 1e-6))
+        parameter = parameter * (1 - config.weight_decay * rate)
+        first = beta * first + (1 - beta) * gradient
+        second = config.beta2 * second + (1 - config.beta2) * gradient**2
+        hat = first / (1 - beta ** (k + 1))
+        root = np.sqrt(second / (1 - config.beta2 ** (k + 1)))
+        parameter = parameter - rate * hat / (root + 1e-8)
+    return parameter
+
+
+def test_updates_are_clipped_decayed_adam():
+    rng, steps = np.random.default_rng(0), 8
+    config = OneCycleConfig(lr=0.05, clip=3.0, weight_decay=0.1)
+    start = rng.standard_normal(6)
+    gradients = [rng.standard_normal(6) * scale for scale in (0.5, 4, 1, 9, 0.1, 1, 1, 2)]
+    adam = optimiser(config, steps)
+    parameters = {"a": jnp.asarray(start[:4], jnp.float32), "b": jnp.asarray(start[4:], jnp.float32)}
+    state = adam.init(parameters)
+
+    @jax.jit
+    def step(parameters, state, gradient):
+        updates, state = adam.update(gradient, state, parameters)
+        return optax.apply_updates(parameters, updates), state
+
+    for gradient in gradients:
+        tree = {"a": jnp.asarray(gradient[:4], jnp.float32), "b": jnp.asarray(gradient[4:], jnp.float32)}
+        parameters, state = step(parameters, state, tree)
+    mine = np.concatenate([parameters["a"], parameters["b"]])
+    np.testing.assert_allclose(mine, oracle(start, gradients, steps, config), rtol=2e-5, atol=2e-6)
