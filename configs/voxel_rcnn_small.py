@@ -19,7 +19,7 @@ from jaxsim.config import (
 )
 
 experiment = DetectorExperiment(
-    data=DataConfig(kind="synthetic", train="0-799:4", validation="1920-1999:4"),
+    data=DataConfig(kind="synthetic", train="0-479:4", validation="1920-1999:4"),
     scored="inside",
     voxels=VoxelConfig(
         range_m=(0.0, -22.4, -3.0, 44.8, 22.4, 1.0),
@@ -41,6 +41,6 @@ experiment = DetectorExperiment(
         score=0.1,
     ),
     augment=AugmentConfig(sampled=6),
-    optim=OneCycleConfig(lr=0.005, batch=2, epochs=16),
+    optim=OneCycleConfig(lr=0.005, batch=2, epochs=12),
     run=RunConfig(name="voxel_rcnn_small", save_every=0, picture_every=0, keep=5),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -89,13 +90,12 @@ class Detect:
             if not self.calib:
                 lines = [without_rectangle(line) for line in lines]
             write_lines(self.out / "results" / f"{name}.txt", lines)
-        print(
-            f"{total} {kind} boxes in {len(todo)} clouds, {len(files) - len(todo)} were there: {self.out / 'results'}"
-        )
+        there = len(files) - len(todo)
+        print(f"{total} of {kind} in {len(todo)} clouds; {there} clouds were there: {self.out / 'results'}")
         if todo and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
-        if todo and self.calib is None and experiment.in_image:
-            print("note: this detector learned from what a camera sees; without --calib it is shown the whole cloud")
+            if experiment.in_image:
+                print("note: this detector learned from what a camera sees; without --calib it gets the whole cloud")
 
     def result(self, file: Path) -> Path:
         return self.out / "results" / f"{file.stem}.txt"
@@ -138,7 +138,7 @@ def cloud_files(folder: Path) -> list[Path]:
     if not files:
         there = "there is no such folder" if not folder.is_dir() else f"it holds no {' or '.join(SUFFIXES)}"
         raise ValueError(f"detect: no clouds in {folder}: {there}")
-    twice = [file.stem for file, after in zip(files, files[1:], strict=False) if file.stem == after.stem]
+    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
     if twice:
         raise ValueError(f"detect: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
     return files

@@ -61,6 +61,11 @@ def definition_of(experiment: DetectorExperiment) -> Any:
 
 def network_shapes(experiment: DetectorExperiment) -> Network:
     """Shapes and types of a network's values."""
+    return jax.tree.map(lambda leaf: leaf, _network_shapes(experiment))
+
+
+@cache
+def _network_shapes(experiment: DetectorExperiment) -> Network:
     return jax.eval_shape(lambda key: split(_make(experiment, key))[1], jax.random.key(0))
 
 

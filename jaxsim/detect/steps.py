@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import jax
@@ -58,6 +59,7 @@ def make_train_step(
     return jax.jit(train_step, donate_argnums=0)
 
 
+@cache
 def make_detect(
     experiment: DetectorExperiment,
 ) -> Callable[[Network, Array, Array], tuple[Detections, dict[str, Array]]]:

@@ -25,7 +25,7 @@ VOXELS = VoxelConfig(
     max_voxels_train=3000,
     max_voxels=3000,
     max_points=4096,
-    growth=(1.5, 1.0, 0.5, 0.4),
+    growth=(2.5, 2.0, 1.0, 0.8),
 )
 NETWORK = DetectorConfig(
     backbone=BackboneConfig(widths=(8, 16, 16, 16), out=16, bev_layers=(1, 1), bev_widths=(32, 32), up_widths=(32, 32)),
@@ -44,7 +44,7 @@ EXPERIMENT = DetectorExperiment(
 )
 ROAD_M = -1.73
 RECT_FROM_VELO = np.array([[0, -1, 0, 0.0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
-VIEW = View(np.array([[400.0, 0, 500], [0, 400, 150], [0, 0, 1]]), RECT_FROM_VELO, RECT_FROM_VELO, (300, 1000))
+VIEW = View(np.array([[800.0, 0, 1000], [0, 800, 300], [0, 0, 1]]), RECT_FROM_VELO, RECT_FROM_VELO, (600, 2000))
 
 
 def car(rng, at, heading):

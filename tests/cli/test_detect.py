@@ -1,0 +1,101 @@
+"""`jaxsim detect` on real scans with a tiny detector that never trained, and its errors."""
+
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.cli.detect import Detect, cloud_files, read_cloud
+from jaxsim.detect.state import create_state
+from jaxsim.metrics.detection import read_detections
+from jaxsim.simulate import Checkpoints, DetectorRun, load, load_detector, start_run
+from tests.detect.tiny import EXPERIMENT
+
+UNTRAINED = replace(EXPERIMENT, detector=replace(EXPERIMENT.detector, score=0.0))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    start_run(folder, DetectorRun(UNTRAINED, 10, 8))
+    state = create_state(UNTRAINED, 10, seed=0)
+    Checkpoints(folder, keep=1).save(10, state=state, network=state.network)
+    return folder
+
+
+@pytest.fixture
+def kitti(samples):
+    return samples / "kitti_object" / "training"
+
+
+def test_real_scans_give_result_files_and_pictures(run, kitti, tmp_path):
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    shutil.copy(kitti / "velodyne" / "000001.bin", clouds)
+    out = tmp_path / "out"
+    command = Detect(run, clouds, out, kitti / "calib", kitti / "image_2", kitti / "label_2", max_voxels=6000)
+    command()
+    found = read_detections(out / "results")
+    assert found.names == ("000001",)
+    assert set(found.kind) <= {"Car"}
+    assert len(found.score)
+    assert ((found.bbox_px[:, :2] >= 0) & (found.bbox_px[:, 2:] <= [1241, 374])).all()
+    picture = cv2.imread(str(out / "pictures" / "000001_image.png"))
+    assert picture.shape == (375, 1242, 3)
+    assert cv2.imread(str(out / "pictures" / "000001_above.png")) is not None
+
+    # What is there is not made again.
+    path = out / "results" / "000001.txt"
+    path.write_text("")
+    command()
+    assert path.read_text() == ""
+
+
+def test_without_calibration_boxes_are_in_the_lidars_axes_and_have_no_rectangle(run, kitti, tmp_path):
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    points = np.fromfile(kitti / "velodyne" / "000002.bin", "<f4").reshape(-1, 4)
+    points = points[np.abs(points[:, 1]) < 0.8 * points[:, 0]]
+    np.savez(clouds / "a.npz", xyz=points[:, :3], intensity=points[:, 3])
+    Detect(run, clouds, tmp_path / "out", pictures=0, max_voxels=6000)()
+    found = read_detections(tmp_path / "out" / "results")
+    assert len(found.score)
+    assert (found.bbox_px == 0).all()
+    # z ahead, x to the right: the tiny range is 25.6 m ahead and 12.8 m to either side.
+    assert (np.abs(found.centre_m[:, 0]) < 14).all()
+    assert ((found.centre_m[:, 2] > -2) & (found.centre_m[:, 2] < 28)).all()
+    assert not (tmp_path / "out" / "pictures").exists()
+
+
+def test_images_and_labels_need_a_calibration(run, kitti, tmp_path):
+    for name in ("images", "labels"):
+        with pytest.raises(ValueError, match=f"--{name} needs --calib"):
+            Detect(run, kitti / "velodyne", tmp_path, **{name: kitti})()
+
+
+def test_broken_clouds_are_named(tmp_path):
+    with pytest.raises(ValueError, match="there is no such folder"):
+        cloud_files(tmp_path / "none")
+    with pytest.raises(ValueError, match=r"it holds no \.bin or \.npz"):
+        cloud_files(tmp_path)
+    (tmp_path / "a.bin").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"a\.bin is empty"):
+        read_cloud(tmp_path / "a.bin")
+    np.savez(tmp_path / "b.npz", xyz=np.ones((4, 3)))
+    with pytest.raises(ValueError, match="3 columns, no intensity"):
+        read_cloud(tmp_path / "b.npz")
+    np.savez(tmp_path / "c.npz", points=np.ones((4, 3)))
+    with pytest.raises(ValueError, match="no array xyz"):
+        read_cloud(tmp_path / "c.npz")
+    np.savez(tmp_path / "a.npz", xyz=np.ones((4, 3)))
+    with pytest.raises(ValueError, match="a twice"):
+        cloud_files(tmp_path)
+
+
+def test_a_step_that_is_not_kept_is_refused(run):
+    with pytest.raises(ValueError, match="no checkpoint of step 7; it keeps 10"):
+        load_detector(run, step=7)
+    with pytest.raises(ValueError, match="run of a detector, not of an intensity network"):
+        load(run)
