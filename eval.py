@@ -33,6 +33,7 @@ from jaxsim.simulate import (
     load,
     make_predict,
     open_folder,
+    pairs_before,
     prepared,
     require_images,
     score_pairs,
@@ -84,8 +85,7 @@ def main(args: Evaluation) -> None:
     dataset = open_dataset(judged_data) if judged_data != data else own
     positions = select(args.frames or (f"0-{len(dataset) - 1}" if foreign else data.validation), dataset)
     judged = prepared(dataset, positions, judged_data, prepare)
-    earlier = prepared(dataset, [max(p - 1, 0) for p in positions], judged_data, prepare)
-    before = [earlier[k] if p > 0 and earlier.scenes[k] == judged.scenes[k] else None for k, p in enumerate(positions)]
+    before = pairs_before(dataset, positions, judged_data, prepare)
     train = prepared(own, select(data.train, own), data, prepare)
     extractor = None
     if args.fid:

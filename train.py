@@ -77,10 +77,9 @@ def intensity_network(experiment: Experiment, mesh: Any) -> Training:
     if vgg is None:
         print("perceptual loss: off (--loss.perceptual 0; the paper's weight is 10)")
 
-    # Data: frames to aligned pairs on the camera's polar window, made once and kept.
+    # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)
-    chosen = select(data.train, dataset)
-    train = prepared(dataset, chosen, data, prepare)
+    train = prepared(dataset, select(data.train, dataset), data, prepare)
     validation = prepared(dataset, select(data.validation, dataset), data, prepare)
     # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
@@ -111,7 +110,7 @@ def intensity_network(experiment: Experiment, mesh: Any) -> Training:
         return score_pairs(predict, params, validation), picture
 
     return Training(
-        run=describe(experiment, dataset.spec, dataset[chosen[0]].camera),
+        run=describe(experiment, dataset.spec, train.record(0).view),
         steps=optim.steps,
         save_every=settings.save_every,
         judge_every=settings.picture_every,

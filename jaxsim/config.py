@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2"]
+DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
 InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
@@ -21,10 +21,10 @@ class DataConfig:
     """Which frames to learn from."""
 
     kind: DataKind = "synthetic"
-    """`synthetic` is the embedded world and needs no files."""
+    """`synthetic` is the embedded world and needs no files; `prepared` is what `jaxsim prepare` made of another."""
     root: Path | None = None
     """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or
-    `Scene01/` (vkitti2)."""
+    `Scene01/` (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
     scenes: tuple[str, ...] = ()
     """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, or scenes of vkitti2, `Scene01`. None named: all,
     and all must be there."""

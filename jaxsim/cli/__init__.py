@@ -10,11 +10,13 @@ from jaxsim.cli.detect import Detect
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
 from jaxsim.cli.export import Export
+from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.simulate import Simulate
 
 __all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
 
 COMMANDS = {
+    "prepare": Prepare,
     "simulate": Simulate,
     "export": Export,
     "detect": Detect,

@@ -79,6 +79,12 @@ def _vkitti2(config: DataConfig) -> Dataset:
     )
 
 
+def _prepared(config: DataConfig) -> Dataset:
+    from jaxsim.data.prepared_set import PreparedSet
+
+    return PreparedSet(_root(config))
+
+
 DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "synthetic": _synthetic,
     "kitti_raw": lambda config: KittiRaw(_root(config), rows=config.rows),
@@ -88,6 +94,7 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     ),
     "kitti_step": lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows),
     "vkitti2": _vkitti2,
+    "prepared": _prepared,
 }
 
 

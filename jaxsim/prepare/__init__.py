@@ -9,7 +9,7 @@ from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.occlusion import surface_depth
 from jaxsim.prepare.paint import paint, paint_raster
-from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, window_of
+from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, prepare_view, window_of
 from jaxsim.prepare.shrink import shrink
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "paint",
     "paint_raster",
     "prepare_frame",
+    "prepare_view",
     "shrink",
     "sparse_depth",
     "surface_depth",

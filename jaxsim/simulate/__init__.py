@@ -14,7 +14,7 @@ from jaxsim.simulate.detector import (
 from jaxsim.simulate.fid import frechet_line, frechet_of_run, require_images
 from jaxsim.simulate.folders import generation_scores, open_folder
 from jaxsim.simulate.predict import make_batch, make_predict, predict_intensity
-from jaxsim.simulate.prepared import PreparedPairs, prepared
+from jaxsim.simulate.prepared import PreparedPairs, pairs_before, prepared
 from jaxsim.simulate.run import Checkpoints, DetectorRun, Run, describe, is_detector, load_run, start_run
 from jaxsim.simulate.scores import baseline_scores, score_pairs
 from jaxsim.simulate.scribe import Scribe, TrainingDiverged
@@ -47,6 +47,7 @@ __all__ = [
     "make_predict",
     "mean_curves",
     "open_folder",
+    "pairs_before",
     "predict_intensity",
     "prepared",
     "require_images",

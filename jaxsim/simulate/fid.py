@@ -73,9 +73,9 @@ def _in_batches(pairs: Iterable[Pair], image: Callable[[Pair], Array]) -> Iterat
 
 def data_name(pairs: PreparedPairs, prepare: PrepareConfig) -> str:
     """A name for the measured images of these pairs: it changes with the frames, their preparation and the size."""
-    files = "\n".join(f"{file.parent.name}/{file.name}" for file in pairs.files)
-    digest = hashlib.sha256(f"{prepare.network_size}\n{files}".encode()).hexdigest()
-    return f"{pairs.files[0].parent.name.split('-')[0]}-{len(pairs)}-{digest[:16]}"
+    keys = "\n".join(pairs.keys)
+    digest = hashlib.sha256(f"{prepare.network_size}\n{keys}".encode()).hexdigest()
+    return f"{pairs.keys[0].split('-')[0]}-{len(pairs)}-{digest[:16]}"
 
 
 def frechet_of_run(

@@ -11,18 +11,19 @@ _held: dict[tuple[int, int], int] = {}
 """Open lock files of this process, by device and inode: the lock lasts as long as its file is open."""
 
 
-def hold(folder: Path) -> None:
+def hold(folder: Path, *, doing: str = "training in", instead: str = "another --run.name") -> None:
     """Keeps a folder (made if need be) for this process until it ends, by a lock on `folder/.lock`.
 
     The system itself lets go of the lock however the process ends, so a killed run resumes at once. Holding a
-    folder again in the same process is fine. Raises ValueError where another process holds it. Where there are
-    no such locks (Windows, some network drives) nothing is locked, and a warning says so.
+    folder again in the same process is fine. Raises ValueError where another process holds it, worded with what is
+    `doing` there and what to give `instead`. Where there are no such locks (Windows, some network drives) nothing is
+    locked, and a warning says so.
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
         import fcntl
     except ModuleNotFoundError:
-        _warn(folder, "this platform has no fcntl")
+        _warn(folder, doing, "this platform has no fcntl")
         return
     file = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o666)
     status = os.fstat(file)
@@ -36,19 +37,19 @@ def hold(folder: Path) -> None:
         owner = os.read(file, 200).decode(errors="replace").strip()
         os.close(file)
         raise ValueError(
-            f"run: another process ({owner or 'it left no number'}) is training in {folder}, and two would spoil "
-            "each other's files; wait until it ends, stop it, or give this one another --run.name"
+            f"run: another process ({owner or 'it left no number'}) is {doing} {folder}, and two would spoil "
+            f"each other's files; wait until it ends, stop it, or give this one {instead}"
         ) from None
     except OSError as error:
         os.close(file)
-        _warn(folder, str(error))
+        _warn(folder, doing, str(error))
         return
     os.ftruncate(file, 0)
     os.write(file, f"pid {os.getpid()} on {socket.gethostname()}\n".encode())
     _held[key] = file
 
 
-def _warn(folder: Path, why: str) -> None:
+def _warn(folder: Path, doing: str, why: str) -> None:
     warnings.warn(
-        f"run: {folder} cannot be locked ({why}); see to it yourself that no other process trains in it", stacklevel=4
+        f"run: {folder} cannot be locked ({why}); see to it yourself that no other process is {doing} it", stacklevel=4
     )

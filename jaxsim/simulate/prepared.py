@@ -1,36 +1,29 @@
-"""The prepared pairs of a data set, made once and kept on disk, one file a frame."""
+"""The pairs of a data set: made from its frames once and kept, one file a frame, or read from a prepared set."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import fields, replace
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import jax
 import numpy as np
-from pydantic import TypeAdapter
 from tqdm import tqdm
 
 import jaxsim
 from jaxsim.atomic import replacing
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data.pair_settings import pair_settings
+from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, record_of
 from jaxsim.devices import wait
-from jaxsim.frame import Painted, Pair, PolarGrid, PolarImage
-from jaxsim.prepare import prepare_frame
-
-
-def _holes(kind: type) -> dict[str, int]:
-    return {field.name: 0 for field in fields(kind)}
-
-
-TEMPLATE = Pair(**{**_holes(Pair), "painted": Painted(**_holes(Painted)), "measured": PolarImage(**_holes(PolarImage))})
-
-
-def _names() -> list[str]:
-    paths = jax.tree_util.tree_flatten_with_path(TEMPLATE)[0]
-    return [jax.tree_util.keystr(path, simple=True, separator=".") for path, _ in paths]
+from jaxsim.frame import Frame, Pair
+from jaxsim.geometry import LidarSpec
+from jaxsim.prepare import edge_map, prepare_frame, prepare_view
 
 
 def _code() -> bytes:
@@ -40,77 +33,90 @@ def _code() -> bytes:
     return b"".join(path.read_bytes() for path in [*files, root / "frame.py"])
 
 
-def weights_digest(prepare: PrepareConfig) -> bytes:
-    """Of the contents of the weights that preparation uses: pairs made with others are not these pairs.
-
-    Raises FileNotFoundError where a named file is missing.
-    """
-    used = [path for path in (prepare.denoise_weights,) if path is not None]
-    if missing := [str(path) for path in used if not path.is_file()]:
-        raise FileNotFoundError(f"prepare: no weights at {', '.join(missing)}; jaxsim convert writes them")
-    return b"".join(hashlib.sha256(path.read_bytes()).digest() for path in used)
+def fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
+    """Kind of data set, and a hash of all that pairs of these settings depend on: settings and code."""
+    settings = json.dumps(pair_settings(data, prepare), sort_keys=True)
+    return f"{data.kind}-{hashlib.sha256(settings.encode() + _code()).hexdigest()[:16]}"
 
 
 def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
-    """Where pairs of these settings are kept: the name depends on all that they depend on."""
-    # Which frames are used and which channels the network sees changes no pair; but a frame without labels is an
-    # error where labels are asked for, so such pairs are not shared.
-    labels = ("semantic",) if {"semantic", "edges"} & {*prepare.inputs} else ()
-    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
-    settings = TypeAdapter(DataConfig).dump_json(bare)
-    settings += TypeAdapter(PrepareConfig).dump_json(replace(prepare, inputs=labels, network_size=(0, 0), classes=()))
-    settings += weights_digest(prepare)
-    return data.cache / f"{data.kind}-{hashlib.sha256(settings + _code()).hexdigest()[:16]}"
+    """Where pairs of these settings are kept."""
+    return data.cache / fingerprint(data, prepare)
 
 
-class PreparedPairs(Sequence[Pair]):
-    """Pairs by position, read from disk when asked for."""
+def make_record(
+    frame: Frame, position: int, spec: LidarSpec, prepare: PrepareConfig, *, scan: bool = True
+) -> PairRecord:
+    """The pair of a data set's frame, ready to be kept; without `scan`, of its camera alone (`prepare_view`).
 
-    def __init__(self, files: Sequence[Path]):
-        self.files = list(files)
-        self.names, self.scenes, self.grids = [], [], []
-        for file in self.files:
-            with np.load(file) as archive:
-                self.names.append(str(archive["name"]))
-                self.scenes.append(str(archive["scene"]))
-                self.grids.append(PolarGrid(*(archive[f"grid.{field.name}"] for field in fields(PolarGrid))))
-
-    def __len__(self) -> int:
-        return len(self.files)
-
-    def __getitem__(self, i: Any) -> Any:
-        with np.load(self.files[i]) as archive:
-            leaves = [archive[name] for name in _names()]
-        return jax.tree.unflatten(jax.tree.structure(TEMPLATE), leaves)
-
-    @property
-    def windows(self) -> set[tuple[int, int]]:
-        """Lines and columns of the frames' polar windows: more than one where drives differ in calibration."""
-        return {(len(grid.elevation_rad), len(grid.azimuth_rad)) for grid in self.grids}
+    Raises ValueError where the frame lacks what `prepare` asks for.
+    """
+    pair, grid = (prepare_frame if scan else prepare_view)(frame, spec, prepare)
+    return PairRecord(
+        name=frame.name,
+        scene=frame.scene,
+        position=position,
+        pair=pair,
+        edges=np.asarray(edge_map(pair.painted.semantic, pair.painted.instance)),
+        grid=grid,
+        camera=frame.camera.camera,
+        image_size=frame.camera.rgb.shape[-3:-1],
+    )
 
 
 def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> PreparedPairs:
-    """The pairs at these positions of a data set; makes those that are not kept yet.
+    """The pairs at these positions of a data set. Of frames, those that are not kept yet are made; a prepared set has
+    them, or says what it lacks.
 
     A killed run keeps what it has made. Several processes divide the work; where they share no disk, each then
     makes the rest for itself.
     """
+    if data.kind == "prepared":
+        return dataset.pairs(positions, prepare)
     folder = cache_folder(data, prepare)
-    files = [folder / f"{i:06d}.npz" for i in positions]
     me, processes = jax.process_index(), jax.process_count()
     if processes > 1:
         _make(dataset, positions[me::processes], folder, data, prepare)
         wait("prepared pairs")
     _make(dataset, positions, folder, data, prepare)
-    return PreparedPairs(files)
+    files = [folder / f"{i:06d}.npz" for i in positions]
+    return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
+
+
+def pairs_before(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> list[Pair | None]:
+    """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
+    holds = dataset.holds if data.kind == "prepared" else lambda position: True
+    there = [p for p in positions if p > 0 and holds(p - 1)]
+    own, earlier = (prepared(dataset, chosen, data, prepare) for chosen in (there, [p - 1 for p in there]))
+    same = zip(there, own.scenes, earlier.scenes, earlier, strict=True)
+    found = {p: pair for p, scene, before, pair in same if scene == before}
+    return [found.get(p) for p in positions]
 
 
 def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:
     missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
     for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
-        frame = dataset[i]
-        pair, grid = prepare_frame(frame, dataset.spec, prepare)
+        record = make_record(dataset[i], i, dataset.spec, prepare)
         with replacing(folder / f"{i:06d}.npz") as path:
-            arrays: dict[str, Any] = dict(zip(_names(), jax.tree.leaves(pair), strict=True))
-            arrays |= {f"grid.{field.name}": np.asarray(getattr(grid, field.name)) for field in fields(PolarGrid)}
-            np.savez(path, **arrays, name=np.array(frame.name), scene=np.array(frame.scene))
+            np.savez(path, **example_of(record))
+
+
+def _read(file: Path) -> PairRecord:
+    with _opened(file) as archive:
+        return record_of(archive)
+
+
+def _entry(file: Path) -> Entry:
+    with _opened(file) as archive:
+        window = len(archive["grid/elevation_rad"]), len(archive["grid/azimuth_rad"])
+        return Entry(str(archive["name"]), str(archive["scene"]), window, f"{file.parent.name}/{file.stem}")
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Any]:
+    """The arrays of a kept pair. Raises ValueError where they cannot be read."""
+    try:
+        with np.load(file) as archive:
+            yield archive
+    except (OSError, ValueError, KeyError, BadZipFile, zlib.error) as error:
+        raise ValueError(f"prepared: {file} is damaged ({error}); delete it, and it is made anew") from error

@@ -6,7 +6,6 @@ Everything that is needed to use the trained sensor again lies in it, without th
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from jaxsim.atomic import replacing
 from jaxsim.config import DetectorExperiment, Experiment
+from jaxsim.data.pair_settings import differences
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.simulate.lock import hold
@@ -73,15 +73,6 @@ RUNS: dict[type, TypeAdapter] = {Run: TypeAdapter(Run), DetectorRun: TypeAdapter
 """Kinds of runs, and how their config.json is read and written."""
 
 
-def _differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
-    """Flags in which two experiments differ."""
-    if isinstance(old, dict):
-        for key in old:
-            yield from _differences(old[key], new[key], f"{name}.{key}" if name else key)
-    elif old != new:
-        yield f"--{name} was {old}, now {new}"
-
-
 FREE = (
     "data.cache",
     "optim.steps",
@@ -107,7 +98,7 @@ def start_run(folder: Path, run: Run | DetectorRun) -> None:
         was_run = load_run(folder, DetectorRun) if isinstance(run, DetectorRun) else load_run(folder)
         both = was_run, run
         was, now = (TypeAdapter(type(r.experiment)).dump_python(r.experiment, mode="json") for r in both)
-        other = [d for d in _differences(was, now) if d.split()[0][2:] not in free]
+        other = [d for d in differences(was, now) if d.split()[0][2:] not in free]
         if other:
             raise ValueError(
                 f"run: {folder} holds a run with other settings ({'; '.join(other)}); "

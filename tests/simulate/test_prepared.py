@@ -31,16 +31,28 @@ def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
     data = DataConfig(cache=tmp_path)
     world = open_dataset("synthetic")
     first = prepared(world, [3], data, PREPARE)
-    stamp = first.files[0].stat().st_mtime_ns
+    (file,) = cache_folder(data, PREPARE).iterdir()
+    assert first.keys == [f"{file.parent.name}/{file.stem}"]
+    stamp = file.stat().st_mtime_ns
     again = prepared(world, [3], data, PREPARE)
-    assert again.files[0].stat().st_mtime_ns == stamp
+    assert file.stat().st_mtime_ns == stamp
     assert again.names == [world.name_of(3)]
-    pair, grid = again[0], again.grids[0]
+    pair, grid = again[0], again.record(0).grid
     assert again.windows == {pair.target.shape}
     assert pair.target.shape == (len(grid.elevation_rad), 64)
     assert pair.painted.valid.mean() > 0.8
     both = pair.painted.valid & pair.measured.valid
     assert np.median(np.abs(pair.painted.range_m - pair.measured.range_m)[both]) < 0.1
+
+
+def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
+    data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
+    plain = replace(PREPARE, depth="ip_basic_fast")
+    prepared(open_dataset(data), [0], data, plain)
+    (file,) = cache_folder(data, plain).iterdir()
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(ValueError, match=r"000000\.npz is damaged .*; delete it"):
+        prepared(open_dataset(data), [0], data, plain)
 
 
 def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_were_made(samples, tmp_path):

@@ -1,0 +1,50 @@
+"""Which settings a pair depends on, and in which two of them differ."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from jaxsim.config import DataConfig, PrepareConfig
+
+LABELS = {"semantic", "edges"}
+"""Inputs that need class labels."""
+
+
+def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
+    """`data` and `prepare` as plain values, without what changes no pair: which frames are used, where pairs are
+    kept, which channels the network sees and at what size. But a frame without labels is an error where labels are
+    asked for, so `prepare.inputs` still says whether they were. A file of weights is named by its contents.
+
+    Raises FileNotFoundError where it is missing.
+    """
+    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
+    labels = ("semantic",) if LABELS & {*prepare.inputs} else ()
+    paired = replace(prepare, inputs=labels, network_size=(0, 0), classes=(), max_range_m=0.0)
+    values = {
+        "data": TypeAdapter(DataConfig).dump_python(bare, mode="json"),
+        "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
+    }
+    if prepare.denoise_weights is not None:
+        values["prepare"]["denoise_weights"] = _contents(prepare.denoise_weights)
+    return values
+
+
+def _contents(path: Path) -> str:
+    if not path.is_file():
+        raise FileNotFoundError(f"prepare: no weights at {path}; jaxsim convert writes them")
+    return f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
+
+
+def differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
+    """The flags in which two experiments, or two settings, differ: `--data.root was a, now b`."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in {**old, **new}:
+            yield from differences(old.get(key), new.get(key), f"{name}.{key}" if name else key)
+    elif old != new:
+        yield f"--{name} was {old}, now {new}"

@@ -1,0 +1,189 @@
+"""A set of pairs that `jaxsim prepare` made, as a data set: the same positions and parts as the frames it was made of.
+
+So an experiment that trains on frames trains on their pairs with `--data.kind prepared --data.root OUT`, and sees the
+same batches.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from functools import cached_property
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import tensorflow_datasets as tfds
+from pydantic import ValidationError
+
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data.kitti_files import listing
+from jaxsim.data.pair_settings import LABELS, differences, pair_settings
+from jaxsim.data.records import ARRAYS, Entry, PairRecord, PreparedPairs, record_of
+from jaxsim.data.tfds_builder import ABOUT, MAKING, VERSION, flattened
+from jaxsim.frame import Frame
+from jaxsim.geometry import LidarSpec
+
+
+class PreparedSet:
+    """Pairs in the folder that `jaxsim prepare --out` wrote; it, or a folder below it, holds one set.
+
+    `len` and positions are those of the frames that the set was made of; it need not hold them all. `splits` are its
+    own `train` and `eval`, and the names that the data set of the frames has. Raises ValueError where there is no set,
+    several, an unfinished one, or files that are not as long as they were written.
+    """
+
+    name = "prepared"
+
+    def __init__(self, root: Path):
+        self.folder = _folder(Path(root))
+        self.builder: Any = tfds.builder_from_directory(self.folder)
+        try:
+            self.about = ABOUT.validate_python(dict(self.builder.info.metadata or {}))
+        except ValidationError as error:
+            raise ValueError(
+                f"prepared: {self.folder / 'metadata.json'} does not fit this version; prepare the set again: {error}"
+            ) from error
+        self._check_files()
+        splits = self.about.splits
+        self._place = {p: (split, i) for split, own in splits.items() for i, p in enumerate(own.positions)}
+
+    def __len__(self) -> int:
+        return self.about.length
+
+    @property
+    def spec(self) -> LidarSpec:
+        """Of the sensor that the pairs were made for."""
+        return self.about.spec
+
+    @property
+    def splits(self) -> dict[str, list[int]]:
+        """Positions by part."""
+        own = {name: list(split.positions) for name, split in self.about.splits.items()}
+        return {name: list(positions) for name, positions in self.about.parts.items()} | own
+
+    def __getitem__(self, index: int) -> Frame:
+        raise ValueError(
+            f"prepared: {self.folder} holds pairs, not the frames that they were made of; for what needs frames "
+            f"(jaxsim simulate), name their data set: --data {self._kind} --root {self._root or 'ROOT'}"
+        )
+
+    def holds(self, position: int) -> bool:
+        """Whether the pair at this position is in the set."""
+        return position in self._place
+
+    def name_of(self, index: int) -> str:
+        """The frame's name, without reading its pair. Raises ValueError where the set does not hold it."""
+        return self._entry(index).name
+
+    def pairs(self, positions: Sequence[int], prepare: PrepareConfig) -> PreparedPairs:
+        """The pairs at these positions.
+
+        Raises ValueError where the set does not hold them, was made with other settings than `prepare`, has no labels
+        that `prepare.inputs` needs, or nothing that a LiDAR measured; and, on reading, for a damaged record.
+        """
+        self._check_settings(prepare)
+        entries = [self._entry(p) for p in positions]
+        places = [self._place[p] for p in positions]
+        return PreparedPairs(entries, lambda i: self._read(*places[i]))
+
+    @cached_property
+    def _sources(self) -> dict[str, Any]:
+        return {split: self.builder.as_data_source(split) for split in self.about.splits}
+
+    @property
+    def _kind(self) -> str:
+        return self.about.settings["data"]["kind"]
+
+    @property
+    def _root(self) -> str | None:
+        return self.about.settings["data"]["root"]
+
+    def _entry(self, position: int) -> Entry:
+        if position not in self._place:
+            held = ", ".join(f"{name}: {len(split.positions)}" for name, split in self.about.splits.items())
+            raise ValueError(
+                f"prepared: frame {position} of {self._kind} is not in {self.folder} ({held} frames); choose frames "
+                "that are (--data.train train --data.validation eval), or prepare a set that holds it"
+            )
+        split, i = self._place[position]
+        own = self.about.splits[split]
+        return Entry(own.names[i], own.scenes[i], own.windows[i], f"{self.about.fingerprint}/{position:06d}")
+
+    def _read(self, split: str, i: int) -> PairRecord:
+        own = self.about.splits[split]
+        try:
+            record = record_of(flattened(self._sources[split][i]))
+            if (record.name, record.pair.target.shape) != (own.names[i], own.windows[i]):
+                raise ValueError(f"it holds {record.name}, {' x '.join(map(str, record.pair.target.shape))} cells")
+        except Exception as error:
+            # ArrayRecord, protocol buffers and TFDS each have errors of their own for bytes that are not theirs.
+            file, number = self._file_of(split, i)
+            raise ValueError(
+                f"prepared: {file}, record {number} ({own.names[i]}) is damaged ({_first_line(error)}); copy the file "
+                f"again, or make the set anew: delete {self.folder} and run the same jaxsim prepare"
+            ) from error
+        return record
+
+    def _file_of(self, split: str, i: int) -> tuple[Path, int]:
+        """The file of a record, and its number there."""
+        info = self.builder.info.splits[split]
+        ends = list(accumulate(info.shard_lengths))
+        shard = bisect_right(ends, i)
+        return Path(info.filepaths[shard]), i - (ends[shard - 1] if shard else 0)
+
+    def _check_files(self) -> None:
+        for name, size in self.about.files.items():
+            path = self.folder / name
+            now = path.stat().st_size if path.is_file() else None
+            if now != size:
+                what = "is not there" if now is None else f"has {now} bytes and was written with {size}"
+                raise ValueError(f"prepared: {path} {what}; copy it again, or make the set anew")
+
+    def _check_settings(self, prepare: PrepareConfig) -> None:
+        plain = pair_settings(DataConfig(), PrepareConfig())["prepare"]  # settings that came later were so
+        kept, wanted = plain | self.about.settings["prepare"], pair_settings(DataConfig(), prepare)["prepare"]
+        free = {"inputs": None}  # labels: below
+        if prepare.denoise_weights is None:  # the denoiser has done its work, with those that the set names
+            free["denoise_weights"] = None
+        other = list(differences(kept | free, wanted | free, "prepare"))
+        if other:
+            raise ValueError(
+                f"prepared: {self.folder} was made with other settings ({'; '.join(other)}); give those, or prepare "
+                "another set"
+            )
+        needs = [name for name in prepare.inputs if name in LABELS]
+        if needs and not self.about.labelled:
+            raise ValueError(
+                f"prepared: {self.folder} was made of frames without class labels, which the inputs "
+                f"{' and '.join(needs)} need; leave them out of --prepare.inputs"
+            )
+        if not self.about.measured:
+            raise ValueError(
+                f"prepared: no LiDAR measured the frames of {self.folder}, so there is nothing to learn from them or "
+                f"to judge by; they are the generator's inputs alone ({', '.join(list(ARRAYS)[:3])} ...)"
+            )
+
+
+def _folder(root: Path) -> Path:
+    """The folder of the one set in or below `root`."""
+
+    def below(name: str) -> list[Path]:
+        return sorted(path for depth in range(4) for path in root.glob("*/" * depth + name))
+
+    found = [path.parent for path in below("dataset_info.json")]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ValueError(f"prepared: {root} holds several sets; pass one of {', '.join(map(str, found))}")
+    begun = below(f"{VERSION}{MAKING}")
+    if begun:
+        raise ValueError(f"prepared: {begun[0]} is not finished; the jaxsim prepare that began it goes on with it")
+    raise ValueError(
+        f"prepared: no prepared set: {listing(root)}; pass the --out of jaxsim prepare (it makes one: "
+        "jaxsim prepare kitti_step --root ROOT --out OUT)"
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else 'no message'}"

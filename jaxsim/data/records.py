@@ -1,0 +1,150 @@
+"""A training pair on disk: the arrays of one frame by name, the same in the cache and in a prepared set.
+
+`ARRAYS` is the catalogue. Letters of its shapes: r laser lines and c columns of the frame's polar window. Names are
+those of `jaxsim.frame`, with `/` where a struct holds another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from jaxsim.frame import Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
+
+Example = dict[str, Any]
+"""A record's values by name, flat."""
+
+ARRAYS: dict[str, tuple[str, type, str]] = {
+    "painted/range_m": ("r c", np.float32, "distance from the beam's origin to the camera pixel's point"),
+    "painted/depth_m": ("r c", np.float32, "planar depth of the camera pixel"),
+    "painted/rgb": ("r c 3", np.float32, "colour of the camera pixel, 0..1"),
+    "painted/semantic": ("r c", np.int32, "Cityscapes id, 0 unlabeled"),
+    "painted/instance": ("r c", np.int32, "object number in the frame, 0 none"),
+    "painted/valid": ("r c", np.bool_, "a camera pixel with known depth fell into the cell"),
+    "painted/occluded": ("r c", np.bool_, "pixels of clearly different depth fell into it: don't care"),
+    "edges": ("r c", np.bool_, "border between classes or objects, found on this window"),
+    "incidence_rad": ("r c", np.float32, "angle between ray and surface normal, pi/2 where unknown"),
+    "row": ("r c", np.float32, "laser line, 0 the sensor's top, 1 its bottom"),
+    "target": ("r c", np.float32, "intensity to learn, denoised if configured; 0 without return"),
+    "measured/range_m": ("r c", np.float32, "range that the LiDAR measured"),
+    "measured/intensity": ("r c", np.float32, "intensity that it measured, 0..1"),
+    "measured/valid": ("r c", np.bool_, "the beam came back"),
+    "grid/azimuth_rad": ("c", np.float32, "of each column's centre, falling"),
+    "grid/elevation_rad": ("r", np.float32, "of each beam, top first"),
+    "grid/origin_m": ("r", np.float32, "height of each beam's origin"),
+    "camera/intrinsics": ("3 3", np.float64, "of the whole image, before it was cropped"),
+    "camera/cam_from_velo": ("4 4", np.float64, "the camera's place on the LiDAR"),
+    "image_size": ("2", np.int32, "rows and columns of the whole image"),
+}
+
+
+@dataclass(frozen=True)
+class PairRecord:
+    """One frame's pair, and where it is from."""
+
+    name: str
+    scene: str
+    position: int
+    """Of the frame in its data set."""
+    pair: Pair
+    edges: Bool[np.ndarray, "r c"]
+    """Of the window; the network's own are found at its size."""
+    grid: PolarGrid
+    camera: Camera
+    image_size: tuple[int, int]
+
+    @property
+    def view(self) -> CameraFrame:
+        """The frame's camera, with a black image of the right size: a record does not keep the image."""
+        black = np.broadcast_to(np.zeros((), np.uint8), (*self.image_size, 3))
+        return CameraFrame(rgb=black, camera=self.camera)
+
+
+def _holes(kind: type) -> dict[str, int]:
+    return {field.name: 0 for field in fields(kind)}
+
+
+_TREE = {
+    "pair": Pair(
+        **{**_holes(Pair), "painted": Painted(**_holes(Painted)), "measured": PolarImage(**_holes(PolarImage))}
+    ),
+    "grid": PolarGrid(**_holes(PolarGrid)),
+    "camera": Camera(**_holes(Camera)),
+}
+
+
+def _names() -> list[str]:
+    """Of the tree's leaves, in their order."""
+    paths = jax.tree_util.tree_flatten_with_path(_TREE)[0]
+    return [jax.tree_util.keystr(path, simple=True, separator="/").removeprefix("pair/") for path, _ in paths]
+
+
+def example_of(record: PairRecord) -> Example:
+    """The record's values by name: the arrays of `ARRAYS`, and `name`, `scene`, `position`."""
+    leaves = jax.tree.leaves({"pair": record.pair, "grid": record.grid, "camera": record.camera})
+    values: Example = dict(zip(_names(), leaves, strict=True))
+    values |= {"edges": record.edges, "image_size": np.array(record.image_size)}
+    arrays = {name: np.asarray(values[name]).astype(ARRAYS[name][1], casting="same_kind") for name in ARRAYS}
+    return {"name": record.name, "scene": record.scene, "position": record.position, **arrays}
+
+
+def record_of(example: Mapping[str, Any]) -> PairRecord:
+    """The record of these values. Raises KeyError for a missing one."""
+    tree = jax.tree.unflatten(jax.tree.structure(_TREE), [example[name] for name in _names()])
+    rows, columns = (int(n) for n in example["image_size"])
+    return PairRecord(
+        name=str(example["name"]),
+        scene=str(example["scene"]),
+        position=int(example["position"]),
+        edges=example["edges"],
+        image_size=(rows, columns),
+        **tree,
+    )
+
+
+class Entry(NamedTuple):
+    """What is known of a pair without reading it."""
+
+    name: str
+    scene: str
+    window: tuple[int, int]
+    """Laser lines and columns."""
+    key: str
+    """Names the pair's settings and its frame: pairs of the same key are the same."""
+
+
+class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would read pairs
+    """Pairs by number, read from disk when asked for."""
+
+    def __init__(self, entries: Sequence[Entry], read: Callable[[int], PairRecord]):
+        self.entries, self.record = list(entries), read
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def __getitem__(self, i: Any) -> Any:
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"pair {i} of {len(self)}")
+        return self.record(i % len(self)).pair
+
+    @property
+    def names(self) -> list[str]:
+        return [entry.name for entry in self.entries]
+
+    @property
+    def scenes(self) -> list[str]:
+        return [entry.scene for entry in self.entries]
+
+    @property
+    def keys(self) -> list[str]:
+        return [entry.key for entry in self.entries]
+
+    @property
+    def windows(self) -> set[tuple[int, int]]:
+        """Lines and columns of the frames' polar windows: more than one where drives differ in calibration."""
+        return {entry.window for entry in self.entries}

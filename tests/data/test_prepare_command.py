@@ -1,0 +1,156 @@
+"""`jaxsim prepare` as a user runs it: killed and started again, by Beam, and trained on."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.simulate.pair_set import make_set
+
+ROOT = Path(__file__).parents[2]
+FLAGS = ["--prepare.inputs", "rgb", "depth", "row", "--prepare.depth", "ip_basic_fast", "--prepare.columns", "64"]
+PREPARE = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64)
+SET = Path("jaxsim_pairs/kitti_raw/1.0.0")
+
+
+def start(work: Path, *command: str | Path) -> subprocess.Popen[str]:
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(work / "xdg"), "XLA_FLAGS": ""}
+    return subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        cwd=work,
+        env=env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> str:
+    output = process.communicate(timeout=600)[0]
+    assert process.returncode == 0, output
+    return output
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture
+def drives(raw_root) -> Path:
+    """Twelve frames."""
+    drive = raw_root / "2011_09_26/2011_09_26_drive_0002_sync"
+    for k in range(1, 10):
+        for kind, suffix in (("velodyne_points", "bin"), ("image_02", "png")):
+            shutil.copy(drive / kind / f"data/{0:010d}.{suffix}", drive / kind / f"data/{k:010d}.{suffix}")
+    return raw_root
+
+
+def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes(drives, tmp_path):
+    out = tmp_path / "out"
+    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
+    command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
+    process = start(tmp_path, *command)
+    making, deadline = out / SET.with_name("1.0.0.making"), time.monotonic() + 300
+    while not list(making.glob("done/*.json")):
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.01)
+    children = psutil.Process(process.pid).children()
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert len(children) >= 2
+    assert psutil.wait_procs(children, timeout=60)[1] == []
+    if making.is_dir():  # else it had finished before the signal came
+        kept = {path.name: path.stat().st_mtime_ns for path in making.glob("done/*.json")}
+        assert len(kept) < 7
+        output = finish(start(tmp_path, *command))
+        assert f"train on it: python train.py ... --data.kind prepared --data.root {out}" in output
+    whole = make_set(
+        tmp_path / "whole",
+        DataConfig(kind="kitti_raw", root=drives),
+        PREPARE,
+        train="0-8",
+        evaluation="9-11",
+        size=2,
+        workers=1,
+    )
+    assert contents(out / SET) == contents(whole)
+
+
+def test_beams_two_workers_write_the_bytes_of_the_plain_command(drives, tmp_path):
+    pytest.importorskip("apache_beam", reason="Apache Beam is not installed: pip install -e '.[beam]'")
+    data = DataConfig(kind="kitti_raw", root=drives)
+    plain = make_set(tmp_path / "plain", data, PREPARE, size=3, workers=1)
+    out = tmp_path / "beam"
+    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
+    command += ["--pairs-a-file", "3", "--beam", "runner=DirectRunner"]
+    command += ["direct_num_workers=2", "direct_running_mode=multi_processing"]
+    broken = drives / "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000009.bin"
+    sound = broken.read_bytes()
+    broken.write_bytes(sound[:-1])
+    process = start(tmp_path, *command)
+    output = process.communicate(timeout=600)[0]
+    assert process.returncode != 0
+    (error,) = (line for line in output.splitlines() if line.startswith("error: "))
+    assert "0000000009.bin is truncated" in error
+    broken.write_bytes(sound)
+    finish(start(tmp_path, *command))
+    assert contents(out / SET) == contents(plain)
+
+
+def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "apache_beam", None)
+    with pytest.raises(SystemExit) as stop:
+        main(["prepare", "kitti_raw", "--root", str(raw_root), "--out", str(tmp_path), *FLAGS, "--beam", "runner=X"])
+    assert "--beam needs Apache Beam" in str(stop.value)
+    assert "pip install -e '.[beam]'" in str(stop.value)
+
+
+def test_a_prepared_set_is_not_prepared_again(tmp_path):
+    with pytest.raises(SystemExit) as stop:
+        main(["prepare", "prepared", "--root", str(tmp_path), "--out", str(tmp_path)])
+    assert "name the data set of its frames" in str(stop.value)
+
+
+def test_help_shows_a_whole_way_from_frames_to_training(capsys):
+    with pytest.raises(SystemExit):
+        main(["prepare", "--help"])
+    text = capsys.readouterr().out
+    for part in ("jaxsim prepare kitti_step --root", "--data.kind prepared --data.root PAIRS", "goes on", "--beam"):
+        assert part in text
+
+
+@pytest.mark.slow
+def test_training_on_a_set_gives_the_losses_and_scores_of_training_on_its_frames(drives, tmp_path):
+    data = DataConfig(kind="kitti_raw", root=drives)
+    make_set(tmp_path / "set", data, PREPARE, train="0-8", evaluation="9-11", workers=2)
+    small = ["--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--run.log-every=1"]
+    small += ["--generator.enhancer-blocks=1", "--discriminator.filters=4", "--discriminator.max-filters=8"]
+    small += ["--optim.batch=2", "--optim.steps=3", "--run.picture-every=3", "--prepare.network-size", "64", "128"]
+    lines = []
+    for name, source in (
+        ("frames", ["--data.root", drives, "--data.train=0-8", "--data.validation=9-11"]),
+        ("pairs", ["--data.kind=prepared", "--data.root", tmp_path / "set", "--data.train=train"]),
+    ):
+        source += ["--data.validation=eval"] if name == "pairs" else []
+        finish(start(tmp_path, ROOT / "train.py", "kitti_raw", *FLAGS, *source, *small, f"--run.name={name}"))
+        text = (tmp_path / "runs" / name / "metrics.jsonl").read_text()
+        lines.append([json.loads(line) for line in text.splitlines()])
+    assert lines[0] == lines[1]
+    assert len(lines[0]) > 3
+    output = finish(start(tmp_path, ROOT / "eval.py", "runs/pairs"))
+    assert "3 frames of prepared" in output
+    process = start(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated")
+    assert f"--data kitti_raw --root {drives}" in process.communicate(timeout=600)[0]
+    assert process.returncode != 0
+    finish(start(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated",
+                 "--data", "kitti_raw", "--root", drives, "--frames", "9-11"))  # fmt: skip
