@@ -104,7 +104,7 @@ class PreparedSet:
             held = ", ".join(f"{name}: {len(split.positions)}" for name, split in self.about.splits.items())
             raise ValueError(
                 f"prepared: frame {position} of {self._kind} is not in {self.folder} ({held} frames); choose frames "
-                "that are (--data.train train --data.validation eval), or prepare a set that holds it"
+                "that are (its parts are called train and eval), or prepare a set that holds it"
             )
         split, i = self._place[position]
         own = self.about.splits[split]
