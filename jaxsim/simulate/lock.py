@@ -49,6 +49,14 @@ def hold(folder: Path, *, doing: str = "training in", instead: str = "another --
     _held[key] = file
 
 
+def let_go(folder: Path) -> None:
+    """Gives a folder back before this process ends; one that it does not hold is left alone."""
+    status = (folder / ".lock").stat() if (folder / ".lock").exists() else None
+    file = _held.pop((status.st_dev, status.st_ino), None) if status else None
+    if file is not None:
+        os.close(file)
+
+
 def _warn(folder: Path, doing: str, why: str) -> None:
     warnings.warn(
         f"run: {folder} cannot be locked ({why}); see to it yourself that no other process is {doing} it", stacklevel=4

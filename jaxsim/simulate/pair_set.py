@@ -19,7 +19,7 @@ from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.pair_settings import differences, pair_settings
 from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
 from jaxsim.simulate.beam import make_by_beam
-from jaxsim.simulate.lock import hold
+from jaxsim.simulate.lock import hold, let_go
 from jaxsim.simulate.pair_shards import Job, make_all, read_note, write_shard
 from jaxsim.simulate.prepared import fingerprint
 
@@ -50,14 +50,32 @@ def make_set(
     dataset = open_dataset(data)
     splits = choose(dataset, data.kind, train, evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
-    making = folder.with_name(folder.name + MAKING)
     hold(Path(out), doing="writing to", instead="another --out")
-    if (folder / "dataset_info.json").is_file():
-        _check_finished(folder, data, prepare, splits)
-        _tidy(folder)
-        return folder
-    first = dataset[next(iter(splits.values()))[0]]
-    job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
+    try:
+        if (folder / "dataset_info.json").is_file():
+            _check_finished(folder, data, prepare, splits)
+            _tidy(folder)
+        else:
+            first = dataset[next(iter(splits.values()))[0]]
+            job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
+            _make(folder, dataset, job, splits, size=size, workers=workers, beam=beam)
+    finally:
+        let_go(Path(out))
+    return folder
+
+
+def _make(
+    folder: Path,
+    dataset: Dataset,
+    job: Job,
+    splits: dict[str, list[int]],
+    *,
+    size: int,
+    workers: int,
+    beam: Sequence[str] | None,
+) -> None:
+    """Makes what is missing of a set, and puts it in place."""
+    making = folder.with_name(folder.name + MAKING)
     _settle_plan(making, job, splits, size)
 
     # Files: those that an earlier command made stay as they are.
@@ -65,7 +83,7 @@ def make_set(
     missing = [shard for shard in shards if read_note(shard, making) is None]
     positions = [position for shard in missing for position in shard.positions]
     total = sum(map(len, splits.values()))
-    with tqdm(total=total, initial=total - len(positions), desc=f"preparing {data.kind}", unit="pair") as bar:
+    with tqdm(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
         if beam is not None:
             make_by_beam(job, missing, making, beam, bar)
         elif missing:
@@ -76,10 +94,9 @@ def make_set(
 
     # The set: described, then renamed, so that a folder of that name is whole.
     about = _about(dataset, job, shards, making)
-    JaxsimPairs(data_dir=Path(out), kind=data.kind, shards=shards, about=about).settle(making)
+    JaxsimPairs(data_dir=folder.parents[2], kind=job.data.kind, shards=shards, about=about).settle(making)
     os.replace(making, folder)
     _tidy(folder)
-    return folder
 
 
 def choose(dataset: Dataset, kind: str, train: str, evaluation: str) -> dict[str, list[int]]:

@@ -116,7 +116,7 @@ def _entry(file: Path) -> Entry:
 def _opened(file: Path) -> Iterator[Any]:
     """The arrays of a kept pair. Raises ValueError where they cannot be read."""
     try:
-        with np.load(file) as archive:
+        with file.open("rb") as opened, np.load(opened) as archive:
             yield archive
     except (OSError, ValueError, KeyError, BadZipFile, zlib.error) as error:
         raise ValueError(f"prepared: {file} is damaged ({error}); delete it, and it is made anew") from error

@@ -3,6 +3,8 @@
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -288,6 +290,38 @@ def test_a_frame_that_lacks_something_is_named_and_what_was_made_stays(raw_root,
     bad.write_bytes(sound)
     folder = make_set(tmp_path, kitti(raw_root), PREPARE, size=1, workers=1)
     assert (folder / made.name).stat().st_mtime_ns == stamp
+
+
+@pytest.mark.parametrize("kind", ["kitti_object", "kitti_tracking"])
+def test_the_other_readers_frames_come_back_as_their_pairs(kind, object_root, step_tree, tmp_path):
+    root, settings = (object_root, PREPARE) if kind == "kitti_object" else (step_tree, replace(PREPARE, columns=372))
+    scenes = ("0000",) if kind == "kitti_tracking" else ()
+    data = DataConfig(kind=kind, root=root, scenes=scenes, cache=tmp_path / "cache")
+    make_set(tmp_path, data, settings, train="0", workers=1)
+    (direct,) = prepared(open_dataset(data), [0], data, settings)
+    (kept,) = prepared(open_dataset(of(tmp_path)), [0], of(tmp_path), settings)
+    equal(kept, direct)
+
+
+def test_real_frames_come_back_as_their_pairs(samples, tmp_path):
+    data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path / "cache")
+    settings = replace(PREPARE, columns=372)
+    make_set(tmp_path, data, settings, train="0,5", workers=1)
+    direct, kept = (prepared(open_dataset(d), [0, 5], d, settings) for d in (data, of(tmp_path)))
+    assert kept.windows == {(44, 372)}
+    for one, other in zip(direct, kept, strict=True):
+        equal(one, other)
+
+
+def test_two_commands_do_not_write_to_one_folder(raw_root, out):
+    code = "import sys; from pathlib import Path; from jaxsim.simulate.lock import hold; hold(Path(sys.argv[1]))"
+    command = [sys.executable, "-c", f"{code}; print('held', flush=True); sys.stdin.read()", out]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout.readline() == "held\n"
+        with pytest.raises(ValueError, match=rf"pid {other.pid} on .* is writing to .* another --out"):
+            make_set(out, kitti(raw_root), PREPARE, train="0-1", evaluation="2", workers=1)
+        other.communicate()
+    make_set(out, kitti(raw_root), PREPARE, train="0-1", evaluation="2", workers=1)
 
 
 def test_a_renderers_set_is_the_generators_inputs_and_is_not_trained_on(virtual, tmp_path):
