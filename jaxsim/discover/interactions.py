@@ -22,6 +22,8 @@ KNOTS = 5
 """Of each covariate's curve within a pair; rows are taken as a length here, for a number each would be too many."""
 MOST = 30_000
 """Residuals looked at, evenly spread: more cost time and hardly change a pair's rank."""
+FEWEST = 100.0
+"""Residuals, as `_effective` counts them, from which a channel is looked at: a handful of lost rays tells nothing."""
 FOLDS = 4
 FLIPS = 4096
 
@@ -44,6 +46,8 @@ def interactions(
         if counts.sum() < 100 or len(units) < 6:
             continue
         place = np.searchsorted(units, np.broadcast_to(unit[:, None, None], counts.shape)[counts])
+        if _effective(z[counts]) < FEWEST:
+            continue
         left = _unexplained(z[counts].astype(np.float32), rays, counts, place, len(units))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
         pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
@@ -62,6 +66,12 @@ def _thinned(counts: np.ndarray) -> np.ndarray:
     kept = np.zeros(counts.size, bool)
     kept[cells[:: max(1, -(-len(cells) // MOST))]] = True
     return kept.reshape(counts.shape)
+
+
+def _effective(z: np.ndarray) -> float:
+    """How many equally large residuals have the weight of these (Kish 1965)."""
+    squares = z.astype(np.float64) ** 2
+    return float(squares.sum() ** 2 / max((squares**2).sum(), 1e-12))
 
 
 def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:

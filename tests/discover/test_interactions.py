@@ -53,6 +53,15 @@ def test_few_scenes_decide_nothing():
     assert interactions(r, {"range": (z, np.ones(SHAPE, bool))}, unit, level=0.5) == []
 
 
+def test_a_handful_of_events_tells_nothing():
+    rng = np.random.default_rng(3)
+    r = rays(rng, SHAPE)
+    together = (r.range_m > 58) & (r.incidence_rad > 1.3)
+    assert 5 < together.sum() < 60
+    z = np.where(together, 30.0, -0.05)
+    assert interactions(r, {"drop": (z, np.ones(SHAPE, bool))}, np.arange(12), level=1.0) == []
+
+
 def test_a_pair_is_spelled_by_the_words_of_its_parts():
     assert spelled("range x step side", NAMED) == "range x step"
     assert spelled("speed x time", NAMED) == "time"
