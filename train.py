@@ -105,8 +105,7 @@ def intensity_network(experiment: Experiment, mesh: Any) -> Training:
 
     def judge(params: Tree, title: str) -> tuple[dict[str, Score], np.ndarray]:
         """Scores of the averaged generator."""
-        pair = validation[0]
-        picture = pair_picture(pair, np.asarray(predict(params, pair)), title=title)
+        picture = pair_picture(validation[0], np.asarray(predict(params, validation[0])), title=title)
         return score_pairs(predict, params, validation), picture
 
     return Training(
@@ -206,7 +205,7 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
         return scores
 
     # Loop: a resumed run sees the batches that an uninterrupted one would.
-    begun, scores = time.monotonic(), {}
+    begun, scores, told = time.monotonic(), {}, {}
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = tqdm(total=training.steps, initial=start, disable=not devices.is_first(), **shown)
     try:
@@ -220,6 +219,12 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
                 scribe.write(step, values)
                 losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
                 bar.set_postfix(losses, refresh=False)
+                lost = {name[8:]: int(n) for name, n in values.items() if name.startswith("dropped/") and n}
+                if lost and not told:
+                    bar.write(
+                        f"step {step}: no room for all of a scene (--voxels.max-points, growth); left out: {lost}"
+                    )
+                told = told or lost
             bar.update()
             if step % training.judge_every == 0 or last:
                 scores = judge()

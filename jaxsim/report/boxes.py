@@ -99,8 +99,10 @@ def _point(at: Sequence[float] | np.ndarray) -> tuple[int, int]:
 
 def _legend(picture: Rgb, title: str, has_labels: bool) -> None:
     words = [(title, INK), ("found", FOUND)] + ([("labelled", LABEL)] if has_labels else [])
+    words = [(word, colour) for word, colour in words if word]
+    widths = [cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0] + 18 for word, _ in words]
+    picture[:28, : sum(widths) + 4] //= 4
     x = 10
-    for word, colour in words:
-        if word:
-            cv2.putText(picture, word, (x, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
-            x += cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0] + 18
+    for (word, colour), width in zip(words, widths, strict=True):
+        cv2.putText(picture, word, (x, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+        x += width

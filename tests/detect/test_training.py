@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.mark.slow
 def test_eight_scenes_are_learned_by_heart():
     """3D AP at overlap 0.7 of 95 and more: localisation, headings and scores, all of both stages, must work."""
-    steps, scenes = 400, [scene(seed) for seed in range(8)]
+    steps, scenes = 250, [scene(seed) for seed in range(8)]
     loader = SceneBatches(scenes, VOXELS, EXPERIMENT.augment, size=2, seed=0)
     state, train_step = create_state(EXPERIMENT, steps, seed=0), make_train_step(EXPERIMENT, steps)
     for k in range(steps):
