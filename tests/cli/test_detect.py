@@ -53,6 +53,7 @@ def test_real_scans_give_result_files_and_pictures(run, kitti, tmp_path):
     assert path.read_text() == ""
 
 
+@pytest.mark.slow
 def test_without_calibration_boxes_are_in_the_lidars_axes_and_have_no_rectangle(run, kitti, tmp_path):
     clouds = tmp_path / "clouds"
     clouds.mkdir()

@@ -1,5 +1,6 @@
 import json
 
+import jax
 import numpy as np
 import pytest
 
@@ -35,3 +36,11 @@ def camera_000001(samples):
     folder = samples / "kitti_object" / "training"
     size = read_image(folder / "image_2" / "000001.png").shape[:2]
     return object_camera(folder / "calib" / "000001.txt", size), size
+
+
+@pytest.fixture(scope="module")
+def quick_compile():
+    """Compiles without optimisation, for programs that run but a few times."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)

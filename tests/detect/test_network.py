@@ -12,6 +12,8 @@ from jaxsim.detect.state import create_state, network_shapes
 from jaxsim.detect.steps import make_detect, make_train_step
 from tests.detect.tiny import EXPERIMENT, scene_batch
 
+pytestmark = pytest.mark.usefixtures("quick_compile")
+
 
 def count(tree):
     return sum(int(np.prod(leaf.shape)) for leaf in jax.tree.leaves(tree))
@@ -44,26 +46,32 @@ def detect():
     return make_detect(replace(EXPERIMENT, detector=replace(EXPERIMENT.detector, score=0.0)))
 
 
+@pytest.mark.slow
 def test_a_step_changes_every_parameter_and_every_statistic(state, train_step):
     after, metrics = train_step(state, scene_batch([0, 1]))
     assert bool(metrics["finite"])
     assert after.step == 1
-    moved = jax.tree_util.tree_map_with_path(
-        lambda path, old, new: bool((np.asarray(old) != np.asarray(new)).any()) or jax.tree_util.keystr(path),
-        state.network,
-        after.network,
-    )
-    assert [name for name in jax.tree.leaves(moved) if name is not True] == []
+    still = [
+        jax.tree_util.keystr(path)
+        for (path, old), new in zip(
+            jax.tree_util.tree_flatten_with_path(state.network)[0], jax.tree.leaves(after.network), strict=True
+        )
+        if (np.asarray(old) == np.asarray(new)).all()
+    ]
+    # Without a proposal on an object no box of the second stage is learned, and 0 decays to 0.
+    assert all("of_box" in name for name in still), still
     left_out = {name: int(n) for name, n in metrics.items() if name.startswith("dropped/")}
     assert left_out == dict.fromkeys(left_out, 0)
     assert len(left_out) == 6
 
 
+@pytest.mark.slow
 def test_the_same_step_gives_the_same_state(state, train_step):
     one, two = (train_step(state, scene_batch([0, 1]))[0] for _ in range(2))
     jax.tree.map(np.testing.assert_array_equal, one, two)
 
 
+@pytest.mark.slow
 def test_a_batch_with_an_empty_cloud_and_without_objects_stays_finite(state, train_step):
     batch = scene_batch([0, 1])
     for name in ("valid", "is_object"):

@@ -19,6 +19,8 @@ from jaxsim.detect.sparse import (
     submanifold_tables,
 )
 
+pytestmark = pytest.mark.usefixtures("quick_compile")
+
 LAYERS = {
     "sparse_k3_s1_p1": ((3, 3, 3), (1, 1, 1), (1, 1, 1)),
     "sparse_k3_s2_p1": ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
