@@ -63,6 +63,12 @@ def synthetic() -> None:
     save_picture(PICTURES / "clouds.jpg", beside([view(simulated, "simulated"), view(measured, "measured")]))
 
 
+def ablation() -> None:
+    """A frame of the ablation of inputs (after `python eval.py ablation --train ablation ...`)."""
+    picture = cv2.imread("runs/ablation/pictures/synthetic-0-002026.png")
+    save_picture(PICTURES / "ablation.jpg", picture[..., ::-1])
+
+
 if __name__ == "__main__":
     for name in sys.argv[1:] or ("streets", "sweep", "synthetic"):
         globals()[name]()
