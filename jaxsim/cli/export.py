@@ -87,6 +87,10 @@ class Export:
         sensor = load(self.run) if self.run else None
         check_recipe(self.recipe, sensor)
         dataset = open_dataset(self._source())
+        if self.lidar == "camera" and self.data not in ("vkitti2", "synthetic"):
+            raise ValueError(
+                f"export: --lidar camera is for vkitti2 and synthetic; the sensors of {self.data} stand apart"
+            )
         if self.data == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
         wanted = select(self.frames, dataset) if self.frames else list(range(len(dataset)))

@@ -66,7 +66,8 @@ class Six:
 @pytest.fixture
 def six(monkeypatch):
     dataset = Six()
-    monkeypatch.setitem(DATASETS, "synthetic", lambda config: dataset)
+    for kind in ("synthetic", "kitti_object"):
+        monkeypatch.setitem(DATASETS, kind, lambda config: dataset)
     return dataset
 
 
@@ -155,6 +156,7 @@ def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
         ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
         ({"frames": "1-2"}, "no frame of 2 is left"),
+        ({"frames": "0", "data": "kitti_object", "lidar": "camera"}, "sensors of kitti_object stand apart"),
     ],
 )
 def test_what_cannot_be_exported_is_told(tmp_path, six, settings, message):
