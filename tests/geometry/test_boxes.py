@@ -56,20 +56,21 @@ def awkward_pairs(rng, n):
     return a, b
 
 
+def shapely():
+    return pytest.importorskip("shapely", reason="shapely (the test extra) clips the polygons to compare with")
+
+
 def polygons(boxes):
     """Outlines from above in float64, by the matrix and not by the code under test."""
-    shapely = pytest.importorskip("shapely", reason="shapely (the test extra) clips the polygons to compare with")
     boxes = boxes.astype(np.float64)
     local = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])[None] * boxes[:, None, 3:5]
     cos, sin = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-    return shapely.polygons(local @ turn.swapaxes(-1, -2) + boxes[:, None, :2])
+    return shapely().polygons(local @ turn.swapaxes(-1, -2) + boxes[:, None, :2])
 
 
 def overlaps(a, b):
-    import shapely
-
-    shared = shapely.area(shapely.intersection(polygons(a), polygons(b)))
+    shared = shapely().area(shapely().intersection(polygons(a), polygons(b)))
     a, b = a.astype(np.float64), b.astype(np.float64)
     top = np.minimum(a[:, 2] + a[:, 5] / 2, b[:, 2] + b[:, 5] / 2)
     bottom = np.maximum(a[:, 2] - a[:, 5] / 2, b[:, 2] - b[:, 5] / 2)
