@@ -70,13 +70,13 @@ def train_all(
     program with its exit status where it fails.
     """
     runs = []
-    for name, inputs in MODALITIES.items():
+    for name, inputs in reversed(MODALITIES.items()):  # combined first: its pairs have labels and serve all
         print(f"ablation: {name} ({', '.join(inputs)})", flush=True)
         own = ["--prepare.inputs", *inputs, *more, "--run.name", name, "--run.out", str(out)]
         status = subprocess.run([sys.executable, str(script), experiment, *flags, *own]).returncode
         if status:
             sys.exit(f"error: ablation: training {name} ended with status {status}; the same command resumes")
-        runs.append(out / name)
+        runs.insert(0, out / name)
     return runs
 
 

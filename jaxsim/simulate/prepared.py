@@ -7,6 +7,7 @@ import json
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -74,6 +75,10 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
     if data.kind == "prepared":
         return dataset.pairs(positions, prepare)
     folder = cache_folder(data, prepare)
+    # Pairs for which labels were asked are those without, too.
+    labelled = cache_folder(data, replace(prepare, inputs=("semantic",)))
+    if all((labelled / f"{i:06d}.npz").is_file() for i in positions):
+        folder = labelled
     me, processes = jax.process_index(), jax.process_count()
     if processes > 1:
         _make(dataset, positions[me::processes], folder, data, prepare)

@@ -133,7 +133,7 @@ def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp
     runs = train_all(script, "ablation", tmp_path / "out", ["--optim.steps", "5"], more=("row",))
     assert [run.name for run in runs] == list(MODALITIES)
     lines = (tmp_path / "log").read_text().splitlines()
-    assert lines[-1] == (
+    assert lines[0] == (
         "ablation --optim.steps 5 --prepare.inputs rgb depth semantic edges row --run.name combined "
         f"--run.out {tmp_path / 'out'}"
     )

@@ -45,6 +45,14 @@ def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
     assert np.median(np.abs(pair.painted.range_m - pair.measured.range_m)[both]) < 0.1
 
 
+def test_pairs_made_with_labels_serve_settings_without(tmp_path):
+    data, world = DataConfig(cache=tmp_path), open_dataset("synthetic")
+    made = prepared(world, [3, 5], data, replace(PREPARE, inputs=("edges", "rgb")))
+    assert prepared(world, [5], data, PREPARE).keys == made.keys[1:]
+    assert prepared(world, [5, 6], data, PREPARE).keys != made.keys
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
     plain = replace(PREPARE, depth="ip_basic_fast")
