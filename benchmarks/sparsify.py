@@ -1,4 +1,4 @@
-"""Sparsifying the 465,750 points of a dense depth map to 64 x 512 cells, against the published algorithm and numba.
+"""Sparsifying the points of a 375 x 1242 depth map to 64 x 512 cells, against the published algorithm and numba.
 
     python benchmarks/sparsify.py
 
