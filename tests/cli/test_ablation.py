@@ -128,7 +128,7 @@ def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp
         "import sys, pathlib\n"
         f"log = pathlib.Path({str(tmp_path / 'log')!r})\n"
         "log.open('a').write(' '.join(sys.argv[1:]) + '\\n')\n"
-        "sys.exit(3 if 'edges' in sys.argv and '--stop' in sys.argv else 0)\n"
+        "sys.exit(3 if '--run.name edges' in ' '.join(sys.argv) and '--stop' in sys.argv else 0)\n"
     )
     runs = train_all(script, "ablation", tmp_path / "out", ["--optim.steps", "5"], more=("row",))
     assert [run.name for run in runs] == list(MODALITIES)
