@@ -1,0 +1,159 @@
+"""Training LIDIA on images of one's own: the paper's instance adaptation.
+
+*Internal*: the image itself, denoised once, stands for the clean one; noise is added to it anew. *External*: one clean
+image of the same kind, or several. Or measured pairs: noisy images and what they should have been. Loss, optimiser,
+rates, epochs and blocks are those of grishavak/LIDIA-denoiser `code/*_adaptation_bw.py`, `code/utils.py`. Blocks are
+mirrored at their borders as whole images are: the published blocks bring 38 cells of their surroundings along, which a
+window of 44 laser lines does not have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Bool, Float
+from tqdm import tqdm
+
+from jaxsim.prepare.denoise.gaps import close_gaps
+from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
+from jaxsim.prepare.denoise.lidia.intensity import Lidia
+from jaxsim.prepare.denoise.lidia.network import Variant
+
+Array = np.ndarray
+STORED = ("running_mean", "running_var")
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """Settings of a training on one's own images."""
+
+    noise: float = 25 / 255
+    """Standard deviation of the noise that is added to clean images, in intensity (0..1)."""
+    lr: float = 1e-3
+    epochs: int = 5
+    block: int = 64
+    """Rows and columns of the blocks; fewer where the image has fewer rows."""
+    stride: int = 32
+    batch: int = 4
+    seed: int = 0
+
+
+INTERNAL = Adaptation()
+EXTERNAL = Adaptation(lr=1e-2, epochs=10)
+"""The published settings."""
+
+
+def adapt_to_itself(
+    network: Lidia,
+    intensity: Float[Array, "n rows columns"],
+    valid: Bool[Array, "n rows columns"],
+    settings: Adaptation = INTERNAL,
+) -> Lidia:
+    """Internal adaptation: the network trained to find its own denoised images again under more noise."""
+    return adapt(network, network(intensity, valid), valid, settings)
+
+
+def adapt(
+    network: Lidia,
+    clean: Float[Array, "n rows columns"],
+    valid: Bool[Array, "n rows columns"],
+    settings: Adaptation = EXTERNAL,
+    *,
+    noisy: Float[Array, "n rows columns"] | None = None,
+    progress: bool = True,
+) -> Lidia:
+    """The network after training on clean images (intensity 0..1) with noise added, or on measured pairs.
+
+    Only valid cells count in the loss, log10 of the mean squared error. With `noisy` images no noise is added.
+    Raises ValueError where there is no image, none has a valid cell, or they are smaller than the network's border.
+    """
+    if not len(clean) or not valid.any((1, 2)).all():
+        raise ValueError("lidia: nothing to adapt to: give images that each have at least one valid cell")
+    side = min(settings.block, *clean.shape[1:])
+    check_size(side, side, network.variant)
+    images = [np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
+              for given in (clean, clean if noisy is None else noisy)]  # fmt: skip
+    cut = _blocks(images, valid, side, settings)
+    adam = optax.adam(settings.lr)
+    values, memory = network.values, adam.init(network.values)
+    deviation = 2 * settings.noise if noisy is None else 0.0
+    steps = settings.epochs * (len(cut.places) // cut.batch)
+    key = jax.random.key(settings.seed)
+    bar = tqdm(cut.batches(settings), total=steps, desc="adapting lidia", unit="step", disable=not progress)
+    for k, block in enumerate(bar):
+        noise = jax.random.fold_in(key, k)
+        updated = _step(values, memory, noise, *block, deviation=deviation, lr=settings.lr, variant=network.variant)
+        values, memory, loss = updated
+        if not np.isfinite(float(loss)):
+            raise ValueError(f"lidia: the loss of step {k} is {float(loss)}; lower the rate (lr={settings.lr})")
+        bar.set_postfix(psnr=f"{-10 * (float(loss) - np.log10(4)):.2f} dB", refresh=False)
+    return replace(network, values=values, sha256="")
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Square parts of the images."""
+
+    images: list[Array]
+    valid: Array
+    places: Array
+    side: int
+    batch: int
+
+    def batches(self, settings: Adaptation) -> Iterator[tuple[Array, Array, Array]]:
+        """Clean and noisy blocks and their masks, shuffled, mirrored and transposed at random."""
+        for epoch in range(settings.epochs):
+            rng = np.random.default_rng([settings.seed, epoch])
+            order = rng.permutation(len(self.places))
+            for start in range(0, len(order) - self.batch + 1, self.batch):
+                parts = [self._one(k, rng.integers(0, 2, 3)) for k in order[start : start + self.batch]]
+                clean, noisy, valid = (np.stack(column) for column in zip(*parts, strict=True))
+                yield clean, noisy, valid
+
+    def _one(self, k: int, turn: Array) -> list[Array]:
+        n, row, column = self.places[k]
+        view = np.s_[n, row : row + self.side, column : column + self.side]
+        parts = [x[view] for x in (*self.images, self.valid)]
+        parts = [x[:: 1 - 2 * turn[0], :: 1 - 2 * turn[1]] for x in parts]
+        return [x.T if turn[2] else x for x in parts]
+
+
+def _blocks(images: list[Array], valid: Array, side: int, settings: Adaptation) -> _Blocks:
+    n, rows, columns = valid.shape
+    corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
+    places = [
+        (i, row, column)
+        for i in range(n)
+        for row in corners[0]
+        for column in corners[1]
+        if valid[i, row : row + side, column : column + side].any()
+    ]
+    return _Blocks(images, valid, np.array(places), side, min(settings.batch, len(places)))
+
+
+@partial(jax.jit, static_argnames=("lr", "variant"))
+def _step(
+    values: Values, memory: Any, key: Any, clean: Any, noisy: Any, valid: Any, *, deviation: Any, lr: float,
+    variant: Variant,
+) -> tuple[Values, Any, Any]:  # fmt: skip
+    """One update of Adam; the stored statistics move with the batch."""
+    noisy = noisy + deviation * jax.random.normal(key, noisy.shape, noisy.dtype)
+
+    def loss_of(values: Values) -> tuple[Any, Values]:
+        out, seen = apply_and_learn(values, noisy[..., None], valid, variant)
+        square = jnp.where(valid, (out[..., 0] - clean) ** 2, 0.0)
+        return jnp.log10(square.sum() / valid.sum()), seen
+
+    (loss, seen), gradient = jax.value_and_grad(loss_of, has_aux=True)(values)
+    change, memory = optax.adam(lr).update(gradient, memory)
+    trained = optax.apply_updates(values, change)
+    # The statistics have no gradient: they are what the batches were.
+    kept = lambda path, new, old: old if path[-1].key in STORED else new  # noqa: E731
+    return jax.tree.map_with_path(kept, trained, seen), memory, loss

@@ -1,0 +1,125 @@
+"""PENet's layers: convolutions with batch norm, and residual blocks that know where their cells are in space.
+
+Rasters are channels last; kernels are (rows, columns, in, out), also those of transposed convolutions, which run as
+convolutions of the spread-out input.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Float
+
+Array = Any
+Raster = Float[Array, "b h w c"]
+
+EPS, MOMENTUM = 1e-5, 0.1
+
+
+class Conv(nnx.Module):
+    """Convolution without bias, padded by half its kernel with zeros."""
+
+    def __init__(self, inputs: int, outputs: int, size: int, *, stride: int = 1, rngs: nnx.Rngs):
+        self.stride = stride
+        # The published start: He et al. 2015, over what a kernel feeds.
+        spread = (2.0 / (size * size * outputs)) ** 0.5
+        self.kernel = nnx.Param(spread * jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
+
+    def __call__(self, x: Raster) -> Raster:
+        half = self.kernel.shape[0] // 2
+        return _convolve(x, self.kernel[...], (self.stride,) * 2, ((half, half), (half, half)))
+
+
+class TransposedConv(nnx.Module):
+    """Twice the rows and columns (`stride` 2, kernel 5) or as many (`stride` 1, kernel 3)."""
+
+    def __init__(self, inputs: int, outputs: int, size: int, *, stride: int, rngs: nnx.Rngs):
+        self.stride = stride
+        spread = (2.0 / (size * size * inputs)) ** 0.5
+        self.kernel = nnx.Param(spread * jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
+
+    def __call__(self, x: Raster) -> Raster:
+        half = self.kernel.shape[0] // 2
+        # One more cell at the end, so that the size doubles.
+        around = (half, half + self.stride - 1)
+        return _convolve(x, self.kernel[...], (1, 1), (around, around), (self.stride,) * 2)
+
+
+def _convolve(x: Array, kernel: Array, stride: Any, padding: Any, spread: tuple[int, int] = (1, 1)) -> Array:
+    return jax.lax.conv_general_dilated(
+        x,
+        kernel,
+        stride,
+        padding,
+        lhs_dilation=spread,
+        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+        precision=jax.lax.Precision.HIGHEST,
+    )
+
+
+class BatchNorm(nnx.Module):
+    """Channels at mean 0 and variance 1, of the batch in training and of the stored statistics else."""
+
+    def __init__(self, channels: int):
+        self.weight, self.bias = nnx.Param(jnp.ones(channels)), nnx.Param(jnp.zeros(channels))
+        self.running_mean, self.running_var = nnx.BatchStat(jnp.zeros(channels)), nnx.BatchStat(jnp.ones(channels))
+
+    def __call__(self, x: Raster, *, train: bool) -> Raster:
+        if train:
+            number = x.size // x.shape[-1]
+            mean = x.mean((0, 1, 2))
+            variance = ((x - mean[None, None, None]) ** 2).mean((0, 1, 2))
+            for kept, new in ((self.running_mean, mean), (self.running_var, variance * (number / max(number - 1, 1)))):
+                kept[...] = (1 - MOMENTUM) * kept[...] + MOMENTUM * jax.lax.stop_gradient(new)
+        else:
+            mean, variance = self.running_mean[...], self.running_var[...]
+        rate = self.weight[...] * jax.lax.rsqrt(variance + EPS)
+        return x * rate[None, None, None] + (self.bias[...] - mean * rate)[None, None, None]
+
+
+class ConvBn(nnx.Module):
+    """Convolution, batch norm and, with `relu`, ReLU."""
+
+    def __init__(
+        self, inputs: int, outputs: int, size: int = 3, *, stride: int = 1, relu: bool = False, rngs: nnx.Rngs
+    ):
+        self.conv = Conv(inputs, outputs, size, stride=stride, rngs=rngs)
+        self.norm, self.relu = BatchNorm(outputs), relu
+
+    def __call__(self, x: Raster, *, train: bool) -> Raster:
+        x = self.norm(self.conv(x), train=train)
+        return jax.nn.relu(x) if self.relu else x
+
+
+class Deconv(nnx.Module):
+    """Transposed convolution, batch norm, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int, size: int = 5, *, stride: int = 2, rngs: nnx.Rngs):
+        self.deconv = TransposedConv(inputs, outputs, size, stride=stride, rngs=rngs)
+        self.norm = BatchNorm(outputs)
+
+    def __call__(self, x: Raster, *, train: bool) -> Raster:
+        return jax.nn.relu(self.norm(self.deconv(x), train=train))
+
+
+class GeoBlock(nnx.Module):
+    """Residual block whose convolutions also see the cells' coordinates in space (C-CNN, Hu et al. 2021, fig. 3)."""
+
+    GEO = 3
+
+    def __init__(self, inputs: int, outputs: int, *, stride: int, rngs: nnx.Rngs):
+        self.conv1 = Conv(inputs + self.GEO, outputs, 3, stride=stride, rngs=rngs)
+        self.conv2 = Conv(outputs + self.GEO, outputs, 3, rngs=rngs)
+        self.bn1, self.bn2 = BatchNorm(outputs), BatchNorm(outputs)
+        changes = stride != 1 or inputs != outputs
+        self.downsample = ConvBn(inputs + self.GEO, outputs, 1, stride=stride, rngs=rngs) if changes else None
+
+    def __call__(self, x: Raster, before: Raster, after: Raster, *, train: bool) -> Raster:
+        """`before` and `after` are the coordinates at the input's and at the output's scale."""
+        placed = jnp.concatenate([x, before], -1)
+        y = jax.nn.relu(self.bn1(self.conv1(placed), train=train))
+        y = self.bn2(self.conv2(jnp.concatenate([after, y], -1)), train=train)
+        return jax.nn.relu(y + (x if self.downsample is None else self.downsample(placed, train=train)))

@@ -1,0 +1,160 @@
+"""PENet: a colour-dominant and a depth-dominant branch (ENet), fused, and refined by DA-CSPN++.
+
+Hu, Wang, Li, Nie, Liu, Wang: PENet, Towards Precise and Efficient Image Guided Depth Completion, ICRA 2021; layer plan
+of JUGGHM/PENet_ICRA2021 `model.py` (PENet_C2, encoding xyz), whose names the modules bear.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Bool, Float
+
+from jaxsim.prepare.depth.penet.cspn import KERNELS, Guide, from_neighbours, propagate
+from jaxsim.prepare.depth.penet.geometry import Convention, coordinates, nearest_of_four, twice
+from jaxsim.prepare.depth.penet.layers import ConvBn, Deconv, GeoBlock
+
+Array = Any
+STAGES = 5
+MULTIPLE = 2**STAGES
+"""Rows and columns must divide by this."""
+PUBLISHED_WIDTH = 32
+
+
+class Backbone(NamedTuple):
+    """What the two branches give."""
+
+    colour: Float[Array, "b h w"]
+    """Depth of the colour-dominant branch, metres."""
+    depth: Float[Array, "b h w"]
+    """Depth of the depth-dominant branch."""
+    fused: Float[Array, "b h w"]
+    logits: Float[Array, "b h w 2"]
+    """Confidence in each, before the softmax."""
+    fine: Float[Array, "b h w c"]
+    """Features for the refinement, at full and at half size."""
+    coarse: Float[Array, "b h/2 w/2 k"]
+
+
+class ENet(nnx.Module):
+    """Both branches. `width` channels in the first layer; every halving doubles them."""
+
+    def __init__(self, width: int, rngs: nnx.Rngs):
+        w = [width * 2**k for k in range(STAGES + 1)]
+        self.rgb_conv_init = ConvBn(4, width, 5, relu=True, rngs=rngs)
+        self.depth_conv_init = ConvBn(2, width, 5, relu=True, rngs=rngs)
+        for k in range(STAGES):
+            # From the second stage on, the depth branch also sees the colour decoder's features.
+            beside = w[k] if k == 0 else 2 * w[k]
+            for name, inputs in (("rgb_encoder_layer", w[k]), ("depth_layer", beside)):
+                setattr(self, f"{name}{2 * k + 1}", GeoBlock(inputs, w[k + 1], stride=2, rngs=rngs))
+                setattr(self, f"{name}{2 * k + 2}", GeoBlock(w[k + 1], w[k + 1], stride=1, rngs=rngs))
+            setattr(self, f"rgb_decoder_layer{2 * k}", Deconv(w[k + 1], w[k], rngs=rngs))
+            setattr(self, f"decoder_layer{STAGES - k}", Deconv(w[k + 1], w[k], rngs=rngs))
+        self.rgb_decoder_output = Deconv(width, 2, 3, stride=1, rngs=rngs)
+        self.decoder_layer6 = ConvBn(width, 2, relu=True, rngs=rngs)
+
+    def __call__(
+        self, rgb: Float[Array, "b h w 3"], sparse: Float[Array, "b h w"], geo: list[Array], *, train: bool
+    ) -> Backbone:
+        sparse = sparse[..., None]
+
+        def encode(name: str, k: int, x: Array) -> Array:
+            x = getattr(self, f"{name}{2 * k + 1}")(x, geo[k], geo[k + 1], train=train)
+            return getattr(self, f"{name}{2 * k + 2}")(x, geo[k + 1], geo[k + 1], train=train)
+
+        colour = [self.rgb_conv_init(jnp.concatenate([rgb, sparse], -1), train=train)]
+        for k in range(STAGES):
+            colour.append(encode("rgb_encoder_layer", k, colour[k]))
+        decoded = {STAGES: colour[STAGES]}
+        for k in reversed(range(STAGES)):
+            decoded[k] = getattr(self, f"rgb_decoder_layer{2 * k}")(decoded[k + 1], train=train) + colour[k]
+        first = self.rgb_decoder_output(decoded[0], train=train)
+
+        x = self.depth_conv_init(jnp.concatenate([sparse, first[..., :1]], -1), train=train)
+        depth = [x]
+        for k in range(STAGES):
+            depth.append(encode("depth_layer", k, depth[k] if k == 0 else jnp.concatenate([decoded[k], depth[k]], -1)))
+        x, features = colour[STAGES] + depth[STAGES], {}
+        for k in reversed(range(STAGES)):
+            features[k] = getattr(self, f"decoder_layer{STAGES - k}")(x, train=train)
+            x = features[k] + depth[k]
+        second = self.decoder_layer6(features[0], train=train)
+
+        logits = jnp.stack([first[..., 1], second[..., 1]], -1)
+        share = jax.nn.softmax(logits, -1)
+        fused = share[..., 0] * first[..., 0] + share[..., 1] * second[..., 0]
+        fine, coarse = (jnp.concatenate([decoded[k], features[k]], -1) for k in (0, 1))
+        return Backbone(first[..., 0], second[..., 0], fused, logits, fine, coarse)
+
+
+class PENet(nnx.Module):
+    """The whole network. `convention` says how it was told where cells are in space."""
+
+    def __init__(self, width: int, convention: Convention, rngs: nnx.Rngs):
+        self.convention: Convention = convention
+        self.backbone = ENet(width, rngs)
+        for suffix, channels in (("", 2 * width), ("_s2", 4 * width)):
+            setattr(self, f"mask_layer{suffix}", ConvBn(channels, 1, rngs=rngs))
+            setattr(self, f"kernel_conf_layer{suffix}", ConvBn(channels, len(KERNELS), rngs=rngs))
+            for k in KERNELS:
+                setattr(self, f"iter_guide_layer{k}{suffix}", Guide(channels, k, rngs=rngs))
+
+    def coarse(
+        self,
+        rgb: Float[Array, "b h w 3"],
+        sparse: Float[Array, "b h w"],
+        valid: Bool[Array, "b h w"],
+        intrinsics: Float[Array, "b 3 3"],
+        *,
+        train: bool,
+    ) -> Backbone:
+        """Both branches alone. rgb 0..255, sparse depth in metres where `valid`."""
+        rows, columns = sparse.shape[1:]
+        if rows % MULTIPLE or columns % MULTIPLE:
+            raise ValueError(
+                f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
+                "crop it (--prepare.image-crop)"
+            )
+        geo = coordinates(sparse, valid, intrinsics, scales=STAGES + 1, convention=self.convention)
+        return self.backbone(rgb, jnp.where(valid, sparse, 0.0), geo, train=train)
+
+    def refine(
+        self, seen: Backbone, sparse: Float[Array, "b h w"], valid: Bool[Array, "b h w"], *, train: bool
+    ) -> Float[Array, "b h w"]:
+        """Six propagations at dilation 2 with guides of half size, then six at full size."""
+        half, half_valid = nearest_of_four(sparse, valid)
+        depth = seen.fused
+        for suffix, features, known, known_valid in (
+            ("_s2", seen.coarse, half, half_valid),
+            ("", seen.fine, jnp.where(valid, sparse, 0.0), valid),
+        ):
+            size = twice if suffix else lambda x: x
+            logit = getattr(self, f"mask_layer{suffix}")(features, train=train)[..., 0]
+            trust = jnp.where(known_valid, jax.nn.sigmoid(logit), 0.0)
+            confidence = jax.nn.softmax(getattr(self, f"kernel_conf_layer{suffix}")(features, train=train), -1)
+            guides = [getattr(self, f"iter_guide_layer{k}{suffix}")(features, train=train) for k in KERNELS]
+            depth = propagate(
+                [size(from_neighbours(guide)) for guide in guides],
+                size(confidence),
+                depth,
+                size(known),
+                size(trust),
+                dilation=2 if suffix else 1,
+            )
+        return depth
+
+    def __call__(
+        self,
+        rgb: Float[Array, "b h w 3"],
+        sparse: Float[Array, "b h w"],
+        valid: Bool[Array, "b h w"],
+        intrinsics: Float[Array, "b 3 3"],
+        *,
+        train: bool = False,
+    ) -> Float[Array, "b h w"]:
+        """Dense depth in metres."""
+        return self.refine(self.coarse(rgb, sparse, valid, intrinsics, train=train), sparse, valid, train=train)

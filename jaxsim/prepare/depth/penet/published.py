@@ -1,0 +1,121 @@
+"""Published PENet checkpoints: names, shapes and layouts, to and from ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+from flax import nnx
+
+from jaxsim.prepare.depth.penet.geometry import Convention
+from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, PENet
+from jaxsim.weights import Arrays, Converter, fit
+
+Values = dict[str, Any]
+STEM = "backbone.rgb_conv_init.0.weight"
+_PLACES = {"conv": "0", "deconv": "0", "norm": "1", "kernel": "weight"}
+PREFIXES = ("model.", "module.")
+"""A checkpoint holds the network under `model`; data parallelism wraps it once more."""
+
+
+@cache
+def definition(width: int, convention: Convention) -> Any:
+    """The network without values."""
+    return nnx.graphdef(nnx.eval_shape(lambda: PENet(width, convention, nnx.Rngs(0))))
+
+
+@cache
+def abstract(width: int) -> Values:
+    """Shapes of a network's values."""
+    return nnx.to_pure_dict(nnx.state(nnx.eval_shape(lambda: PENet(width, "exact", nnx.Rngs(0)))))
+
+
+def create(width: int, seed: int) -> Values:
+    """Values to begin a training with; the same for the same seed."""
+    return nnx.to_pure_dict(nnx.state(PENet(width, "exact", nnx.Rngs(seed))))
+
+
+def _name(path: Any) -> str:
+    return ".".join(_PLACES.get(step.key, step.key) for step in path)
+
+
+def _transposed(path: Any) -> bool:
+    return any(step.key == "deconv" for step in path)
+
+
+def _their_shape(path: Any, shape: tuple[int, ...]) -> tuple[int, ...]:
+    if len(shape) != 4:
+        return shape
+    rows, columns, inputs, outputs = shape
+    return (inputs, outputs, rows, columns) if _transposed(path) else (outputs, inputs, rows, columns)
+
+
+def published_shapes(width: int = PUBLISHED_WIDTH) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the arrays that are read. The constant `encoder3`, `encoder5`, `encoder7` are not."""
+    return {_name(path): _their_shape(path, leaf.shape) for path, leaf in jax.tree.leaves_with_path(abstract(width))}
+
+
+def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
+    """Width and values of a network. Raises ValueError where names or shapes are not PENet's."""
+    stem = arrays.get(STEM)
+    if stem is None or stem.ndim != 4:
+        raise ValueError(f"it is no PENet: {STEM} is missing.")
+    width = stem.shape[0]
+    kept = fit(dict(arrays), published_shapes(width))
+
+    def ours(path: Any, leaf: Any) -> np.ndarray:
+        array = kept[_name(path)]
+        if array.ndim != 4:
+            return array
+        # A transposed convolution is one with the taps reversed.
+        return array.transpose(2, 3, 0, 1)[::-1, ::-1] if _transposed(path) else array.transpose(2, 3, 1, 0)
+
+    return width, jax.tree.map_with_path(ours, abstract(width))
+
+
+def to_published(values: Values) -> Arrays:
+    """A network's values under the published names and layouts."""
+
+    def theirs(path: Any, leaf: Any) -> np.ndarray:
+        array = np.asarray(leaf)
+        if array.ndim != 4:
+            return array
+        return array[::-1, ::-1].transpose(2, 3, 0, 1) if _transposed(path) else array.transpose(3, 2, 0, 1)
+
+    return {_name(path): theirs(path, leaf) for path, leaf in jax.tree.leaves_with_path(values)}
+
+
+def _bare(arrays: Arrays) -> Arrays:
+    """Names without what a checkpoint wraps them in."""
+    bare = {}
+    for name, array in arrays.items():
+        for prefix in PREFIXES:
+            name = name.removeprefix(prefix)
+        bare[name] = array
+    return bare
+
+
+def _published(arrays: Arrays) -> Arrays:
+    bare = _bare(arrays)
+    if not any(name.startswith("iter_guide_layer3_s2.") for name in bare) and STEM in bare:
+        raise ValueError("it has no half-size guides: it is ENet or PENet_C1; take PENet_C2 (pe.pth.tar).")
+    return fit(bare, published_shapes())
+
+
+def _trained(arrays: Arrays) -> Arrays:
+    return fit(arrays, published_shapes(from_published(arrays)[0]))
+
+
+CONVERTERS = {
+    "penet": Converter(
+        "PENet (C2, dilation 2)",
+        "pe.pth.tar, linked in the README of github.com/JUGGHM/PENet_ICRA2021",
+        _published,
+    ),
+}
+"""What `jaxsim convert` makes of the published checkpoint."""
+TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `python train.py penet_synthetic`", _trained)
+TRAINED_KIND = "penet_trained"
