@@ -1,4 +1,4 @@
-"""Trains an intensity network or a detector: `python train.py [EXPERIMENT] [--flags]`.
+"""Trains an intensity network, a detector or depth completion: `python train.py [EXPERIMENT] [--flags]`.
 
 EXPERIMENT is a file of configs/ (default: synthetic, the embedded world). Any field is a flag. The run goes to
 runs/NAME; the same command again resumes it.
@@ -16,6 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 import configs
+import train_depth
 from jaxsim import detect, devices
 from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
 from jaxsim.config import DetectorExperiment, Experiment
@@ -24,6 +25,7 @@ from jaxsim.data.batches import ahead, batches
 from jaxsim.metrics import Score
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
+from jaxsim.prepare.depth.penet.training import DepthExperiment
 from jaxsim.report import detection_picture, pair_picture, save_picture, write_card, write_detector_card
 from jaxsim.simulate import (
     Checkpoints,
@@ -247,4 +249,8 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
 if __name__ == "__main__":
     enable_compilation_cache()
     with stop_on_error():
-        main(*parse_experiment(configs, sys.argv[1:]))
+        experiment, description = parse_experiment(configs, sys.argv[1:])
+        if isinstance(experiment, DepthExperiment):
+            train_depth.main(experiment, description)
+        else:
+            main(experiment, description)

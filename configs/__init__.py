@@ -4,11 +4,12 @@ import importlib
 import pkgutil
 
 from jaxsim.config import DetectorExperiment, Experiment
+from jaxsim.prepare.depth.penet.training import DepthExperiment
 
 NAMES = sorted(module.name for module in pkgutil.iter_modules(__path__))
 
 
-def load(name: str) -> tuple[Experiment | DetectorExperiment, str]:
+def load(name: str) -> tuple[Experiment | DetectorExperiment | DepthExperiment, str]:
     """The experiment of that name and its docstring. Raises ValueError for an unknown name."""
     if name not in NAMES:
         raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(NAMES)}")

@@ -62,16 +62,22 @@ class PrepareConfig:
     """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
     network_size: tuple[int, int] = (64, 512)
     """Rows and columns the window is scaled to for the network."""
-    depth: Literal["given", "ip_basic", "ip_basic_fast"] = "given"
+    depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
-    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps."""
+    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image
+    (docs/depth-completion.md)."""
+    depth_weights: Path | None = None
+    """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
     denoise: Literal["none", "non_local_means", "lidia"] = "none"
     """Denoiser of the target intensity (docs/denoising.md)."""
     denoise_weights: Path | None = None
     """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
-    denoise_statistics: Literal["stored", "image"] = "stored"
-    """What the batch norms of `lidia` divide by: the statistics of their training, or each image's own, as the
-    published scripts do."""
+    denoise_statistics: Literal["stored", "image"] = "image"
+    """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of
+    their training, which expect more noise than a LiDAR has (docs/denoising.md)."""
+    denoise_gain: float = 1.0
+    """Of `lidia`: times this contrast is shown to the network, so that the sensor's noise becomes what the weights were
+    trained for: 15, 25 or 50 / 255, where KITTI's is 0.03 (docs/denoising.md)."""
     occlusion_m: float = 1.0
     """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
     the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next

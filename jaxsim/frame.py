@@ -115,6 +115,22 @@ class Pair:
 
 
 @struct.dataclass
+class DepthFrame:
+    """What depth completion learns from: an image, the LiDAR's depth in it, and the depth that is to come out."""
+
+    rgb: UInt8[Array, "*b h w 3"]
+    sparse_m: Float[Array, "*b h w"]
+    """Planar depth of one sweep's points, metres."""
+    given: Bool[Array, "*b h w"]
+    """Where there is a point."""
+    truth_m: Float[Array, "*b h w"]
+    known: Bool[Array, "*b h w"]
+    """Where the true depth is known."""
+    intrinsics: Float[Array, "*b 3 3"]
+    """Pixels, of this very crop."""
+
+
+@struct.dataclass
 class Boxes:
     """Labelled objects, in `cam` of the frame (KITTI's convention)."""
 

@@ -13,6 +13,7 @@ from jaxsim.metrics import inception
 from jaxsim.metrics.generation import rangenet
 from jaxsim.pix2pix import published_files, vgg
 from jaxsim.prepare.denoise import lidia
+from jaxsim.prepare.depth import penet
 from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
@@ -22,6 +23,7 @@ CONVERTERS: dict[str, Converter] = {
     "rangenet53": rangenet.CONVERTER,
     "lidia": lidia.CONVERTER,
     voxel_rcnn.KIND: voxel_rcnn.CONVERTER,
+    **penet.CONVERTERS,
 }
 """Every kind of published weights: its name, and how it is converted."""
 

@@ -30,8 +30,9 @@ def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
         "data": TypeAdapter(DataConfig).dump_python(bare, mode="json"),
         "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
     }
-    if prepare.denoise_weights is not None:
-        values["prepare"]["denoise_weights"] = _contents(prepare.denoise_weights)
+    for name in ("denoise_weights", "depth_weights"):
+        if (path := getattr(prepare, name)) is not None:
+            values["prepare"][name] = _contents(path)
     return values
 
 

@@ -144,8 +144,9 @@ class PreparedSet:
         plain = pair_settings(DataConfig(), PrepareConfig())["prepare"]  # settings that came later were so
         kept, wanted = plain | self.about.settings["prepare"], pair_settings(DataConfig(), prepare)["prepare"]
         free = {"inputs": None}  # labels: below
-        if prepare.denoise_weights is None:  # the denoiser has done its work, with those that the set names
-            free["denoise_weights"] = None
+        for name in ("denoise_weights", "depth_weights"):
+            if getattr(prepare, name) is None:  # the network has done its work, with those that the set names
+                free[name] = None
         other = list(differences(kept | free, wanted | free, "prepare"))
         if other:
             raise ValueError(

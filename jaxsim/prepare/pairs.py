@@ -16,7 +16,7 @@ from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, points_to_polar
 from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.depth import complete_depth
+from jaxsim.prepare.depth import complete_view
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.paint import paint
 
@@ -45,6 +45,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         config.denoise,
         weights=config.denoise_weights,
         statistics=config.denoise_statistics,
+        gain=config.denoise_gain,
     )
     return _pair(painted, angle, place, target=target, measured=measured), grid
 
@@ -94,7 +95,8 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
         view = crop_image(frame.camera, config.image_crop)
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
-            view = _completed(view, _padded(_measured(frame)), config.depth)
+            rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
+            view = _completed(view, _padded(_measured(frame)), config, rows_cut)
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -181,10 +183,9 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
         )
 
 
-def _completed(view: CameraFrame, cloud: Cloud, method: str) -> CameraFrame:
-    depth_m, valid = sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1])
-    depth_m, valid = complete_depth(np.asarray(depth_m), np.asarray(valid), method)
-    return replace(view, depth_m=depth_m, depth_valid=valid)
+def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, rows_cut: int) -> CameraFrame:
+    depth_m, valid = (np.asarray(x) for x in sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
+    return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)
 
 
 def _padded(cloud: Cloud) -> Cloud:

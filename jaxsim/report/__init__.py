@@ -3,13 +3,14 @@
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
 from jaxsim.report.detection import detection_table, write_detection
 from jaxsim.report.discovery import write_report
-from jaxsim.report.frames import pair_picture, simulated_picture
+from jaxsim.report.frames import depth_picture, pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
 from jaxsim.report.scores import list_scores, score_table, write_card, write_detector_card, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
+    "depth_picture",
     "detection_picture",
     "detection_table",
     "draw_above",

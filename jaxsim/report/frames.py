@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from jaxsim.frame import Painted, Pair, PolarImage
+from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 from jaxsim.report.pictures import colour_classes, colour_scalar, strip
 
 Rgb = UInt8[np.ndarray, "h w 3"]
@@ -57,3 +59,19 @@ def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb
     """Input and prediction of a simulated frame."""
     intensity, valid = np.asarray(image.intensity), np.asarray(image.valid)
     return strip([*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))])
+
+
+def depth_panel(depth_m: Raster, valid: np.ndarray) -> Rgb:
+    """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
+    return colour_scalar(depth_m, valid, low=0, high=60, gamma=0.6)
+
+
+def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.ndarray]], *, width: int = 912) -> Rgb:
+    """Image, the points that are given, each method's dense depth (name, metres, where it has any) and the truth."""
+    panels = [
+        ("image", np.asarray(frame.rgb)),
+        ("given points (0-60 m)", depth_panel(np.asarray(frame.sparse_m), np.asarray(frame.given))),
+        *((name, depth_panel(depth_m, valid)) for name, depth_m, valid in guesses),
+        ("truth", depth_panel(np.asarray(frame.truth_m), np.asarray(frame.known))),
+    ]
+    return strip(panels, width=width)

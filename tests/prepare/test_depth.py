@@ -79,5 +79,5 @@ def test_an_empty_scan_says_so():
 
 
 def test_an_unknown_method_is_answered_with_the_known_ones():
-    with pytest.raises(ValueError, match="ip_basic, ip_basic_fast"):
-        complete_depth(np.ones((8, 8), np.float32), np.ones((8, 8), bool), "penet")
+    with pytest.raises(ValueError, match="ip_basic, ip_basic_fast, penet"):
+        complete_depth(np.ones((8, 8), np.float32), np.ones((8, 8), bool), "cspn")

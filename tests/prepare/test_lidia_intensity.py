@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.prepare import denoise
 from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia
+from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.prepare.denoise.lidia.published import published_shapes
 from jaxsim.simulate.prepared import cache_folder
 from tests.prepare.lidia_oracle import random_state
@@ -57,11 +59,18 @@ def test_cells_without_return_are_no_black_ones(small):
 
 def test_a_mask_that_lets_all_pass_is_none(small):
     _, noisy = scene()
-    without = small(noisy, np.ones(noisy.shape, bool))
+    without = small(noisy, np.ones(noisy.shape, bool), statistics="stored")
     valid = np.ones(noisy.shape, bool)
     valid[0, 0] = False
     # One corner less: what lies beyond its patches' neighbours is what it was.
-    np.testing.assert_allclose(small(noisy, valid)[:, 20:], without[:, 20:], atol=2e-3)
+    np.testing.assert_allclose(small(noisy, valid, statistics="stored")[:, 20:], without[:, 20:], atol=2e-3)
+
+
+def test_a_gain_brings_weak_noise_to_what_the_network_was_trained_for(small):
+    clean, noisy = scene(noise=0.03)
+    valid = np.random.default_rng(2).random(noisy.shape) < 0.6
+    off = lambda x: ((x - clean)[valid] ** 2).mean()  # noqa: E731
+    assert off(small(noisy, valid, gain=3.0)) < 0.8 * off(noisy)
 
 
 def test_a_batch_is_its_images(small):
@@ -84,7 +93,7 @@ def test_pairs_made_with_other_weights_are_not_kept_together(published, tmp_path
     data, config = DataConfig(), PrepareConfig(denoise="lidia", denoise_weights=published)
     other = tmp_path / published.name
     other.write_bytes(published.read_bytes())
-    assert cache_folder(data, config) != cache_folder(data, replace(config, denoise_statistics="image"))
+    assert cache_folder(data, config) != cache_folder(data, replace(config, denoise_statistics="stored"))
     before = cache_folder(data, replace(config, denoise_weights=other))
     np.savez(other, changed=np.ones(1))
     assert cache_folder(data, replace(config, denoise_weights=other)) != before
@@ -125,7 +134,35 @@ def test_bad_input_says_what_to_do(small, tmp_path):
         denoise(image, valid, "lidia")
     with pytest.raises(FileNotFoundError, match="jaxsim convert lidia FILE"):
         denoise(image, valid, "lidia", weights=tmp_path / "none.npz")
+    with pytest.raises(ValueError, match="a gain of 0 leaves nothing"):
+        small(image, valid, gain=0)
     with pytest.raises(ValueError, match="not one cell whose beam came back"):
         small(image, ~valid)
     with pytest.raises(ValueError, match=r"the image has 8 x 20 cells.*at least 11 x 11"):
         small(image[:8], valid[:8])
+
+
+@pytest.mark.slow
+def test_adapting_to_one_s_own_images_helps_on_others(small):
+    v, u = np.mgrid[:16, :48]
+    images = np.stack([0.5 + 0.3 * np.sin(u / 7 + k) * np.cos(v / 5) for k in range(6)]).astype(np.float32)
+    rng = np.random.default_rng(0)
+    valid = rng.random(images.shape) < 0.9
+    noisy = (images + 0.1 * rng.standard_normal(images.shape)).astype(np.float32)
+    with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an int
+        taught = adapt(small, images[:5], valid[:5], Adaptation(noise=0.1, epochs=6, stride=16), progress=False)
+    off = lambda network: ((network(noisy[5], valid[5]) - images[5])[valid[5]] ** 2).mean()  # noqa: E731
+    assert off(taught) < 0.8 * off(small)
+    # Cells without return take no part.
+    garbage = np.where(valid, images, np.nan).astype(np.float32)
+    settings = Adaptation(noise=0.1, epochs=1, stride=16)
+    with jax.numpy_dtype_promotion("standard"):
+        one, other = (adapt(small, x[:2], valid[:2], settings, progress=False) for x in (images, garbage))
+    np.testing.assert_array_equal(other(noisy[5], valid[5]), one(noisy[5], valid[5]))
+
+
+def test_adapting_to_nothing_says_so(small):
+    with pytest.raises(ValueError, match="nothing to adapt to"):
+        adapt(small, np.ones((1, 16, 16), np.float32), np.zeros((1, 16, 16), bool))
+    with pytest.raises(ValueError, match="at least 11 x 11"):
+        adapt(small, np.ones((1, 8, 16), np.float32), np.ones((1, 8, 16), bool))

@@ -30,18 +30,19 @@ def denoise(
     method: str = "none",
     *,
     weights: Path | None = None,
-    statistics: Literal["stored", "image"] = "stored",
+    statistics: Literal["stored", "image"] = "image",
+    gain: float = 1.0,
 ) -> Float[Array, "rows columns"]:
     """Intensity (0..1) without the sensor's noise where `valid`; 0 elsewhere.
 
     `lidia` takes `weights` that `jaxsim convert lidia` wrote, and `statistics` of its batch norms: those stored with
-    them, or each image's own.
+    them, or each image's own. It sees `gain` times the contrast.
 
     Raises ValueError for an unknown method; for `lidia` also without weights, where no cell is valid, and for images of
     fewer than 11 rows or columns.
     """
     if method == "lidia":
-        return open_lidia(weights)(intensity, valid, statistics=statistics)
+        return open_lidia(weights)(intensity, valid, statistics=statistics, gain=gain)
     if method not in METHODS:
         raise ValueError(f"denoise: no method {method!r}; known: {', '.join([*METHODS, 'lidia'])}")
     return np.where(valid, METHODS[method](close_gaps(intensity, valid)), np.float32(0))

@@ -5,16 +5,22 @@ A method takes sparse depth with its mask and gives dense depth with its mask; i
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.frame import CameraFrame
 from jaxsim.prepare.depth.ip_basic import Blur, fill_in_fast, fill_in_multiscale
+from jaxsim.prepare.depth.penet import Penet, open_penet
 
 Array = np.ndarray
 
 METHODS = {"ip_basic": fill_in_multiscale, "ip_basic_fast": fill_in_fast}
+"""Of the sparse depth alone; `penet` also takes the image, and weights."""
 
-__all__ = ["METHODS", "complete_depth", "fill_in_fast", "fill_in_multiscale"]
+__all__ = ["METHODS", "Penet", "complete_depth", "complete_view", "fill_in_fast", "fill_in_multiscale"]
 
 
 def complete_depth(
@@ -32,11 +38,38 @@ def complete_depth(
 
     Raises ValueError when no pixel has depth or the method is unknown.
     """
-    if method not in METHODS:
-        raise ValueError(f"depth: no method {method!r}; known: {', '.join(METHODS)}")
+    if method not in METHODS and method != "penet":
+        raise ValueError(f"depth: no method {method!r}; known: {', '.join([*METHODS, 'penet'])}")
     if not valid.any():
         raise ValueError(
             "depth: not one pixel has depth, so there is nothing to complete; check that the points fall "
             "into the image (calibration of another drive, or an empty scan?)"
         )
+    if method == "penet":
+        raise ValueError("depth: penet also takes the image; call complete_view")
     return METHODS[method](sparse_depth_m.astype(np.float32), valid, extrapolate=extrapolate, blur=blur)
+
+
+def complete_view(
+    view: CameraFrame,
+    sparse_depth_m: Float[Array, "h w"],
+    valid: Bool[Array, "h w"],
+    method: str,
+    *,
+    weights: Path | None = None,
+    rows_cut: int = 0,
+) -> CameraFrame:
+    """A cropped view with dense depth, by any method; `penet` takes `weights` that `jaxsim convert penet` or a training
+    wrote. `rows_cut`: rows that the crop takes off the image's top.
+
+    Raises ValueError as `complete_depth` does; for `penet` also without weights, and where the crop's sides are no
+    multiples of 32.
+    """
+    if method == "penet":
+        network = open_penet(weights)
+        depth_m, known = network(
+            np.asarray(view.rgb), sparse_depth_m, valid, np.asarray(view.camera.intrinsics), rows_cut=rows_cut
+        )
+    else:
+        depth_m, known = complete_depth(sparse_depth_m, valid, method)
+    return replace(view, depth_m=depth_m, depth_valid=known)

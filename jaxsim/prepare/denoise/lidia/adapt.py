@@ -42,6 +42,8 @@ class Adaptation:
     """Rows and columns of the blocks; fewer where the image has fewer rows."""
     stride: int = 32
     batch: int = 4
+    transpose: bool = True
+    """Blocks are also turned, rows for columns. Laser lines are no columns: each has a gain of its own."""
     seed: int = 0
 
 
@@ -113,7 +115,8 @@ class _Blocks:
             rng = np.random.default_rng([settings.seed, epoch])
             order = rng.permutation(len(self.places))
             for start in range(0, len(order) - self.batch + 1, self.batch):
-                parts = [self._one(k, rng.integers(0, 2, 3)) for k in order[start : start + self.batch]]
+                turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, settings.transpose])
+                parts = [self._one(k, turn) for k, turn in zip(order[start : start + self.batch], turns, strict=True)]
                 clean, noisy, valid = (np.stack(column) for column in zip(*parts, strict=True))
                 yield clean, noisy, valid
 
@@ -149,7 +152,7 @@ def _step(
     def loss_of(values: Values) -> tuple[Any, Values]:
         out, seen = apply_and_learn(values, noisy[..., None], valid, variant)
         square = jnp.where(valid, (out[..., 0] - clean) ** 2, 0.0)
-        return jnp.log10(square.sum() / valid.sum()), seen
+        return jnp.log10(square.sum() / valid.sum(dtype=jnp.float32)), seen
 
     (loss, seen), gradient = jax.value_and_grad(loss_of, has_aux=True)(values)
     change, memory = optax.adam(lr).update(gradient, memory)

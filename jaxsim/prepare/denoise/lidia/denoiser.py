@@ -38,11 +38,6 @@ def abstract(variant: Variant) -> Values:
     return nnx.to_pure_dict(nnx.state(nnx.eval_shape(lambda: PatchDenoiser(variant, nnx.Rngs(0)))))
 
 
-def create(variant: Variant, seed: int) -> Values:
-    """Values to begin a training with; the same for the same seed."""
-    return nnx.to_pure_dict(nnx.state(PatchDenoiser(variant, nnx.Rngs(seed))))
-
-
 def check_size(rows: int, columns: int, variant: Variant) -> None:
     """Raises ValueError where an image is too small to be mirrored at its borders."""
     least = coarse_margin(variant) + 1

@@ -34,13 +34,18 @@ class Lidia:
         intensity: Float[Array, "*b rows columns"],
         valid: Bool[Array, "*b rows columns"],
         *,
-        statistics: Literal["stored", "image"] = "stored",
+        statistics: Literal["stored", "image"] = "image",
+        gain: float = 1.0,
     ) -> Float[Array, "*b rows columns"]:
         """Intensity (0..1) without noise where `valid`; 0 elsewhere. Values where it is not are never read.
 
+        The network sees `gain` times the contrast: so much that the sensor's noise becomes what it was trained for.
         One compiled program a shape; images of a batch go through one by one. Raises ValueError where an image has not
-        one valid cell, or is smaller than the network's border, or the weights are for colour images.
+        one valid cell, or is smaller than the network's border, where the weights are for colour images, and where
+        the gain is not positive.
         """
+        if not gain > 0:
+            raise ValueError(f"lidia: a gain of {gain} leaves nothing; it must be positive (--prepare.denoise-gain)")
         rows, columns = intensity.shape[-2:]
         if self.variant.colour:
             raise ValueError("lidia: these weights are for colour images; intensity is grey: convert a *_bw.pt file")
@@ -51,14 +56,14 @@ class Lidia:
                 "points fall into the window (calibration of another drive, or an empty scan?)"
             )
         flat, flat_valid = (x.reshape(-1, rows, columns) for x in (intensity, valid))
-        images = [self._one(image, mask, statistics) for image, mask in zip(flat, flat_valid, strict=True)]
+        images = [self._one(image, mask, statistics, gain) for image, mask in zip(flat, flat_valid, strict=True)]
         return np.stack(images).reshape(intensity.shape) if images else np.zeros(intensity.shape, np.float32)
 
-    def _one(self, intensity: Array, valid: Array, statistics: Literal["stored", "image"]) -> Array:
-        image = (2 * close_gaps(intensity, valid) - 1)[None, ..., None]
+    def _one(self, intensity: Array, valid: Array, statistics: Literal["stored", "image"], gain: float) -> Array:
+        image = np.float32(gain) * (2 * close_gaps(intensity, valid) - 1)[None, ..., None]
         measured = None if valid.all() else valid[None]
-        clean = apply(self.values, image, measured, variant=self.variant, statistics=statistics)
-        return np.where(valid, np.clip((np.asarray(clean)[0, ..., 0] + 1) / 2, 0, 1), np.float32(0))
+        clean = np.asarray(apply(self.values, image, measured, variant=self.variant, statistics=statistics))
+        return np.where(valid, np.clip((clean[0, ..., 0] / np.float32(gain) + 1) / 2, 0, 1), np.float32(0))
 
 
 def open_lidia(path: Path | None) -> Lidia:

@@ -47,7 +47,7 @@ def _shifted(x: Float[Array, "b h w"], down: int, right: int) -> Float[Array, "b
 
 
 def from_neighbours(guide: Float[Array, "b h w kk"]) -> Float[Array, "b h w kk"]:
-    """The weight that a cell gives to neighbour o is the one that this neighbour holds for it: slot k*k - 1 - o there."""
+    """A cell weighs its neighbour o by what that neighbour holds for it: slot k*k - 1 - o there."""
     k = round(guide.shape[-1] ** 0.5)
     return jnp.stack([_shifted(guide[..., k * k - 1 - o], *offset) for o, offset in enumerate(_offsets(k))], -1)
 
@@ -76,7 +76,7 @@ def propagate(
 ) -> Float[Array, "b h w"]:
     """A stage: every kernel spreads `start` and is led back to the sparse depth by `trust`; then they are weighed."""
 
-    def once(_: int, depths: tuple[Array, ...]) -> tuple[Array, ...]:
+    def once(_: Any, depths: tuple[Array, ...]) -> tuple[Array, ...]:
         spread = [step(guide, depth, start, dilation) for guide, depth in zip(guides, depths, strict=True)]
         return tuple((1 - trust) * depth + trust * sparse for depth in spread)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -45,7 +44,10 @@ def coordinates(
         z = jnp.where(valid, depth_m, 0.0)
         if convention == "published":
             # From -1 to 1 over the image, averaged two by two.
-            across = [0.5 * full / 2**k * (2 * x[k] / x[0][-1]) for full, x in zip(PUBLISHED_SIZE, (rows, columns), strict=True)]
+            across = [
+                0.5 * full / 2**k * (2 * x[k] / x[0][-1])
+                for full, x in zip(PUBLISHED_SIZE, (rows, columns), strict=True)
+            ]
         else:
             across = [rows[k], columns[k]]
         v, u = jnp.asarray(across[0], jnp.float32), jnp.asarray(across[1], jnp.float32)

@@ -1,7 +1,7 @@
 """PENet's layers: convolutions with batch norm, and residual blocks that know where their cells are in space.
 
 Rasters are channels last; kernels are (rows, columns, in, out), also those of transposed convolutions, which run as
-convolutions of the spread-out input.
+convolutions of the spread-out input. `published.create` draws the values that a training begins with.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from flax import nnx
 from jaxtyping import Float
 
 Array = Any
-Raster = Float[Array, "b h w c"]
+Raster = Float[Array, "b _h _w _c"]
 
 EPS, MOMENTUM = 1e-5, 0.1
 
@@ -24,9 +24,7 @@ class Conv(nnx.Module):
 
     def __init__(self, inputs: int, outputs: int, size: int, *, stride: int = 1, rngs: nnx.Rngs):
         self.stride = stride
-        # The published start: He et al. 2015, over what a kernel feeds.
-        spread = (2.0 / (size * size * outputs)) ** 0.5
-        self.kernel = nnx.Param(spread * jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
+        self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
     def __call__(self, x: Raster) -> Raster:
         half = self.kernel.shape[0] // 2
@@ -38,14 +36,13 @@ class TransposedConv(nnx.Module):
 
     def __init__(self, inputs: int, outputs: int, size: int, *, stride: int, rngs: nnx.Rngs):
         self.stride = stride
-        spread = (2.0 / (size * size * inputs)) ** 0.5
-        self.kernel = nnx.Param(spread * jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
+        self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
     def __call__(self, x: Raster) -> Raster:
         half = self.kernel.shape[0] // 2
         # One more cell at the end, so that the size doubles.
         around = (half, half + self.stride - 1)
-        return _convolve(x, self.kernel[...], (1, 1), (around, around), (self.stride,) * 2)
+        return _convolve(x, self.kernel[...], (1, 1), (around, around), (self.stride, self.stride))
 
 
 def _convolve(x: Array, kernel: Array, stride: Any, padding: Any, spread: tuple[int, int] = (1, 1)) -> Array:

@@ -34,12 +34,21 @@ def abstract(width: int) -> Values:
 
 
 def create(width: int, seed: int) -> Values:
-    """Values to begin a training with; the same for the same seed."""
-    return nnx.to_pure_dict(nnx.state(PENet(width, "exact", nnx.Rngs(seed))))
+    """Values to begin a training with, as published (He et al. 2015); the same for the same seed."""
+    rng = np.random.default_rng(seed)
+
+    def drawn(path: Any, leaf: Any) -> np.ndarray:
+        if path[-1].key != "kernel":
+            return np.full(leaf.shape, float(path[-1].key in ("weight", "running_var")), np.float32)
+        rows, columns, inputs, outputs = leaf.shape
+        fan = rows * columns * (inputs if _transposed(path) else outputs)
+        return (rng.standard_normal(leaf.shape) * np.sqrt(2 / fan)).astype(np.float32)
+
+    return jax.tree.map_with_path(drawn, abstract(width))
 
 
 def _name(path: Any) -> str:
-    return ".".join(_PLACES.get(step.key, step.key) for step in path)
+    return ".".join(_PLACES.get(str(step.key), str(step.key)) for step in path)
 
 
 def _transposed(path: Any) -> bool:
@@ -112,7 +121,9 @@ def _trained(arrays: Arrays) -> Arrays:
 CONVERTERS = {
     "penet": Converter(
         "PENet (C2, dilation 2)",
-        "pe.pth.tar, linked in the README of github.com/JUGGHM/PENet_ICRA2021",
+        "pe.pth.tar, linked in the README of github.com/JUGGHM/PENet_ICRA2021 (it also holds the training's settings, "
+        "which weights_only refuses: where it runs, save the state dict alone, `torch.save(torch.load(FILE)['model'], "
+        "OUT)`)",
         _published,
     ),
 }

@@ -1,0 +1,41 @@
+"""Frames whose true depth is known, as depth completion learns from them."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from jaxsim.frame import Cloud, DepthFrame, Frame
+from jaxsim.prepare.depth.sparse import sparse_depth
+
+_POINTS = 2**15
+
+
+def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
+    """A renderer's frame, its bottom rows and middle columns: the sweep's points in the image, and the rendered depth.
+
+    Raises ValueError where the frame has no cloud or no depth, or is smaller than the crop.
+    """
+    view, cloud = frame.camera, frame.cloud
+    if cloud is None or view.depth_m is None or view.depth_valid is None:
+        raise ValueError(
+            f"depth: {frame.name} has {'no LiDAR sweep' if cloud is None else 'no true depth'}; depth completion "
+            "learns from frames that have both (the embedded world; KITTI's depth completion set, --depth-root)"
+        )
+    (h, w), (rows, columns) = view.rgb.shape[:2], crop
+    if h < rows or w < columns:
+        raise ValueError(
+            f"depth: {frame.name} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
+        )
+    sparse_m, given = (np.asarray(x) for x in sparse_depth(_padded(cloud), view.camera, (h, w)))
+    top, left = h - rows, round((w - columns) / 2)
+    cut = lambda raster: np.asarray(raster)[top:, left : left + columns]  # noqa: E731
+    intrinsics = np.array(view.camera.intrinsics, np.float32)
+    intrinsics[:2, 2] -= left, top
+    return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(view.depth_valid), intrinsics)
+
+
+def _padded(cloud: Cloud) -> Cloud:
+    """The cloud with invalid points behind it, so that kernels are compiled once."""
+    more = -cloud.intensity.shape[-1] % _POINTS
+    return jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)

@@ -1,0 +1,125 @@
+"""PENet on a frame: image and sparse depth to dense depth, with weights from a file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from flax import nnx
+from jaxtyping import Bool, Float, UInt8
+
+from jaxsim.atomic import replacing
+from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
+from jaxsim.prepare.depth.penet.geometry import Convention
+from jaxsim.prepare.depth.penet.network import MULTIPLE
+from jaxsim.prepare.depth.penet.published import (
+    CONVERTERS,
+    TRAINED,
+    TRAINED_KIND,
+    Values,
+    definition,
+    from_published,
+    to_published,
+)
+from jaxsim.weights import ABOUT, kind_of, load_weights
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Penet:
+    """A network with weights."""
+
+    width: int
+    convention: Convention
+    """How it was told where pixels are in space when it was trained."""
+    values: Values
+
+    def __call__(
+        self,
+        rgb: UInt8[Array, "h w 3"],
+        sparse_depth_m: Float[Array, "h w"],
+        valid: Bool[Array, "h w"],
+        intrinsics: Float[Array, "3 3"],
+        *,
+        rows_cut: int = 0,
+    ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+        """Dense depth in metres, and where the LiDAR's points around a pixel back it.
+
+        The network gives every pixel a number, in the sky too; it counts where multi-scale IP-Basic finds points to
+        fill from. `intrinsics` are those of the crop; `rows_cut` says how many rows it takes off the top, for the
+        published weights were told that it takes half of them.
+
+        Raises ValueError where no pixel has depth, or rows or columns are no multiples of 32.
+        """
+        if not valid.any():
+            raise ValueError("penet: not one pixel has depth, so there is nothing to complete")
+        rows, columns = valid.shape
+        if rows % MULTIPLE or columns % MULTIPLE:
+            raise ValueError(
+                f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
+                f"--prepare.image-crop {rows - rows % MULTIPLE} {columns - columns % MULTIPLE}"
+            )
+        moved = np.array(intrinsics, np.float32)
+        if self.convention == "published":
+            moved[1, 2] += rows_cut / 2
+        sparse = np.where(valid, sparse_depth_m, 0).astype(np.float32)
+        depth = complete(
+            self.values, rgb[None], sparse[None], valid[None], moved[None], width=self.width, convention=self.convention
+        )
+        dense = np.asarray(depth)[0]
+        _, backed = fill_in_multiscale(sparse, valid)
+        known = backed & np.isfinite(dense) & (dense > 0)
+        return np.where(known, dense, np.float32(0)), known
+
+
+@partial(jax.jit, static_argnames=("width", "convention"))
+def complete(
+    values: Values,
+    rgb: UInt8[Any, "b h w 3"],
+    sparse_m: Float[Any, "b h w"],
+    valid: Bool[Any, "b h w"],
+    intrinsics: Float[Any, "b 3 3"],
+    *,
+    width: int,
+    convention: Convention,
+) -> Float[Any, "b h w"]:
+    """Dense depth of a batch, in metres."""
+    network = nnx.merge(definition(width, convention), values)
+    return network(rgb.astype(jnp.float32), sparse_m, valid, intrinsics)
+
+
+def open_penet(path: Path | None) -> Penet:
+    """The network of a file that `jaxsim convert penet` or a training wrote, read once.
+
+    Raises ValueError where no file is named, and FileNotFoundError or ValueError where it is not the right one; they
+    say what to fetch or train.
+    """
+    if path is None:
+        raise ValueError(
+            f"depth: penet needs its weights: fetch {CONVERTERS['penet'].fetch}; then `jaxsim convert penet FILE --out "
+            "penet.npz`, or train one (`python train.py penet_synthetic`); and --prepare.depth-weights penet.npz"
+        )
+    return _open(path)
+
+
+@lru_cache(maxsize=2)
+def _open(path: Path) -> Penet:
+    trained = path.is_file() and kind_of(path) == TRAINED_KIND
+    kind, converter = (TRAINED_KIND, TRAINED) if trained else ("penet", CONVERTERS["penet"])
+    width, values = from_published(load_weights(path, kind, converter).arrays)
+    return Penet(width, "exact" if trained else "published", jax.tree.map(jnp.asarray, values))
+
+
+def save_penet(path: Path, values: Values) -> None:
+    """Writes a network that was trained here as a file for `--prepare.depth-weights`."""
+    about = json.dumps({"kind": TRAINED_KIND, "source": "a training of jaxsim", "published": False})
+    content: dict[str, Any] = {**to_published(values), ABOUT: np.array(about)}
+    with replacing(path) as temporary:
+        np.savez(temporary, **content)

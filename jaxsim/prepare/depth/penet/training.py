@@ -1,0 +1,229 @@
+"""PENet's training in three stages: both branches, then the refinement on top of them, then everything.
+
+Hu et al. 2021, section IV; losses, rates and augmentation of JUGGHM/PENet_ICRA2021 `main.py`, `helper.py`,
+`dataloaders/kitti_loader.py`. What differs: the flip turns the camera too, crops move its principal point by what they
+cut off (`exact` coordinates), the joint stage keeps the backbone's rate at a tenth of the rest, which the published
+schedule overwrites, and the refinement is trained in the form in which it runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax import nnx, struct
+from jaxtyping import Float
+
+from jaxsim.config import DataConfig, RunConfig
+from jaxsim.frame import DepthFrame
+from jaxsim.prepare.depth.penet.published import Values, create, definition
+
+Array = Any
+Part = Literal["branches", "refinement", "joint"]
+STORED = ("running_mean", "running_var")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One part of the training."""
+
+    part: Part
+    """`branches`: ENet alone. `refinement`: DA-CSPN++, the branches' parameters as they are. `joint`: all."""
+    epochs: int
+    batch: int
+    crop: tuple[int, int]
+    """Rows and columns of the random crop; multiples of 32."""
+    falls: tuple[tuple[int, float], ...]
+    """From which epoch on the rate is which share of the first one."""
+
+
+BRANCH_FALLS = ((10, 0.5), (15, 0.1), (25, 0.01))
+JOINT_FALLS = ((10, 0.5), (20, 0.1), (30, 0.01), (40, 0.0005), (50, 0.00001))
+PUBLISHED_STAGES = (
+    Stage("branches", 30, 6, (320, 1216), BRANCH_FALLS),
+    Stage("refinement", 30, 6, (320, 1216), BRANCH_FALLS),
+    Stage("joint", 60, 10, (160, 576), JOINT_FALLS),
+)
+
+
+@dataclass(frozen=True)
+class PenetConfig:
+    """Network and optimiser."""
+
+    width: int = 32
+    """Channels of the first layer; the published network's 32 make 131.9 million parameters."""
+    stages: tuple[Stage, ...] = PUBLISHED_STAGES
+    lr: float = 1e-3
+    backbone_lr: float = 0.1
+    """Share of the rate that the branches get in the joint stage."""
+    weight_decay: float = 1e-6
+    betas: tuple[float, float] = (0.9, 0.99)
+    flip: bool = True
+    jitter: float = 0.1
+    """Brightness, contrast and saturation change at random by up to this share."""
+
+
+@dataclass(frozen=True)
+class DepthExperiment:
+    """One training of a depth completion network."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    depth_root: Path | None = None
+    """KITTI's depth completion set: the folder that holds `train/` and `val/`; `data.root` is then that of the raw
+    drives, for their images. None: the frames of `data`, which must come with true depth (renderers)."""
+    image_crop: tuple[int, int] = (352, 1216)
+    """Rows and columns of the image that are used: bottom and middle."""
+    penet: PenetConfig = field(default_factory=PenetConfig)
+    run: RunConfig = field(default_factory=RunConfig)
+
+
+@struct.dataclass
+class PenetState:
+    """All that training changes."""
+
+    step: Array
+    """int32: updates done, over all stages."""
+    values: Values
+    optim: Any
+
+
+def optimiser(config: PenetConfig) -> optax.GradientTransformation:
+    """Adam with decay in the gradient; the rate is applied by the step."""
+    return optax.chain(
+        optax.add_decayed_weights(config.weight_decay),
+        optax.scale_by_adam(b1=config.betas[0], b2=config.betas[1], eps=1e-8),
+    )
+
+
+def create_state(config: PenetConfig, seed: int) -> PenetState:
+    """A fresh state; the same for the same seed."""
+    values = jax.tree.map(jnp.asarray, create(config.width, seed))
+    return PenetState(jnp.zeros((), jnp.int32), values, optimiser(config).init(values))
+
+
+def begin_stage(state: PenetState, config: PenetConfig) -> PenetState:
+    """The optimiser anew, as each of the published stages is a training of its own."""
+    return PenetState(state.step, state.values, optimiser(config).init(state.values))
+
+
+def rate(config: PenetConfig, stage: Stage, epoch: int) -> float:
+    """Learning rate in an epoch (0, 1, ...) of a stage."""
+    shares = [share for start, share in stage.falls if epoch >= start]
+    return config.lr * (shares[-1] if shares else 1.0)
+
+
+def branch_weight(epoch: int) -> float:
+    """Weight of each branch's own loss; what both leave of 1 is the fused depth's."""
+    return 0.2 if epoch <= 1 else 0.05 if epoch <= 3 else 0.0
+
+
+def masked_square(guess_m: Array, batch: DepthFrame) -> Array:
+    """Mean squared error, m², over pixels whose depth is known."""
+    square = jnp.where(batch.known, (guess_m - batch.truth_m) ** 2, 0.0)
+    return square.sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
+
+
+@partial(jax.jit, static_argnames=("config", "part"), donate_argnames="state")
+def train_step(
+    state: PenetState, batch: DepthFrame, lr: Array, weight: Array, *, config: PenetConfig, part: Part
+) -> tuple[PenetState, dict[str, Array]]:
+    """One update at this rate; `weight` is that of each branch's own loss (in `branches` alone)."""
+    frozen = definition(config.width, "exact")
+
+    def loss_of(values: Values) -> tuple[Array, Values]:
+        network = nnx.merge(frozen, values)
+        rgb = batch.rgb.astype(jnp.float32)
+        seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=True)
+        if part == "branches":
+            alone = masked_square(seen.colour, batch) + masked_square(seen.depth, batch)
+            loss = (1 - 2 * weight) * masked_square(seen.fused, batch) + weight * alone
+        else:
+            loss = masked_square(network.refine(seen, batch.sparse_m, batch.given, train=True), batch)
+        return loss, nnx.to_pure_dict(nnx.state(network))
+
+    (loss, after), gradient = jax.value_and_grad(loss_of, has_aux=True)(state.values)
+    change, optim = optimiser(config).update(gradient, state.optim, state.values)
+
+    def updated(path: Any, old: Array, new: Array, delta: Array) -> Array:
+        """Statistics are what the batches were; parameters move where the stage lets them."""
+        if path[-1].key in STORED:
+            return new
+        branch = path[0].key == "backbone"
+        share = {"branches": float(branch), "refinement": float(not branch)}.get(
+            part, config.backbone_lr if branch else 1.0
+        )
+        return old - lr * share * delta if share else old
+
+    values = jax.tree.map_with_path(updated, state.values, after, change)
+    metrics = {"loss/depth": loss, "grad_norm": optax.tree.norm(gradient), "lr": lr}
+    metrics["finite"] = jnp.isfinite(loss) & jnp.isfinite(metrics["grad_norm"])
+    return PenetState(state.step + 1, values, optim), metrics
+
+
+@partial(jax.jit, static_argnames=("config", "part"))
+def predict(values: Values, batch: DepthFrame, *, config: PenetConfig, part: Part) -> Float[Array, "b h w"]:
+    """Dense depth after a stage: of the fused branches, or refined."""
+    network = nnx.merge(definition(config.width, "exact"), values)
+    seen = network.coarse(batch.rgb.astype(jnp.float32), batch.sparse_m, batch.given, batch.intrinsics, train=False)
+    return seen.fused if part == "branches" else network.refine(seen, batch.sparse_m, batch.given, train=False)
+
+
+def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random.Generator) -> DepthFrame:
+    """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
+
+    Raises ValueError where the stage's crop is larger than the frame.
+    """
+    rows, columns = frame.sparse_m.shape
+    if stage.crop[0] > rows or stage.crop[1] > columns:
+        raise ValueError(
+            f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
+            f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
+        )
+    top, left = (int(rng.integers(0, size - cut + 1)) for size, cut in zip((rows, columns), stage.crop, strict=True))
+    mirrored = config.flip and rng.random() < 0.5
+
+    def cut(raster: np.ndarray) -> np.ndarray:
+        part = np.asarray(raster)[top : top + stage.crop[0], left : left + stage.crop[1]]
+        return part[:, ::-1] if mirrored else part
+
+    intrinsics = np.array(frame.intrinsics, np.float32)
+    intrinsics[:2, 2] -= left, top
+    if mirrored:
+        intrinsics[0, 2] = stage.crop[1] - 1 - intrinsics[0, 2]
+    rgb = cut(frame.rgb)
+    if config.jitter:
+        rgb = _recoloured(rgb, 1 + config.jitter * rng.uniform(-1, 1, 3))
+    return DepthFrame(rgb, cut(frame.sparse_m), cut(frame.given), cut(frame.truth_m), cut(frame.known), intrinsics)
+
+
+def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Brightness, contrast, saturation times these."""
+    brightness, contrast, saturation = (np.float32(factor) for factor in factors)
+    x = rgb.astype(np.float32) * brightness
+    x = x.mean() + (x - x.mean()) * contrast
+    grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]
+    return np.clip(np.round(grey + (x - grey) * saturation), 0, 255).astype(np.uint8)
+
+
+def steps_of(stage: Stage, frames: int) -> int:
+    """Updates in an epoch: the last, smaller batch is left out. Raises ValueError where not one batch is full."""
+    if frames < stage.batch:
+        raise ValueError(f"penet: {frames} training frames do not fill the {stage.part} stage's batch of {stage.batch}")
+    return frames // stage.batch
+
+
+def batch_of(
+    frames: Sequence[DepthFrame], stage: Stage, config: PenetConfig, *, seed: int, number: int, epoch: int, place: int
+) -> DepthFrame:
+    """Batch `place` of an epoch of stage `number`: depends on these alone."""
+    order = np.random.default_rng([seed, number, epoch]).permutation(len(frames))
+    chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
+    parts = [augment(frames[i], stage, config, np.random.default_rng([seed, number, epoch, i])) for i in chosen]
+    return jax.tree.map(lambda *column: np.stack(column), *parts)

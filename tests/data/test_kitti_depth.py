@@ -1,0 +1,91 @@
+"""KITTI's depth completion set, in files of its true forms."""
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.data.kitti_depth import KittiDepth, read_depth, write_depth
+
+DRIVE, SIZE, CROP = "2011_09_26_drive_0002_sync", (80, 120), (64, 96)
+CAMERA = {
+    "S_rect_02": "120 80",
+    "R_rect_00": "1 0 0 0 1 0 0 0 1",
+    "P_rect_02": "60 0 60 0 0 60 40 0 0 0 1 0",
+}
+
+
+@pytest.fixture
+def depth(tmp_path):
+    """ROOT with two frames, RAW with their images and calibration."""
+    rng, root, raw = np.random.default_rng(0), tmp_path / "depth", tmp_path / "raw"
+    date = raw / DRIVE[:10]
+    for number in ("0000000005", "0000000006"):
+        proj = root / "train" / DRIVE / "proj_depth"
+        for kind, share in (("velodyne_raw", 0.1), ("groundtruth", 0.4)):
+            path = proj / kind / "image_02" / f"{number}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            metres = rng.uniform(2, 80, SIZE).astype(np.float32)
+            write_depth(path, metres, rng.random(SIZE) < share)
+        path = date / DRIVE / "image_02" / "data" / f"{number}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), rng.integers(0, 256, (*SIZE, 3), dtype=np.uint8))
+    (date / "calib_cam_to_cam.txt").write_text("".join(f"{k}: {v}\n" for k, v in CAMERA.items()))
+    (date / "calib_velo_to_cam.txt").write_text("R: 0 -1 0 0 0 -1 1 0 0\nT: 0 0 0\n")
+    return root, raw
+
+
+def test_a_frame_is_its_four_files_cropped(depth):
+    root, raw = depth
+    frames = KittiDepth(root, raw, crop=CROP)
+    assert len(frames) == 2
+    assert frames.name_of(1) == f"{DRIVE}-0000000006"
+    frame = frames[0]
+    assert frame.rgb.shape == (*CROP, 3)
+    truth = cv2.imread(str(frames.files[0].truth), cv2.IMREAD_UNCHANGED)[16:, 12:108]
+    np.testing.assert_array_equal(frame.truth_m, truth / np.float32(256))
+    np.testing.assert_array_equal(frame.known, truth > 0)
+    assert frame.given.mean() == pytest.approx(0.1, abs=0.02)
+    # 16 rows off the top, 12 columns off each side.
+    np.testing.assert_array_equal(frame.intrinsics, [[60, 0, 48], [0, 60, 24], [0, 0, 1]])
+
+
+def test_the_selected_validation_images_are_read_too(depth, tmp_path):
+    root, raw = depth
+    whole, selected = KittiDepth(root, raw, crop=CROP)[0], tmp_path / "val_selection_cropped"
+    stem = f"{DRIVE}_image_0000000005_image_02"
+    for folder in ("image", "velodyne_raw", "groundtruth_depth", "intrinsics"):
+        (selected / folder).mkdir(parents=True)
+    cv2.imwrite(str(selected / "image" / f"{stem}.png"), whole.rgb[..., ::-1])
+    for folder, metres, mask in (
+        ("velodyne_raw", whole.sparse_m, whole.given),
+        ("groundtruth_depth", whole.truth_m, whole.known),
+    ):
+        write_depth(selected / folder / f"{stem.replace('_sync_image_', f'_sync_{folder}_')}.png", metres, mask)
+    (selected / "intrinsics" / f"{stem}.txt").write_text(" ".join(str(x) for x in whole.intrinsics.ravel()))
+    frame = KittiDepth(selected, crop=CROP)[0]
+    for name in ("rgb", "sparse_m", "given", "truth_m", "known", "intrinsics"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(whole, name))
+
+
+def test_the_demo_s_depth_is_read(samples):
+    depth_m, valid = read_depth(samples / "kitti_depth_demo/depth/0000000005.png")
+    assert valid.mean() > 0.1
+    assert 1 < np.median(depth_m[valid]) < 80
+
+
+def test_bad_input_says_what_to_do(depth, tmp_path):
+    root, raw = depth
+    with pytest.raises(ValueError, match="no ground truth under"):
+        KittiDepth(tmp_path, raw)
+    with pytest.raises(ValueError, match=r"images are in the raw drives; name their folder with --data\.root"):
+        KittiDepth(root)
+    with pytest.raises(ValueError, match="no part 'test'; known: train, val"):
+        KittiDepth(root, raw, part="test")
+    with pytest.raises(ValueError, match="smaller than the crop 352 x 1216"):
+        KittiDepth(root, raw)[0]
+    grey = tmp_path / "grey.png"
+    cv2.imwrite(str(grey), np.zeros((4, 4), np.uint8))
+    with pytest.raises(ValueError, match="no 16-bit grey PNG"):
+        read_depth(grey)
+    with pytest.raises(ValueError, match=r"between 1/256 and 255\.99 m"):
+        write_depth(grey, np.full((2, 2), 300.0, np.float32), np.ones((2, 2), bool))

@@ -1,0 +1,200 @@
+"""PENet's stages, its frames, and the weights that preparation then uses."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.config import PrepareConfig
+from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
+from jaxsim.prepare.depth import complete_depth, complete_view
+from jaxsim.prepare.depth.frames import depth_frame
+from jaxsim.prepare.depth.penet import open_penet, save_penet
+from jaxsim.prepare.depth.penet.training import (
+    PUBLISHED_STAGES,
+    PenetConfig,
+    Stage,
+    augment,
+    batch_of,
+    branch_weight,
+    create_state,
+    rate,
+    steps_of,
+    train_step,
+)
+
+CROP = (32, 64)
+STAGES = tuple(Stage(part, 1, 2, CROP, ()) for part in ("branches", "refinement", "joint"))
+CONFIG = PenetConfig(width=2, stages=STAGES)
+INTRINSICS = np.array([[60.0, 0, 40], [0, 60, 20], [0, 0, 1]], np.float32)
+
+
+def plane(seed: int, size=(48, 96)) -> DepthFrame:
+    """A slanted wall, its colours random, a tenth of its pixels given."""
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[: size[0], : size[1]]
+    truth = (10 + 0.1 * u + 0.05 * v).astype(np.float32)
+    given = rng.random(size) < 0.1
+    rgb = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
+    return DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(size, bool), INTRINSICS)
+
+
+def batch(number=0):
+    return batch_of([plane(0), plane(1), plane(2)], STAGES[0], CONFIG, seed=0, number=number, epoch=0, place=0)
+
+
+def test_the_stages_are_the_published_ones():
+    assert [(s.part, s.epochs, s.batch, s.crop) for s in PUBLISHED_STAGES] == [
+        ("branches", 30, 6, (320, 1216)),
+        ("refinement", 30, 6, (320, 1216)),
+        ("joint", 60, 10, (160, 576)),
+    ]
+    rates = [rate(PenetConfig(), PUBLISHED_STAGES[0], epoch) for epoch in (0, 9, 10, 14, 15, 24, 25)]
+    np.testing.assert_allclose(rates, [1e-3, 1e-3, 5e-4, 5e-4, 1e-4, 1e-4, 1e-5])
+    assert rate(PenetConfig(), PUBLISHED_STAGES[2], 55) == pytest.approx(1e-8)
+    assert [branch_weight(epoch) for epoch in range(5)] == [0.2, 0.2, 0.05, 0.05, 0.0]
+
+
+def test_the_refinement_leaves_the_branches_parameters_alone():
+    state = create_state(CONFIG, seed=0)
+    before = jax.tree.map(np.asarray, state.values)
+    args = (jnp.float32(1e-3), jnp.float32(0.0))
+    state, metrics = train_step(state, batch(), *args, config=CONFIG, part="refinement")
+    after = jax.tree.map(np.asarray, state.values)
+    assert bool(metrics["finite"])
+    assert int(state.step) == 1
+    for path, old in jax.tree.leaves_with_path(before):
+        new = after
+        for key in path:
+            new = new[key.key]
+        stored = path[-1].key.startswith("running")
+        if path[0].key == "backbone" and not stored:
+            np.testing.assert_array_equal(new, old)
+        elif path[-1].key == "kernel":
+            assert (new != old).any()
+
+
+@pytest.fixture(autouse=True)
+def optax_promotes():
+    """optax raises a float to an int."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+@pytest.mark.slow
+def test_branches_learn_a_wall():
+    state = create_state(CONFIG, seed=0)
+    losses = []
+    for k in range(60):
+        args = (jnp.float32(1e-2), jnp.float32(0.2))
+        state, metrics = train_step(state, batch(k), *args, config=CONFIG, part="branches")
+        losses.append(float(metrics["loss/depth"]))
+    assert np.mean(losses[-10:]) < 0.5 * np.mean(losses[:10])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cropping_and_mirroring_move_the_camera_with_the_image(seed):
+    frame = plane(seed)
+    cut = augment(frame, STAGES[0], CONFIG, np.random.default_rng(seed))
+    assert cut.sparse_m.shape == CROP
+    assert cut.rgb.dtype == np.uint8
+    v, u = np.mgrid[: CROP[0], : CROP[1]]
+    right = (u - cut.intrinsics[0, 2]) / cut.intrinsics[0, 0]
+    down = (v - cut.intrinsics[1, 2]) / cut.intrinsics[1, 1]
+    # The wall's depth tells where a pixel came from; a mirrored scene has its right on the left.
+    old_v, old_u = np.mgrid[: frame.truth_m.shape[0], : frame.truth_m.shape[1]]
+    for row, column in ((0, 0), (31, 63), (10, 40)):
+        source = np.argwhere(np.isclose(frame.truth_m, cut.truth_m[row, column], atol=1e-5))
+        rights = (old_u[tuple(source.T)] - INTRINSICS[0, 2]) / INTRINSICS[0, 0]
+        downs = (old_v[tuple(source.T)] - INTRINSICS[1, 2]) / INTRINSICS[1, 1]
+        assert np.isclose(np.abs(right[row, column]), np.abs(rights), atol=1e-5).any()
+        assert np.isclose(down[row, column], downs, atol=1e-5).any()
+
+
+def test_a_batch_depends_on_its_place_alone():
+    jax.tree.map(np.testing.assert_array_equal, batch(1), batch(1))
+    assert (batch(1).rgb != batch(2).rgb).any()
+    assert steps_of(STAGES[0], 5) == 2
+    with pytest.raises(ValueError, match="1 training frames do not fill"):
+        steps_of(STAGES[0], 1)
+    with pytest.raises(ValueError, match="the branches stage crops 32 x 64"):
+        augment(plane(0, (16, 96)), STAGES[0], CONFIG, np.random.default_rng(0))
+
+
+def view(size=(64, 96)):
+    frame = plane(3, size)
+    return CameraFrame(rgb=frame.rgb, camera=Camera(INTRINSICS, np.eye(4, dtype=np.float32))), frame
+
+
+def test_trained_weights_complete_a_view(tmp_path):
+    state = create_state(CONFIG, seed=1)
+    save_penet(tmp_path / "weights.npz", jax.tree.map(np.asarray, state.values))
+    camera, frame = view()
+    garbage = np.where(frame.given, frame.sparse_m, np.nan).astype(np.float32)
+    done = complete_view(camera, garbage, frame.given, "penet", weights=tmp_path / "weights.npz")
+    assert done.depth_m.shape == (64, 96)
+    assert np.isfinite(done.depth_m).all()
+    assert (done.depth_m[done.depth_valid] > 0).all()
+    network = open_penet(tmp_path / "weights.npz")
+    assert (network.convention, network.width) == ("exact", 2)
+    # What the crop took off the top concerns the published weights alone.
+    args = (frame.rgb, garbage, frame.given, INTRINSICS)
+    np.testing.assert_array_equal(network(*args, rows_cut=23)[0], network(*args)[0])
+
+
+def test_published_weights_are_told_half_of_the_cut_rows(monkeypatch):
+    from jaxsim.prepare.depth.penet import completion
+
+    seen = []
+
+    def spy(values, rgb, sparse, valid, intrinsics, *, width, convention):
+        seen.append(intrinsics[0])
+        return np.ones(sparse.shape, np.float32)
+
+    monkeypatch.setattr(completion, "complete", spy)
+    camera, frame = view()
+    network = completion.Penet(2, "published", {})
+    network(frame.rgb, frame.sparse_m, frame.given, INTRINSICS, rows_cut=23)
+    assert seen[0][1, 2] == INTRINSICS[1, 2] + 11.5  # the crop has taken 23 off already
+    assert seen[0][0, 2] == INTRINSICS[0, 2]
+    assert camera.depth_m is None
+
+
+def test_bad_input_says_what_to_do(tmp_path):
+    camera, frame = view()
+    with pytest.raises(ValueError, match=r"penet needs its weights.*--prepare\.depth-weights"):
+        complete_view(camera, frame.sparse_m, frame.given, "penet")
+    with pytest.raises(FileNotFoundError, match="jaxsim convert penet FILE"):
+        complete_view(camera, frame.sparse_m, frame.given, "penet", weights=tmp_path / "none.npz")
+    save_penet(tmp_path / "weights.npz", jax.tree.map(np.asarray, create_state(CONFIG, seed=1).values))
+    network = open_penet(tmp_path / "weights.npz")
+    with pytest.raises(ValueError, match="not one pixel has depth"):
+        network(frame.rgb, frame.sparse_m, np.zeros((64, 96), bool), INTRINSICS)
+    with pytest.raises(ValueError, match=r"60 x 96 pixels; both must be multiples of 32: --prepare.image-crop 32 96"):
+        network(frame.rgb[:60], frame.sparse_m[:60], frame.given[:60], INTRINSICS)
+    with pytest.raises(ValueError, match="penet also takes the image"):
+        complete_depth(frame.sparse_m, frame.given, "penet")
+    assert PrepareConfig(depth="penet").depth_weights is None
+
+
+def test_a_renderers_frame_gives_sweep_and_truth():
+    camera, frame = view((48, 96))
+    rng = np.random.default_rng(0)
+    uv = rng.uniform(1, [95, 47], (500, 2))
+    z = rng.uniform(5, 20, 500)
+    xyz = np.column_stack([(uv[:, 0] - 40) / 60 * z, (uv[:, 1] - 20) / 60 * z, z]).astype(np.float32)
+    cloud = Cloud(xyz, np.ones(500, np.float32), np.ones(500, bool))
+    seen = replace(camera, depth_m=frame.truth_m, depth_valid=frame.known)
+    whole = Frame("one", "street", seen, cloud)
+    cut = depth_frame(whole, (32, 64))
+    np.testing.assert_array_equal(cut.truth_m, frame.truth_m[16:, 16:80])
+    np.testing.assert_array_equal(cut.intrinsics[:2, 2], [40 - 16, 20 - 16])
+    assert 0 < cut.given.sum() < 500
+    with pytest.raises(ValueError, match="no LiDAR sweep"):
+        depth_frame(replace(whole, cloud=None), (32, 64))
+    with pytest.raises(ValueError, match="no true depth"):
+        depth_frame(replace(whole, camera=camera), (32, 64))
+    with pytest.raises(ValueError, match="smaller than the crop 64 x 64"):
+        depth_frame(whole, (64, 64))
