@@ -1,6 +1,6 @@
 """Does denoising help? Non-local means and LIDIA against truth that is known, and on scans of one place.
 
-    python benchmarks/denoising.py WEIGHTS KITTI_RAW OUT [--frames 6] [--epochs 6]
+    python benchmarks/denoising.py WEIGHTS KITTI_RAW OUT [--frames 4] [--epochs 5] [--gains 1 2 3 4]
 
 WEIGHTS: folder of files that `jaxsim convert lidia` wrote (every .npz in it is a network); KITTI_RAW as
 `--data.root` takes it. Writes OUT/denoising.json, OUT/denoising_world.png, OUT/denoising_kitti.png, and the adapted
@@ -88,7 +88,7 @@ def steady(range_m: np.ndarray, valid: np.ndarray) -> np.ndarray:
     return valid[:-1] & valid[1:] & (np.abs(np.diff(range_m, axis=0)) < STEADY_M)
 
 
-def methods_of(weights: Path) -> dict[str, Method]:
+def methods_of(weights: Path, gains: list[float]) -> dict[str, Method]:
     methods: dict[str, Method] = {
         "raw": lambda x, v: np.where(v, x, 0),
         "non-local means": lambda x, v: denoise(x, v, "non_local_means"),
@@ -97,7 +97,7 @@ def methods_of(weights: Path) -> dict[str, Method]:
     for path in sorted(weights.glob("*.npz")):
         network, name = open_lidia(path), f"LIDIA {path.stem.removeprefix('model_state_').removesuffix('_bw')}"
         for statistics in ("stored", "image"):
-            for gain in (1.0, 3.0):
+            for gain in gains:
                 methods[f"{name}, {statistics}, gain {gain:g}"] = partial(network, statistics=statistics, gain=gain)
     return methods
 
@@ -112,9 +112,9 @@ def save(network: Lidia, path: Path) -> None:
         np.savez(temporary, **content)
 
 
-def main(weights: Path, kitti: Path, out: Path, *, frames: int, epochs: int) -> None:
+def main(weights: Path, kitti: Path, out: Path, *, frames: int, epochs: int, gains: list[float]) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    methods, small = methods_of(weights), open_lidia(next(iter(sorted(weights.glob("*small*.npz")))))
+    methods, small = methods_of(weights, gains), open_lidia(next(iter(sorted(weights.glob("*small*.npz")))))
     truth, noisy, valid = world_frames(STREETS[0][:frames])
     range_m, scans, came = kitti_scans(kitti)
     same = steady(range_m, came)
@@ -174,8 +174,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in ("weights", "kitti", "out"):
         parser.add_argument(name, type=Path)
-    parser.add_argument("--frames", type=int, default=6)
-    parser.add_argument("--epochs", type=int, default=6)
+    parser.add_argument("--frames", type=int, default=4)
+    parser.add_argument("--epochs", type=int, default=5)
+    parser.add_argument("--gains", type=float, nargs="+", default=[1.0, 3.0])
     arguments = parser.parse_args()
     enable_compilation_cache()
-    main(arguments.weights, arguments.kitti, arguments.out, frames=arguments.frames, epochs=arguments.epochs)
+    main(**vars(arguments))
