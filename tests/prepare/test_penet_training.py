@@ -57,6 +57,7 @@ def test_the_stages_are_the_published_ones():
     assert [branch_weight(epoch) for epoch in range(5)] == [0.2, 0.2, 0.05, 0.05, 0.0]
 
 
+@pytest.mark.slow
 def test_the_refinement_leaves_the_branches_parameters_alone():
     state = create_state(CONFIG, seed=0)
     before = jax.tree.map(np.asarray, state.values)
