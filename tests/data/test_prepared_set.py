@@ -104,6 +104,7 @@ def test_tfds_reads_a_set_without_jaxsim_and_builds_one_in_its_own_way(raw_root,
         assert sources[0][0]["painted"]["rgb"].shape[1:] == (64, 3)
 
 
+@pytest.mark.slow  # test_prepare_command.py shows as much on its way
 def test_many_processes_make_the_records_that_one_makes_in_order(raw_root):
     job = Job(kitti(raw_root), PREPARE, open_dataset(kitti(raw_root)).spec, scan=True)
     positions = [2, 0, 1, 0, 2] * 3
