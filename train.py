@@ -132,7 +132,7 @@ def detector(experiment: DetectorExperiment, mesh: Any) -> Training:
     # Data: frames to scenes, made once and kept; objects of all training scenes to paste into others.
     dataset = open_dataset(data)
     train = experiment_scenes(dataset, select(data.train, dataset), experiment)
-    validation = list(experiment_scenes(dataset, select(data.validation, dataset), experiment))
+    validation = experiment_scenes(dataset, select(data.validation, dataset), experiment)
     loader = detect.SceneBatches(
         train,
         experiment.voxels,

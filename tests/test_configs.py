@@ -27,3 +27,31 @@ def test_the_papers_settings_are_those_of_imaginaires_configuration():
     assert (loss.gan, loss.feature_matching, loss.perceptual, loss.reconstruction) == (1, 10, 10, 0)
     assert optim.decay_from == 1  # constant: the published rate falls after 100 epochs
     assert experiment.prepare.network_size == (64, 512)
+
+
+def test_the_published_detector_is_openpcdets_configuration():
+    """The numbers of `voxel_rcnn_car.yaml` and of the KITTI data set it builds on."""
+    experiment, _ = configs.load("voxel_rcnn_car")
+    voxels, network, optim, augment = experiment.voxels, experiment.detector, experiment.optim, experiment.augment
+    assert voxels.range_m == (0, -40, -3, 70.4, 40, 1)
+    assert (voxels.size_m, voxels.points_per_voxel) == ((0.05, 0.05, 0.1), 5)
+    assert (voxels.max_voxels_train, voxels.max_voxels, experiment.in_image) == (16000, 40000, True)
+    backbone = network.backbone
+    assert (backbone.widths, backbone.out) == ((16, 32, 64, 64), 128)
+    assert (backbone.bev_layers, backbone.bev_strides, backbone.bev_widths) == ((5, 5), (1, 2), (64, 128))
+    assert (backbone.up_strides, backbone.up_widths) == ((1, 2), (128, 128))
+    anchors = network.anchors
+    assert (anchors.kind, anchors.size_m, anchors.bottom_m) == ("Car", (3.9, 1.6, 1.56), -1.78)
+    assert (anchors.yaws_rad, anchors.matched, anchors.unmatched) == ((0, 1.57), 0.6, 0.45)
+    nms = [(p.before, p.overlap, p.after) for p in (network.train_proposals, network.proposals, network.final)]
+    assert nms == [(9000, 0.8, 512), (2048, 0.7, 100), (4096, 0.1, 500)]
+    roi = network.roi
+    assert (roi.grid, roi.radii_m, roi.reach, roi.samples, roi.width) == (6, (0.4, 0.8, 1.6), 4, 16, 32)
+    assert (roi.layers, roi.dropout, roi.rois, roi.foreground) == ((256, 256), 0.3, 128, 0.5)
+    assert (roi.matched, roi.score_range, roi.easy, roi.hard_share) == (0.55, (0.25, 0.75), 0.1, 0.8)
+    assert (network.cls_weight, network.loc_weight, network.dir_weight, network.score) == (1, 2, 0.2, 0.3)
+    assert (network.roi_cls_weight, network.roi_reg_weight, network.roi_corner_weight) == (1, 1, 1)
+    assert (augment.sampled, augment.min_points, augment.flip) == (15, 5, 0.5)
+    assert (augment.rotation_rad, augment.scaling) == (0.78539816, (0.95, 1.05))
+    assert (optim.lr, optim.div_factor, optim.pct_start, optim.momenta) == (0.01, 10, 0.4, (0.95, 0.85))
+    assert (optim.weight_decay, optim.clip, optim.batch, optim.epochs) == (0.01, 10, 2, 80)

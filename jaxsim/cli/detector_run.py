@@ -40,7 +40,7 @@ def judge_run(
     dataset = open_dataset(source)
     foreign = data != "same"
     positions = select(frames or (f"0-{len(dataset) - 1}" if foreign else source.validation), dataset)
-    found_in = list(experiment_scenes(dataset, positions, judged))
+    found_in = experiment_scenes(dataset, positions, judged)
     find, steps = make_find(judged), checkpoints.steps[-EPOCHS:]
     per_step, found = [], []
     for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
@@ -49,7 +49,7 @@ def judge_run(
     out = out or run / ("evaluation" if not foreign else f"evaluation_{data}")
     about = {"run": str(run), "data": source.kind, "frames": len(found_in), "step": steps[-1], "rules": "official"}
     write_detection(out, per_step[-1], about=about)
-    for scene, detections in list(zip(found_in, found, strict=True))[:PICTURES]:
+    for scene, detections in zip(found_in, found[:PICTURES], strict=False):
         picture = detection_picture(scene, detections, judged.voxels.range_m, title="")
         save_picture(out / f"{scene.name}.png", picture)
     print(f"{len(found_in)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from tqdm import tqdm
 
+import jaxsim
 from jaxsim.atomic import replacing
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
 
-EASIEST = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
+LEVELS = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
 """Height in pixels (and more), occlusion and truncation (and less) of an easy, a moderate and a hard object."""
 
 
@@ -75,8 +76,8 @@ def levels(labels: Boxes) -> Int[np.ndarray, " g"]:
     """Difficulty of each label as OpenPCDet has it: the height counts both of its rows."""
     height = np.asarray(labels.bbox_px)[:, 3] - np.asarray(labels.bbox_px)[:, 1] + 1
     level = np.full(len(labels.kind), -1)
-    for k in reversed(range(len(EASIEST))):
-        least, occluded, truncated = EASIEST[k]
+    for k in reversed(range(len(LEVELS))):
+        least, occluded, truncated = LEVELS[k]
         fits = (height >= least) & (np.asarray(labels.occluded) <= occluded)
         level[fits & (np.asarray(labels.truncated) <= truncated)] = k
     return level
@@ -142,14 +143,20 @@ def kept_scenes(
 
     `settings` says all that the frames depend on: scenes of other settings are kept apart.
     """
-    code = Path(__file__).read_bytes()
     about = f"{settings}|{kind}|{in_image}".encode()
-    folder = cache / f"scenes-{hashlib.sha256(about + code).hexdigest()[:16]}"
+    folder = cache / f"scenes-{hashlib.sha256(about + _code()).hexdigest()[:16]}"
     files = [folder / f"{i:06d}.npz" for i in positions]
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     for i, file in tqdm(missing, desc="scenes", unit="frame", disable=not missing):
         write_scene(file, scene_of(dataset[i], kind, in_image=in_image))
     return Scenes(files)
+
+
+def _code() -> bytes:
+    """All code that a scene depends on: scenes made by other code are not these scenes."""
+    root = Path(jaxsim.__file__).parent
+    files = [p for part in ("data", "geometry") for p in sorted((root / part).rglob("*.py"))]
+    return b"".join(path.read_bytes() for path in [*files, root / "frame.py", Path(__file__)])
 
 
 _PLAIN = ("points", "boxes", "target", "difficulty")
