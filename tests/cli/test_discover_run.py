@@ -16,11 +16,10 @@ from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_f
 from jaxsim.discover import discover_folders
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarImage
-from jaxsim.pix2pix import ema_generator, state_shapes
-from jaxsim.prepare import input_channels
-from jaxsim.simulate import Checkpoints, describe, load, prepared, start_run
+from jaxsim.simulate import load, prepared
 from jaxsim.simulate.paired import comparable, measured_in
 from tests.report import results
+from tests.untrained import untrained_run
 
 FRAMES = "0,4,8"
 """Of three streets."""
@@ -38,13 +37,7 @@ def run(tmp_path_factory) -> Path:
         generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
         discriminator=replace(base.discriminator, filters=4, max_filters=8),
     )
-    dataset = open_dataset(experiment.data)
-    start_run(folder, describe(experiment, dataset.spec, dataset[0].camera))
-    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
-    rng = np.random.default_rng(0)
-    weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
-    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
-    return folder
+    return untrained_run(folder, experiment)
 
 
 @pytest.fixture(scope="module")

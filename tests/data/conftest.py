@@ -1,7 +1,7 @@
 """A small KITTI tree that is made on the spot, so that the readers' tests need no sample data."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -10,9 +10,12 @@ import pytest
 from drives import write_step
 from virtual_drives import write_vkitti2
 
+import configs
+from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.frame import Frame
 from jaxsim.geometry import preset
+from tests.untrained import untrained_run
 
 P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"
 R0 = "0.9999239 0.00983776 -0.007445048 -0.009869795 0.9999421 -0.004278459 0.007402527 0.004351614 0.9999631"
@@ -125,3 +128,17 @@ def virtual_root(virtual, tmp_path) -> Path:
     """A copy of its `clone` that a test may spoil."""
     shutil.copytree(virtual.root / "Scene01/clone", tmp_path / "virtual/Scene01/clone")
     return tmp_path / "virtual"
+
+
+@pytest.fixture(scope="session")
+def step_run(tmp_path_factory) -> Path:
+    """A run of KITTI-STEP that has saved a random generator."""
+    folder = tmp_path_factory.mktemp("runs") / "step"
+    base, _ = configs.load("synthetic")
+    experiment = replace(
+        base,
+        data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    return untrained_run(folder, experiment)

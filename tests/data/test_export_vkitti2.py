@@ -7,16 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.cli.export import Export
-from jaxsim.config import DataConfig
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
 from jaxsim.simulate import load
 from jaxsim.simulate.clouds import CloudRecipe, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
-from tests.untrained import untrained_run
 
 sys.path.append(str(Path(__file__).parents[1] / "cloud"))
 import openpcdet_rules as rules
@@ -38,21 +35,8 @@ def tree(export) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "step"
-    base, _ = configs.load("synthetic")
-    experiment = replace(
-        base,
-        data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
-    return untrained_run(folder, experiment)
-
-
-@pytest.fixture(scope="module")
-def sensor(run) -> LearnedSensor:
-    return load(run)
+def sensor(step_run) -> LearnedSensor:
+    return load(step_run)
 
 
 def test_an_independent_reader_finds_vehicles_where_the_points_are(tree):
@@ -123,9 +107,9 @@ def test_clouds_of_a_trained_sensor_carry_its_intensity_in_all_placements(virtua
         assert (grid.intensity[grid.valid] > 0).all()
 
 
-def test_the_command_writes_a_trained_sensors_clouds(export, run, sensor, tree, monkeypatch):
+def test_the_command_writes_a_trained_sensors_clouds(export, step_run, sensor, tree, monkeypatch):
     monkeypatch.setattr("jaxsim.cli.export.load", lambda folder: sensor)  # compiled already
-    out = export(recipe=CloudRecipe(source="simulated"), run=run)
+    out = export(recipe=CloudRecipe(source="simulated"), run=step_run)
     simulated, plain = rules.accept(out), rules.accept(tree)
     for number, frame in simulated.items():
         assert 0 < len(frame["points"]) < len(plain[number]["points"])

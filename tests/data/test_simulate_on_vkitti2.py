@@ -1,43 +1,25 @@
 """`jaxsim simulate RUN --data vkitti2`: of an untrained run of KITTI-STEP, for the way is tested, not the answer."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.cli.ablation import Ablation, unmeasured
 from jaxsim.cli.simulate import Simulate
-from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.simulate import load
-from tests.untrained import untrained_run
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    """A run of KITTI-STEP that has saved a random generator."""
-    folder = tmp_path_factory.mktemp("runs") / "step"
-    base, _ = configs.load("synthetic")
-    experiment = replace(
-        base,
-        data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),
-        prepare=replace(base.prepare, columns=64, network_size=(64, 128), depth="ip_basic"),
-        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
-    return untrained_run(folder, experiment)
-
-
-@pytest.fixture(scope="module")
-def simulate(run, virtual):
+def simulate(step_run, virtual):
     """The command on both frames of Scene01."""
 
     def simulate(out: Path, **settings) -> Path:
         common = {"frames": "0-1", "batch": 2, "formats": ("bin",), "previews": 0}
-        Simulate(run=run, out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), **common, **settings)()
+        Simulate(run=step_run, out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), **common, **settings)()
         return out / "polar"
 
     return simulate
@@ -51,11 +33,11 @@ def out(simulate, tmp_path_factory) -> Path:
     return out
 
 
-def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(out, run):
+def test_frames_lie_on_the_runs_window_with_the_renderers_depth_and_classes(out, step_run):
     polar = out / "polar"
     assert frame_names(polar) == ["Scene01-clone-Camera_0-00000", "Scene01-clone-Camera_0-00001"]
     grid, about = read_grid(polar)
-    window, _ = load(run).window
+    window, _ = load(step_run).window
     np.testing.assert_allclose(grid.elevation_rad, window.elevation_rad, atol=1e-6)
     assert {frame["scene"] for frame in about.values()} == {"Scene01"}
     image, more = read_frame(polar, "Scene01-clone-Camera_0-00000")
@@ -81,8 +63,8 @@ def test_without_projection_points_are_the_same_and_their_intensities_others(sim
         simulate(out, lidar="camera")
 
 
-def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_crop(run, virtual):
-    sensor = load(run)
+def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_crop(step_run, virtual):
+    sensor = load(step_run)
     view = VirtualKitti2(virtual.root, scenes=("Scene01",))[0].camera
     intensity = sensor.intensity_map(view)
     assert intensity.shape == (375, 1242)
@@ -93,9 +75,9 @@ def test_the_map_over_the_image_is_what_the_command_predicts_and_ends_at_the_cro
     assert intensity.max() <= np.float32(0.99)
 
 
-def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(run, virtual):
+def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(step_run, virtual):
     view = VirtualKitti2(virtual.root, scenes=("Scene01",))[0].camera
-    sensor = load(run)
+    sensor = load(step_run)
     arrays = {"rgb": view.rgb, "depth_m": view.depth_m, "semantic": view.semantic, "instance": view.instance}
     cloud = sensor.simulate(**arrays, camera=view.camera)
     assert np.asarray(cloud.valid).sum() > 500
@@ -103,9 +85,9 @@ def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(run, virtual
         sensor.simulate(**{name: raster[:, :621] for name, raster in arrays.items()}, camera=view.camera)
 
 
-def test_an_ablation_draws_frames_that_no_lidar_measured(run, virtual, tmp_path):
+def test_an_ablation_draws_frames_that_no_lidar_measured(step_run, virtual, tmp_path):
     args = Ablation(out=tmp_path, also="vkitti2", also_root=virtual.root, also_scenes=("Scene01",), also_frames="0")
-    (picture,) = unmeasured({"combined": load(run)}, args).values()
+    (picture,) = unmeasured({"combined": load(step_run)}, args).values()
     inputs, predicted = picture[:, :744], picture[:200, 748:]
     assert inputs.std() > 20
     assert predicted.std() > 5
