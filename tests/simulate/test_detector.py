@@ -1,0 +1,70 @@
+"""What a detector found, scored by KITTI's rules."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.detect.results import Found
+from jaxsim.detect.state import Network
+from jaxsim.simulate import find_all, kitti_curves, main_scores, mean_curves
+from tests.detect.tiny import EXPERIMENT, scene
+
+SCENES = [scene(seed) for seed in range(8)]
+
+
+def scored(found, experiment=EXPERIMENT, scenes=SCENES):
+    return main_scores(kitti_curves(scenes, found, experiment))
+
+
+def the_labels(scenes=SCENES, shift=(0.0,) * 7):
+    return [Found(s.boxes + np.array(shift, np.float32), np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
+
+
+def test_the_labels_themselves_score_100():
+    scores = scored(the_labels())
+    assert scores["AP_3d_moderate"].count == 48
+    assert scores["AP_3d_moderate"].value == pytest.approx(100)
+    assert scores["AP_bev_hard"].value == pytest.approx(100)
+
+
+def test_boxes_that_are_off_score_less_and_nothing_found_scores_0():
+    aside = scored(the_labels(shift=(0, 0, 0.4, 0, 0, 0, 0)))
+    assert aside["AP_3d_moderate"].value == 0  # 0.4 m too high: less than 0.7 of the volume
+    assert aside["AP_bev_moderate"].value == pytest.approx(100)
+    nothing = [Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32)) for _ in SCENES]
+    assert scored(nothing)["AP_3d_moderate"].value == 0
+
+
+def test_labels_outside_the_range_count_only_where_all_do():
+    near = replace(EXPERIMENT.voxels, range_m=(0, -12.8, -3, 16.0, 12.8, 1))
+    inside = [Found(f.boxes[f.boxes[:, 0] <= 16], f.score[f.boxes[:, 0] <= 16]) for f in the_labels()]
+    few = sum(len(f.score) for f in inside)
+    assert few < 48
+    everything = scored(inside, replace(EXPERIMENT, voxels=near, scored="all"))
+    assert everything["AP_3d_moderate"].count == 48
+    assert everything["AP_3d_moderate"].value < 80
+    within = scored(inside, replace(EXPERIMENT, voxels=near, scored="inside"))
+    assert within["AP_3d_moderate"].count == few
+
+
+def test_a_scene_without_labels_is_refused():
+    bare = replace(SCENES[0], labels=None)
+    with pytest.raises(ValueError, match="000000 has no labels"):
+        kitti_curves([bare], the_labels([bare]), EXPERIMENT)
+
+
+def test_the_mean_over_epochs_has_its_spread():
+    curves = [kitti_curves(SCENES, the_labels(shift=(0, 0, dz, 0, 0, 0, 0)), EXPERIMENT) for dz in (0.0, 0.4)]
+    mean, spread = mean_curves(curves)["3d", "0.7", "moderate"]
+    assert (mean, spread) == (pytest.approx(50), pytest.approx(50))
+
+
+def test_voxels_left_out_are_told(capsys):
+    def find(network, points):
+        return the_labels()[0], {"voxels": len(points)} if len(points) else {}
+
+    clouds = [(name, np.zeros((n, 4), np.float32)) for name, n in (("a", 0), ("b", 70), ("c", 3))]
+    assert [name for name, _ in find_all(find, Network({}, {}), clouds, total=3, quiet=True)] == ["a", "b", "c"]
+    assert "2 of 3 clouds had more voxels" in (said := capsys.readouterr().out)
+    assert "worst b: 70 of voxels" in said
