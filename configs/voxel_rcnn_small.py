@@ -2,6 +2,8 @@
 
 python train.py voxel_rcnn_small
 python eval.py runs/voxel_rcnn_small
+
+Cars up to 45 m ahead of the camera, 720 steps of two scenes. Its score and its minutes are not measured yet.
 """
 
 from jaxsim.config import (
