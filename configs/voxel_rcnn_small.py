@@ -1,7 +1,7 @@
 """A small Voxel R-CNN on the embedded world, on a laptop CPU: no files, no GPU.
 
-python train.py voxel_rcnn_small
-python eval.py runs/voxel_rcnn_small
+    python train.py voxel_rcnn_small
+    python eval.py runs/voxel_rcnn_small
 
 Cars up to 45 m ahead of the camera, 720 steps of two scenes. Its score and its minutes are not measured yet.
 """
