@@ -22,7 +22,7 @@ from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import depth_errors, depth_scores
 from jaxsim.prepare.depth.frames import depth_frame
-from jaxsim.prepare.depth.penet import save_penet
+from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
     DepthExperiment,
     Part,
@@ -107,9 +107,9 @@ def main(experiment: DepthExperiment, description: str) -> None:
         for i in range(min(shown, len(validation))):
             frame = jax.tree.map(lambda x: np.asarray(x)[None], validation[i])
             guess = np.asarray(predict(state.values, frame, config=config, part=part))[0]
-            errors.append(depth_errors(guess, guess > 0, frame.truth_m[0], frame.known[0]))
+            errors.append(depth_errors(guess, guess > NEAREST_M, frame.truth_m[0], frame.known[0]))
             if i == 0:
-                picture = depth_picture(validation[i], [(f"step {int(state.step)}", guess, guess > 0)])
+                picture = depth_picture(validation[i], [(f"step {int(state.step)}", guess, guess > NEAREST_M)])
                 save_picture(folder / "figures" / f"step_{int(state.step):06d}.png", picture)
         return depth_scores(errors)
 

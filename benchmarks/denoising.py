@@ -3,7 +3,7 @@
     python benchmarks/denoising.py WEIGHTS KITTI_RAW OUT [--frames 4] [--epochs 5] [--gains 1 2 3 4]
 
 WEIGHTS: folder of files that `jaxsim convert lidia` wrote (every .npz in it is a network); KITTI_RAW as
-`--data.root` takes it. Writes OUT/denoising.json, OUT/denoising_world.png, OUT/denoising_kitti.png, and the adapted
+`--data.root` takes it. Writes OUT/denoising.json, OUT/denoising_world.jpg, OUT/denoising_kitti.jpg, and the adapted
 networks.
 
 Embedded world: PSNR of intensity (0..1) to what the sensor would report without noise, over measured cells; the
@@ -146,7 +146,7 @@ def main(weights: Path, kitti: Path, out: Path, *, frames: int, epochs: int, gai
             temporary.write_text(json.dumps(results, indent=2))
         for place, panels in pictures.items():
             end = [("without noise", intensity_panel(truth[0], valid[0]))] if place == "world" else []
-            save_picture(out / f"denoising_{place}.png", strip([*panels, *end], width=756))
+            save_picture(out / f"denoising_{place}.jpg", strip([*panels, *end], width=756))
 
     for name, method in methods.items():
         judge(name, world=method, drive=method)

@@ -1,6 +1,8 @@
 """PENet, a small one, on the embedded world: dense depth where the truth is known.
 
-python train.py penet_synthetic
+    python train.py penet_synthetic
+
+40 frames of as many streets, 8.4 million parameters, 360 updates. Not run to its end yet: no score to promise.
 """
 
 from jaxsim.config import DataConfig, RunConfig

@@ -9,6 +9,8 @@ from jaxsim.frame import Cloud, DepthFrame, Frame
 from jaxsim.prepare.depth.sparse import sparse_depth
 
 _POINTS = 2**15
+REACH_M = 120.0
+"""True depth beyond a LiDAR's reach is left out, as no sweep could tell it; it would rule a squared error."""
 
 
 def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
@@ -32,7 +34,8 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
     cut = lambda raster: np.asarray(raster)[top:, left : left + columns]  # noqa: E731
     intrinsics = np.array(view.camera.intrinsics, np.float32)
     intrinsics[:2, 2] -= left, top
-    return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(view.depth_valid), intrinsics)
+    known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < REACH_M)
+    return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(known), intrinsics)
 
 
 def _padded(cloud: Cloud) -> Cloud:

@@ -30,6 +30,8 @@ from jaxsim.prepare.depth.penet.published import (
 from jaxsim.weights import ABOUT, kind_of, load_weights
 
 Array = np.ndarray
+NEAREST_M = 0.1
+"""A guess nearer than this is none, as for points and in IP-Basic."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class Penet:
         )
         dense = np.asarray(depth)[0]
         _, backed = fill_in_multiscale(sparse, valid)
-        known = backed & np.isfinite(dense) & (dense > 0)
+        known = backed & np.isfinite(dense) & (dense > NEAREST_M)
         return np.where(known, dense, np.float32(0)), known
 
 
