@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 
 from tqdm import tqdm
@@ -58,5 +59,6 @@ def judge_run(
     print("| overlap set, metric | easy | moderate | hard |\n|---|---|---|---|")
     for overlap, metric in (("0.7", "3d"), ("0.7", "bev"), ("0.5", "3d"), ("0.5", "bev"), ("0.7", "bbox")):
         cells = [means.get((metric, overlap, level), (float("nan"),) * 2) for level in ("easy", "moderate", "hard")]
-        print(f"| {overlap} {metric} | " + " | ".join(f"{mean:.2f} ({spread:.2f})" for mean, spread in cells) + " |")
+        words = ["-" if isnan(mean) else f"{mean:.2f} ({spread:.2f})" for mean, spread in cells]
+        print(f"| {overlap} {metric} | {' | '.join(words)} |")
     print(f"\nscores, curves and pictures: {out}")
