@@ -204,6 +204,8 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], making: Path) ->
 
 
 def _tidy(folder: Path) -> None:
-    """Removes what only the making needed."""
+    """Removes what only the making needed, and what a killed command or a killed worker left half written."""
+    for half in folder.glob(".*"):
+        half.unlink()
     shutil.rmtree(folder / "done", ignore_errors=True)
     (folder / "plan.json").unlink(missing_ok=True)
