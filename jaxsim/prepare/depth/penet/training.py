@@ -63,6 +63,9 @@ class PenetConfig:
     lr: float = 1e-3
     backbone_lr: float = 0.1
     """Share of the rate that the branches get in the joint stage."""
+    start_m: float = 0.0
+    """Both branches begin with depths around this. The published ones begin at 0 and 1 m, from where a rate of 1e-3 takes
+    thousands of updates to a street's depths: too many for a small training."""
     weight_decay: float = 1e-6
     betas: tuple[float, float] = (0.9, 0.99)
     flip: bool = True
@@ -104,7 +107,12 @@ def optimiser(config: PenetConfig) -> optax.GradientTransformation:
 
 def create_state(config: PenetConfig, seed: int) -> PenetState:
     """A fresh state; the same for the same seed."""
-    values = jax.tree.map(jnp.asarray, create(config.width, seed))
+    values = create(config.width, seed)
+    if config.start_m:
+        for name in ("rgb_decoder_output", "decoder_layer6"):
+            norm = values["backbone"][name]["norm"]
+            norm["bias"][0], norm["weight"][0] = config.start_m, 0.5 * config.start_m
+    values = jax.tree.map(jnp.asarray, values)
     return PenetState(jnp.zeros((), jnp.int32), values, optimiser(config).init(values))
 
 
