@@ -64,7 +64,7 @@ class PenetConfig:
     backbone_lr: float = 0.1
     """Share of the rate that the branches get in the joint stage."""
     start_m: float = 0.0
-    """Both branches begin with depths around this. The published ones begin at 0 and 1 m, from where a rate of 1e-3 takes
+    """Both branches begin with depths around this. The published ones begin below 1 m, from where a rate of 1e-3 takes
     thousands of updates to a street's depths: too many for a small training."""
     weight_decay: float = 1e-6
     betas: tuple[float, float] = (0.9, 0.99)
