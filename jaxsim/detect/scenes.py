@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from tqdm import tqdm
 
-import jaxsim
 from jaxsim.atomic import replacing
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
@@ -154,7 +153,7 @@ def kept_scenes(
 
 def _code() -> bytes:
     """All code that a scene depends on: scenes made by other code are not these scenes."""
-    root = Path(jaxsim.__file__).parent
+    root = Path(__file__).parents[1]
     files = [p for part in ("data", "geometry") for p in sorted((root / part).rglob("*.py"))]
     return b"".join(path.read_bytes() for path in [*files, root / "frame.py", Path(__file__)])
 

@@ -38,7 +38,7 @@ def oracle(anchors, boxes, config):
     label = np.where(most >= config.matched, 1, np.where(most < config.unmatched, 0, -1))
     for j in range(len(boxes)):
         if overlap[:, j].max() > 0:
-            label[overlap[:, j] == overlap[:, j].max()] = 1
+            label[overlap[:, j] >= (1 - 1e-6) * overlap[:, j].max()] = 1  # boxes within two anchors are ties
     return label, mine
 
 
