@@ -7,7 +7,7 @@ chance (Westfall & Young 1993, max-T, by signs over scenes), so that trying many
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
@@ -75,7 +75,7 @@ def _effective(z: np.ndarray) -> float:
 
 
 def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
-    return curve_basis(x, name) if name == "class" else curve_basis(x + 0.0, "", KNOTS)
+    return curve_basis(x, name if name == "class" else "", KNOTS)
 
 
 def _unexplained(z: np.ndarray, rays: Any, counts: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
@@ -121,6 +121,5 @@ def _strongest(gains: Float[np.ndarray, "p u"]) -> tuple[int, float]:
 
 
 def spelled(covariate: str, names: Mapping[str, str]) -> str:
-    """A covariate, or a pair, in a verdict's words."""
-    parts: Sequence[str] = [names.get(part, part) for part in covariate.split(" x ")]
-    return names.get(covariate) or " x ".join(parts)
+    """A covariate, or a pair, in a verdict's words. (`speed x time` is a covariate of its own.)"""
+    return names.get(covariate) or " x ".join(names.get(part, part) for part in covariate.split(" x "))
