@@ -4,10 +4,10 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from drives import write_step
+from round_room import scan, write_image, write_scan
 from virtual_drives import write_vkitti2
 
 import configs
@@ -23,31 +23,6 @@ VELO_R = "0.007533745 -0.9999714 -0.000616602 0.01480249 0.0007280733 -0.9998902
 VELO_T = "-0.004069766 -0.07631618 -0.2717806"
 CAR = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
 DONT_CARE = "DontCare -1 -1 -10 503.89 169.71 590.61 190.13 -1 -1 -1 -1000 -1000 -1000 -10"
-
-
-def scan(columns: int = 360) -> np.ndarray:
-    """A whole turn inside a round room, line by line from straight ahead to the left, as KITTI stores it."""
-    spec = preset("hdl64e")
-    azimuth = np.deg2rad((np.arange(columns) + 0.5) * 360 / columns)
-    elevation = spec.elevation_rad[:, None]
-    height = np.asarray(spec.origin_m)[:, None]
-    rho = np.minimum(20.0, np.where(elevation < 0, (1.73 + height) / np.tan(-np.minimum(elevation, -1e-3)), 20.0))
-    z = height + rho * np.tan(elevation)
-    points = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z + 0 * azimuth], axis=-1)
-    line = np.arange(spec.rows)[:, None] / 100 + 0 * azimuth
-    return np.concatenate([points, line[..., None]], axis=-1).reshape(-1, 4).astype("<f4")
-
-
-def write_image(path: Path, size: tuple[int, int] = (375, 1242)) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    image = np.zeros((*size, 3), np.uint8)
-    image[:, : size[1] // 2] = (10, 20, 30)  # blue, green, red
-    assert cv2.imwrite(str(path), image)
-
-
-def write_scan(path: Path, points: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    points.astype("<f4").tofile(path)
 
 
 @pytest.fixture

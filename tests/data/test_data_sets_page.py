@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from conftest import scan, write_image, write_scan
 from drives import CAM_FROM_VELO, PROJECTION, RECTIFY
+from round_room import scan, write_image, write_scan
 
 from jaxsim.data import DATASETS, Dataset
 from jaxsim.data.cityscapes import IDS
