@@ -42,6 +42,8 @@ class DataConfig:
     """Frame numbers that training never sees."""
     seed: int = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
+    streets: Literal["town", "suburb"] = "town"
+    """Traffic and houses of the embedded world: two places that differ in how often what stands there."""
     rows: Literal["file_order", "elevation"] = "file_order"
     """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""
     cache: Path = Path(".cache/jaxsim")
@@ -201,6 +203,28 @@ class Experiment:
     loss: LossConfig = field(default_factory=LossConfig)
     optim: OptimConfig = field(default_factory=OptimConfig)
     run: RunConfig = field(default_factory=RunConfig)
+
+
+@dataclass(frozen=True)
+class CloudRecipe:
+    """How a frame's cloud is made."""
+
+    source: Literal["measured", "depth", "simulated"] = "depth"
+    """What the sensor measured; the camera's depth, all of intensity 0; or depth with a trained sensor's intensity."""
+    projection: Literal["camera", "grid"] = "camera"
+    """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
+    lines: str = ""
+    """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
+    sensor (hdl64e, hdl32e, vlp16, os1_128), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
+    beams: tuple[int, ...] = ()
+    """Rows of the lines to keep, 0 the top; all by default."""
+    keep_zero: bool = False
+    """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
+    published: bool = False
+    """As the published program thins: the last pixel wins a cell instead of the nearest point, and what lies beyond
+    the lines goes into the border cells."""
+    max_high_m: float = 1.0
+    """Highest point of a cloud of pixels, above the LiDAR."""
 
 
 @dataclass(frozen=True)

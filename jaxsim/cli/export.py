@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import jax
 import numpy as np
 from tqdm import tqdm
 
@@ -22,13 +24,14 @@ from jaxsim.cloud.kitti_tree import (
     write_image_sets,
     write_kitti_frame,
 )
-from jaxsim.config import DataConfig, DataKind
+from jaxsim.config import CloudRecipe, DataConfig, DataKind
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
+from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
 from jaxsim.simulate import load
-from jaxsim.simulate.clouds import CloudRecipe, check_recipe, make_cloud
+from jaxsim.simulate.clouds import check_recipe, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
 
 _SAVE_EVERY = 20
@@ -59,6 +62,8 @@ class Export:
     one place, from which nothing is hidden (the paper's additional camera)."""
     seed: int = 0
     """World seed of the embedded world."""
+    streets: Literal["town", "suburb"] = "town"
+    """Traffic and houses of the embedded world."""
     rows: Literal["file_order", "elevation"] = "file_order"
     """Laser line of a KITTI point; `elevation` for clouds that were reordered."""
     frames: str = ""
@@ -69,6 +74,9 @@ class Export:
     """How the clouds are made."""
     run: Path | None = None
     """Folder of the trained sensor, for `--recipe.source simulated`."""
+    sensor: Path | None = None
+    """sensor.json with effects that the trained sensor lacks (`jaxsim discover` writes one), for `--recipe.projection
+    grid`."""
     occlusion: Literal["levels", "never_visible", "paper"] = "levels"
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
@@ -83,45 +91,21 @@ class Export:
     """Frames at work at once."""
 
     def __call__(self) -> None:
-        # Frames, and what their clouds are made with.
-        sensor = load(self.run) if self.run else None
-        check_recipe(self.recipe, sensor)
-        dataset = open_dataset(self._source())
+        export_trees([self], self.dataset())
+
+    def dataset(self) -> Dataset:
+        """The data set to export. Raises ValueError where the flags do not fit it."""
         if self.lidar == "camera" and self.data not in ("vkitti2", "synthetic"):
             raise ValueError(
                 f"export: --lidar camera is for vkitti2 and synthetic; the sensors of {self.data} stand apart"
             )
         if self.data == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
-        wanted = select(self.frames, dataset) if self.frames else list(range(len(dataset)))
-        validation = set(select(self.validation, dataset)) if self.validation else set()
-        if not validation <= set(wanted):
-            raise ValueError(f"export: --validation {self.validation} names frames that --frames does not")
-        self._check_occlusion(dataset)
-        record = Record.open(self.out, self._settings(sensor))
-        todo = [place for place in wanted if not record.has(self.out, f"{place:06d}")]
+        return open_dataset(self.source)
 
-        # Frames in threads: files and kernels leave Python's lock.
-        begun = len(wanted) - len(todo)
-        with (
-            tqdm(total=len(wanted), initial=begun, unit="frame", desc="exporting") as bar,
-            ThreadPoolExecutor(self.workers) as pool,
-        ):
-            jobs = [pool.submit(self.write, dataset, place, sensor) for place in todo]
-            try:
-                for job in as_completed(jobs):
-                    record.frames.update([job.result()])
-                    bar.update()
-                    if bar.n % _SAVE_EVERY == 0:
-                        record.save(self.out)
-            finally:
-                pool.shutdown(cancel_futures=True)
-                record.save(self.out)
-        self._finish(record, wanted, validation)
-
-    def write(self, dataset: Dataset, place: int, sensor: LearnedSensor | None) -> tuple[str, dict[str, Any]]:
+    def write(self, dataset: Dataset, place: int, frame: Frame, maker: Maker) -> tuple[str, dict[str, Any]]:
         """Writes one frame, unless nothing is left of it; its number and its entry in export.json."""
-        number, frame = f"{place:06d}", dataset[place]
+        number = f"{place:06d}"
         boxes, occluded = self._labels(dataset, place, frame)
         near = within_reach(boxes, self.reach_m)
         boxes, occluded = choose_boxes(boxes, near), None if occluded is None else occluded[near]
@@ -129,13 +113,22 @@ class Export:
         about = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
         if not objects and not self.keep_empty:
             return number, about | {"left_out": f"no object within {self.reach_m:g} m"}
-        cloud = make_cloud(frame, self.recipe, sensor)
+        key = jax.random.fold_in(jax.random.key(0), place)
+        cloud = make_cloud(frame, self.recipe, maker.sensor, effects=maker.effects, key=key)
         points = int(np.asarray(cloud.valid).sum())
         if not points:
             return number, about | {"left_out": "no point"}
         rect = frame.rect_from_velo
         write_kitti_frame(self.out, number, frame.camera, cloud, boxes, rect_from_velo=rect, occluded=occluded)
         return number, about | {"points": points}
+
+    def places(self, dataset: Dataset) -> tuple[list[int], set[int]]:
+        """Frames to export, and which of them validate. Raises ValueError where these are none of those."""
+        wanted = select(self.frames, dataset) if self.frames else list(range(len(dataset)))
+        validation = set(select(self.validation, dataset)) if self.validation else set()
+        if not validation <= set(wanted):
+            raise ValueError(f"export: --validation {self.validation} names frames that --frames does not")
+        return wanted, validation
 
     def _labels(self, dataset: Dataset, place: int, frame: Frame) -> tuple[Boxes, np.ndarray | None]:
         """Boxes of a frame, and what to write into `occluded` instead of their levels."""
@@ -153,7 +146,7 @@ class Export:
             )
         return frame.boxes, None
 
-    def _check_occlusion(self, dataset: Dataset) -> None:
+    def check_occlusion(self, dataset: Dataset) -> None:
         if self.occlusion == "levels":
             return
         if not isinstance(dataset, VirtualKitti2):
@@ -165,7 +158,9 @@ class Export:
                 file=sys.stderr,
             )
 
-    def _source(self) -> DataConfig:
+    @property
+    def source(self) -> DataConfig:
+        """Where the frames come from."""
         return DataConfig(
             kind=self.data,
             root=self.root,
@@ -174,18 +169,21 @@ class Export:
             camera=self.camera,
             lidar=self.lidar,
             seed=self.seed,
+            streets=self.streets,
             rows=self.rows,
         )
 
-    def _settings(self, sensor: LearnedSensor | None) -> dict[str, Any]:
+    def settings(self, maker: Maker) -> dict[str, Any]:
         """All that decides what a frame's files hold."""
-        source = {key: getattr(self, key) for key in ("data", "scenes", "variations", "camera", "lidar", "seed")}
+        of_source = ("data", "scenes", "variations", "camera", "lidar", "seed", "streets")
+        source = {key: getattr(self, key) for key in of_source}
         labels = {key: getattr(self, key) for key in ("occlusion", "filled", "reach_m", "keep_empty")}
         recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
-        made = source | labels | recipe | {"sensor": sensor.fingerprint if sensor else None}
+        effects = maker.effects.effects if maker.effects else None
+        made = source | labels | recipe | {"sensor": maker.sensor and maker.sensor.fingerprint, "effects": effects}
         return json.loads(json.dumps(made))
 
-    def _finish(self, record: Record, wanted: list[int], validation: set[int]) -> None:
+    def finish(self, record: Record, wanted: list[int], validation: set[int]) -> None:
         """Writes ImageSets, says what was left out."""
         about = {place: record.frames[f"{place:06d}"] for place in wanted}
         kept = {place for place, frame in about.items() if not frame["left_out"]}
@@ -204,6 +202,69 @@ class Export:
         print(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {self.out}")
         if not kept:
             raise ValueError(f"export: no frame of {len(about)} is left; see {self.out / 'export.json'}")
+
+
+@dataclass(frozen=True)
+class Maker:
+    """What makes a tree's clouds, beside its recipe."""
+
+    sensor: LearnedSensor | None
+    effects: SensorModel | None
+
+    @classmethod
+    def of(cls, export: Export) -> Maker:
+        """Loads what an export names. Raises ValueError where its recipe needs more, or less."""
+        sensor = load(export.run) if export.run else None
+        rows = len(sensor.window[0].elevation_rad) if sensor else None
+        effects = SensorModel.load(export.sensor, rows=rows) if export.sensor else None
+        check_recipe(export.recipe, sensor, effects)
+        return cls(sensor, effects)
+
+
+def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
+    """Writes trees that differ in how their clouds are made; each frame is read, or rendered, once for all of them.
+
+    All take their frames from `dataset`. Raises ValueError as their flags do, before anything is written.
+    """
+    makers, records, places = [], [], []
+    for export in exports:
+        makers.append(Maker.of(export))
+        places.append(export.places(dataset))
+        export.check_occlusion(dataset)
+        records.append(Record.open(export.out, export.settings(makers[-1])))
+    trees = list(zip(exports, makers, records, places, strict=True))
+    wanted = sorted({place for own, _ in places for place in own})
+    missing: dict[int, list[tuple[Export, Maker, Record]]] = {}
+    for export, maker, record, (own, _) in trees:
+        for place in own:
+            if not record.has(export.out, f"{place:06d}"):
+                missing.setdefault(place, []).append((export, maker, record))
+    todo = sorted(missing)
+
+    def write(place: int) -> list[tuple[Record, tuple[str, dict[str, Any]]]]:
+        frame = dataset[place]
+        return [(record, export.write(dataset, place, frame, maker)) for export, maker, record in missing[place]]
+
+    # Frames in threads: files and kernels leave Python's lock.
+    with (
+        tqdm(total=len(wanted), initial=len(wanted) - len(todo), unit="frame", desc="exporting") as bar,
+        ThreadPoolExecutor(max(export.workers for export in exports)) as pool,
+    ):
+        jobs = [pool.submit(write, place) for place in todo]
+        try:
+            for job in as_completed(jobs):
+                for record, entry in job.result():
+                    record.frames.update([entry])
+                bar.update()
+                if bar.n % _SAVE_EVERY == 0:
+                    for export, _, record, _ in trees:
+                        record.save(export.out)
+        finally:
+            pool.shutdown(cancel_futures=True)
+            for export, _, record, _ in trees:
+                record.save(export.out)
+    for export, _, record, (own, validation) in trees:
+        export.finish(record, own, validation)
 
 
 @dataclass

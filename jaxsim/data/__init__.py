@@ -64,7 +64,7 @@ def _synthetic(config: DataConfig) -> Dataset:
 
     camera = camera_at_lidar(kitti_camera().intrinsics) if config.lidar == "camera" else None
     # At the sensor's full rate: with fewer columns than the camera's window asks for, gaps would look like drops.
-    return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns, camera=camera)
+    return SyntheticWorld(seed=config.seed, columns=preset("hdl64e").columns, camera=camera, streets=config.streets)
 
 
 def _vkitti2(config: DataConfig) -> Dataset:

@@ -52,7 +52,8 @@ class AnchorHead(nnx.Module):
         self.cls = Linear(in_channels, anchors, rngs=rngs)
         self.box = Linear(in_channels, anchors * BOX, rngs=rngs)
         self.direction = Linear(in_channels, anchors * DIRECTIONS, rngs=rngs)
-        self.cls.bias[...] = jnp.full(anchors, -log((1 - FIRST_SCORE) / FIRST_SCORE))
+        first = -log((1 - FIRST_SCORE) / FIRST_SCORE)
+        self.cls.bias[...] = jnp.full(anchors, first, jnp.float32)  # a weak type would compile the step twice
         self.box.kernel[...] = 0.001 * jax.random.normal(rngs.params(), (in_channels, anchors * BOX))
 
     def __call__(

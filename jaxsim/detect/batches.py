@@ -15,6 +15,8 @@ from jaxsim.detect.scenes import Scene
 Batch = dict[str, np.ndarray]
 """points (b, p, 4), valid (b, p), objects (b, g, 7), is_object (b, g), dropped_points (b)."""
 TRIES = 100
+ROOM_STEP = 16
+"""Room for objects is a multiple of this, so that data sets that differ little share one compiled step."""
 
 
 class SceneBatches:
@@ -47,7 +49,8 @@ class SceneBatches:
         if not any(targets):
             raise ValueError("batches: no training scene holds an object of the class; other --data.train, or labels?")
         self.database: list[Cutout] = cutouts(scenes, augmentation) if augmentation.sampled else []
-        self.room = max(targets) + min(augmentation.sampled, len(self.database))
+        most = max(targets) + min(augmentation.sampled, len(self.database))
+        self.room = -(-most // ROOM_STEP) * ROOM_STEP
 
     @property
     def steps_per_epoch(self) -> int:

@@ -9,46 +9,27 @@ frames whose camera stands there (`--lidar camera`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import jax
 import numpy as np
 
 from jaxsim.cloud import LINES, EvenLines, crop_cloud, depth_to_cloud, sparsify
-from jaxsim.frame import Cloud, Frame, PolarGrid
+from jaxsim.config import CloudRecipe
+from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import Array, Cloud, Frame, PolarGrid
 from jaxsim.geometry import PRESETS, full_grid, polar_to_points
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.effects import with_effects
 from jaxsim.simulate.paired import take
 from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"
 
 
-@dataclass(frozen=True)
-class CloudRecipe:
-    """How a frame's cloud is made."""
-
-    source: Literal["measured", "depth", "simulated"] = "depth"
-    """What the sensor measured; the camera's depth, all of intensity 0; or depth with a trained sensor's intensity."""
-    projection: Literal["camera", "grid"] = "camera"
-    """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
-    lines: str = ""
-    """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
-    sensor (hdl64e, hdl32e, vlp16, os1_128), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
-    beams: tuple[int, ...] = ()
-    """Rows of the lines to keep, 0 the top; all by default."""
-    keep_zero: bool = False
-    """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
-    published: bool = False
-    """As the published program thins: the last pixel wins a cell instead of the nearest point, and what lies beyond
-    the lines goes into the border cells."""
-    max_high_m: float = 1.0
-    """Highest point of a cloud of pixels, above the LiDAR."""
-
-
-def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None) -> None:
-    """Raises ValueError for lines that nobody knows, and for a simulated cloud without a trained sensor."""
+def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None = None) -> None:
+    """Raises ValueError for lines that nobody knows, for a simulated cloud without a trained sensor, and for effects
+    on a cloud of pixels."""
     known = {*LINES, *PRESETS, NO_LINES}
     if lines_of(recipe) not in known:
         raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {', '.join(sorted(known))}")
@@ -56,6 +37,11 @@ def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None) -> None:
         raise ValueError("clouds: beams are rows of lines, and there are none; name them with --recipe.lines 64")
     if recipe.source == "simulated" and sensor is None:
         raise ValueError("clouds: a simulated cloud needs a trained sensor; name its run with --run runs/NAME")
+    if effects is not None and (recipe.source, recipe.projection) != ("simulated", "grid"):
+        raise ValueError(
+            "clouds: effects act on rays of the sensor's own grid, and a cloud of pixels has none; with --sensor give "
+            "--recipe.source simulated --recipe.projection grid"
+        )
 
 
 def lines_of(recipe: CloudRecipe) -> str:
@@ -64,13 +50,21 @@ def lines_of(recipe: CloudRecipe) -> str:
     return recipe.lines or ("64" if of_pixels else NO_LINES)
 
 
-def make_cloud(frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None = None) -> Cloud:
+def make_cloud(
+    frame: Frame,
+    recipe: CloudRecipe,
+    sensor: LearnedSensor | None = None,
+    *,
+    effects: SensorModel | None = None,
+    key: Array | None = None,
+) -> Cloud:
     """The cloud of one frame, host memory; points that are not there are not valid.
 
-    Raises ValueError where the frame lacks what the recipe needs, and as `check_recipe`.
+    `effects` are what the trained sensor lacks, drawn with `key` (by default that of seed 0). Raises ValueError where
+    the frame lacks what the recipe needs, and as `check_recipe`.
     """
-    check_recipe(recipe, sensor)
-    dense = _dense(frame, recipe, sensor)
+    check_recipe(recipe, sensor, effects)
+    dense = _dense(frame, recipe, sensor, effects, jax.random.key(0) if key is None else key)
     lines = lines_of(recipe)
     if lines != NO_LINES:
         cells, rows = _cells(lines)
@@ -85,7 +79,9 @@ def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
     return LINES[lines] if lines in LINES else (full_grid(PRESETS[lines]), None)
 
 
-def _dense(frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None) -> Cloud:
+def _dense(
+    frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None, key: Array
+) -> Cloud:
     view = frame.camera
     if recipe.source == "measured":
         if frame.cloud is None:
@@ -97,7 +93,10 @@ def _dense(frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None) -> C
         grid, _ = sensor.window
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, sensor.run.experiment.prepare))
         image, painted = take(sensor.simulate_view(batch), 0)
-        return polar_to_points(replace(image, valid=painted.valid) if recipe.keep_zero else image, grid)
+        image = replace(image, valid=painted.valid) if recipe.keep_zero else image
+        if effects is not None:
+            image = with_effects(effects, image, painted, grid, key=key, time_s=frame.time_s or 0.0)
+        return polar_to_points(image, grid)
     if view.depth_m is None:
         raise ValueError(
             f"clouds: {frame.name} has no depth, which a cloud of pixels is made of; take a renderer's data set, or "

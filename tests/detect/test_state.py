@@ -7,7 +7,8 @@ import optax
 import pytest
 
 from jaxsim.config import OneCycleConfig
-from jaxsim.detect.state import one_cycle, optimiser
+from jaxsim.detect.state import one_cycle, optimiser, state_shapes
+from tests.detect.tiny import EXPERIMENT
 
 CONFIG = OneCycleConfig()
 
@@ -65,3 +66,10 @@ def test_updates_are_clipped_decayed_adam():
         parameters, state = step(parameters, state, tree)
     mine = np.concatenate([parameters["a"], parameters["b"]])
     np.testing.assert_allclose(mine, oracle(start, gradients, steps, config), rtol=2e-5, atol=2e-6)
+
+
+def test_a_fresh_state_has_the_types_of_a_trained_one():
+    """A Python number in it would be of a weak type, and the training step would be compiled twice."""
+    leaves = jax.tree_util.tree_leaves_with_path(state_shapes(EXPERIMENT, 10))
+    assert len(leaves) > 100
+    assert [jax.tree_util.keystr(path) for path, leaf in leaves if leaf.weak_type] == []

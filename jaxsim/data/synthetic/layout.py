@@ -15,6 +15,7 @@ from jaxsim.data.synthetic.light import Light
 from jaxsim.data.synthetic.people import cyclist, pedestrian
 from jaxsim.data.synthetic.scene import Parts, Thing, gather
 from jaxsim.data.synthetic.solids import Model
+from jaxsim.data.synthetic.statistics import STATISTICS, Statistics
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street
 from jaxsim.data.synthetic.vehicles import CAR_SHAPES, car, truck
 
@@ -40,6 +41,7 @@ class _Plan:
 
     rng: np.random.Generator
     street: Street
+    statistics: Statistics
     things: list[Thing] = field(default_factory=list)
 
     def place(self, spot: tuple[float, float], model: Model, *, turn: float = 0.0, **rest) -> None:
@@ -55,22 +57,22 @@ class _Plan:
         return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * towards > 0)))
 
 
-def lay_out(seed: int, drive: int) -> Drive:
-    """The street of a drive: a function of its two arguments alone."""
-    rng = np.random.default_rng([seed, drive])
-    plan = _Plan(rng, _street(rng))
+def lay_out(seed: int, drive: int, streets: str = "town") -> Drive:
+    """The street of a drive: a function of its arguments alone. `streets` is one of STATISTICS."""
+    statistics, rng = STATISTICS[streets], np.random.default_rng([seed, drive])
+    plan = _Plan(rng, _street(rng, statistics), statistics)
     light = _light(rng)
     speed = float(rng.uniform(3.0, 12.0))
     width = float(plan.street.half_width_m)
     parking = float(plan.street.parking) > 0.5
     lane = width - (2.25 if parking else 0.0)
     ego = -0.5 * lane
-    urban = rng.random() < 0.5
+    urban = rng.random() < statistics.urban
     _houses(plan, urban=bool(urban))
     _posts(plan)
     _greenery(plan, density=float(rng.uniform(0.2, 1.0)))
     if parking:
-        _parked(plan, share=float(rng.uniform(0.45, 0.9)))
+        _parked(plan, share=float(rng.uniform(*statistics.parked)))
     else:
         _parked_in_side_streets(plan)
     _traffic(plan, lane, speed)
@@ -79,8 +81,8 @@ def lay_out(seed: int, drive: int) -> Drive:
     return Drive(plan.street, light, things, gather(things), ego, speed)
 
 
-def _street(rng: np.random.Generator) -> Street:
-    parking = rng.random() < 0.65
+def _street(rng: np.random.Generator, statistics: Statistics) -> Street:
+    parking = rng.random() < statistics.parking
     half = rng.uniform(3.1, 3.7) + (2.2 if parking else 0.0) + (rng.random() < 0.2) * 0.8
     sides = np.array([rng.uniform(16, 60), rng.uniform(62, 120)])
     exists = rng.random(SIDE_STREETS) < 0.6
@@ -213,12 +215,13 @@ def _greenery(plan: _Plan, *, density: float) -> None:
                 plan.place((x, off), surroundings.bush(rng))
 
 
-def _vehicle(rng: np.random.Generator, *, trucks: float):
+def _vehicle(plan: _Plan, *, trucks: float):
     """A model, its size and KITTI's name of it."""
+    rng = plan.rng
     if rng.random() < trucks:
         return (*truck(rng), "Truck")
     names = list(CAR_SHAPES)
-    shape = CAR_SHAPES[names[rng.choice(len(names), p=(0.3, 0.2, 0.16, 0.2, 0.14))]]
+    shape = CAR_SHAPES[names[rng.choice(len(names), p=plan.statistics.bodies)]]
     return (*car(rng, shape), shape.kind)
 
 
@@ -227,7 +230,7 @@ def _parked(plan: _Plan, *, share: float) -> None:
     for side in (-1, 1):
         x = FROM_M + 15 + float(rng.uniform(0, 4))
         while x < 95:
-            model, size, kind = _vehicle(rng, trucks=0.04)
+            model, size, kind = _vehicle(plan, trucks=0.04)
             middle = x + size[0] / 2
             x += size[0] + float(rng.uniform(0.7, 1.8))
             free = plan.clear_of_sides(middle, side, 4.5 + size[0] / 2)
@@ -243,7 +246,7 @@ def _parked_in_side_streets(plan: _Plan) -> None:
     rng, street = plan.rng, plan.street
     for i in range(SIDE_STREETS):
         if street.side_half_m[i] > 0:
-            model, size, kind = _vehicle(rng, trucks=0.0)
+            model, size, kind = _vehicle(plan, trucks=0.0)
             off = float(street.side_towards[i]) * (float(street.half_width_m) + float(rng.uniform(7, 12)))
             x = float(street.side_x_m[i] + street.side_half_m[i]) - 1.2
             plan.place((x, off), model, turn=np.pi / 2, kind=kind, size_m=size, z_m=0.0)
@@ -253,20 +256,20 @@ def _traffic(plan: _Plan, lane: float, ego_speed: float) -> None:
     rng = plan.rng
     ahead = float(rng.uniform(9, 26)) + ego_speed
     while ahead < 100:
-        if rng.random() < 0.6:
-            model, size, kind = _vehicle(rng, trucks=0.12)
+        if rng.random() < plan.statistics.ahead:
+            model, size, kind = _vehicle(plan, trucks=plan.statistics.trucks)
             speed = max(0.0, ego_speed + float(rng.normal(0, 0.8)))
             spot = (ahead, -lane / 2 + float(rng.normal(0, 0.12)))
             plan.place(spot, model, kind=kind, size_m=size, speed_mps=speed)
         ahead += float(rng.uniform(14, 35))
     behind = -float(rng.uniform(14, 40))
     if rng.random() < 0.5:
-        model, size, kind = _vehicle(rng, trucks=0.1)
+        model, size, kind = _vehicle(plan, trucks=0.1)
         plan.place((behind, -lane / 2), model, kind=kind, size_m=size, speed_mps=ego_speed)
     x, speed = -50.0 + float(rng.uniform(0, 25)), float(rng.uniform(5, 13))
     while x < 120:
-        if rng.random() < 0.45:
-            model, size, kind = _vehicle(rng, trucks=0.12)
+        if rng.random() < plan.statistics.oncoming:
+            model, size, kind = _vehicle(plan, trucks=plan.statistics.trucks)
             spot = (x, lane / 2 + float(rng.normal(0, 0.12)))
             plan.place(spot, model, turn=np.pi, kind=kind, size_m=size, speed_mps=-speed)
         x += float(rng.uniform(13, 32))

@@ -28,6 +28,7 @@ from jaxsim.data.synthetic.render import (
     scan,
 )
 from jaxsim.data.synthetic.scene import along_street, place, poses
+from jaxsim.data.synthetic.statistics import STATISTICS
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
@@ -78,8 +79,9 @@ class SyntheticWorld:
     """Frames of an HDL-64E-like sensor and KITTI's camera 2 in made-up streets.
 
     Four frames, 0.1 s apart, make a drive through one street, which is a scene. Frame i depends on (seed, i) alone.
-    Semantic ids are Cityscapes'; `image_size` scales the camera's focal length, so that the view stays. Another
-    `camera` of that size may stand elsewhere: in the LiDAR's place (`camera_at_lidar`) nothing that it sees is hidden.
+    `streets` names their traffic (STATISTICS). Semantic ids are Cityscapes'; `image_size` scales the camera's focal
+    length, so that the view stays. Another `camera` of that size may stand elsewhere: in the LiDAR's place
+    (`camera_at_lidar`) nothing that it sees is hidden.
     """
 
     def __init__(
@@ -91,9 +93,12 @@ class SyntheticWorld:
         image_size: tuple[int, int] = KITTI_SIZE,
         sensor: TrueSensor | None = None,
         camera: Camera | None = None,
+        streets: str = "town",
     ):
+        if streets not in STATISTICS:
+            raise ValueError(f"synthetic world: no streets {streets!r}; there are {', '.join(STATISTICS)}")
         self.name = "synthetic"
-        self.seed, self.columns, self.image_size = seed, columns, image_size
+        self.seed, self.columns, self.image_size, self.streets = seed, columns, image_size, streets
         self.spec = spec or preset("hdl64e")
         self.sensor = sensor or TrueSensor()
         self.grid = full_grid(self.spec, columns)
@@ -141,7 +146,7 @@ class SyntheticWorld:
     def _moment(self, index: int) -> _Moment:
         if not 0 <= index < len(self):
             raise IndexError(f"synthetic world: frame {index} is not in 0 .. {len(self) - 1}")
-        drive = _drive(self.seed, index // FRAMES_PER_DRIVE)
+        drive = _drive(self.seed, index // FRAMES_PER_DRIVE, self.streets)
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
         position, heading = poses(drive.things, curvature, time_s)
@@ -202,8 +207,8 @@ class SyntheticWorld:
 
 
 @lru_cache(maxsize=4)
-def _drive(seed: int, drive: int) -> Drive:
-    return lay_out(seed, drive)
+def _drive(seed: int, drive: int, streets: str) -> Drive:
+    return lay_out(seed, drive, streets)
 
 
 def _instances(drive: Drive) -> Int[np.ndarray, " things"]:
