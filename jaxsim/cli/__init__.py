@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import tyro
 
 from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_on_error
@@ -11,6 +13,7 @@ from jaxsim.cli.discover import Discover
 from jaxsim.cli.effects import Effects
 from jaxsim.cli.export import Export
 from jaxsim.cli.prepare import Prepare
+from jaxsim.cli.real2sim2real import Real2Sim2Real, run
 from jaxsim.cli.simulate import Simulate
 
 __all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
@@ -20,6 +23,7 @@ COMMANDS = {
     "simulate": Simulate,
     "export": Export,
     "detect": Detect,
+    "real2sim2real": Real2Sim2Real,
     "discover": Discover,
     "effects": Effects,
     "convert": Convert,
@@ -30,5 +34,8 @@ COMMANDS = {
 def main(argv: list[str] | None = None) -> None:
     """Entry point of the console script."""
     enable_compilation_cache()
+    argv = sys.argv[1:] if argv is None else argv
     with stop_on_error():
+        if argv[:1] == ["real2sim2real"]:  # its flags are the fields of the experiment that --config names
+            return run(argv[1:])
         tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="jaxsim", description=__doc__)()

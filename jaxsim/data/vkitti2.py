@@ -119,6 +119,14 @@ class VirtualKitti2:
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
 
+    @property
+    def splits(self) -> dict[str, list[int]]:
+        """Positions by the name of a scene: `Scene18`."""
+        scenes: dict[str, list[int]] = {}
+        for place, (drive, _) in enumerate(self._frames):
+            scenes.setdefault(drive.parent.name, []).append(place)
+        return scenes
+
     def objects(self, index: int) -> list[VirtualObject]:
         """Every vehicle in the camera's frustum, the hidden and the far ones too."""
         drive, number = self._frames[index]

@@ -1,0 +1,128 @@
+"""How real and simulated clouds of other streets differ, short of a detector: points on objects, histograms, drop maps.
+
+Clouds of other streets cannot be compared point by point. What is compared is what a detector lives on: how many points
+an object has at its distance, how range, height and intensity are distributed on each class, and which share of the
+directions returns anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import wasserstein_distance
+
+from jaxsim.geometry.boxes import points_in_boxes
+
+DISTANCES_M = ((0.0, 15.0), (15.0, 30.0), (30.0, 45.0))
+"""Bands of an object's distance in which its points are counted."""
+EDGES: dict[str, Float[np.ndarray, " n"]] = {
+    "range": np.linspace(0, 80, 81),
+    "height": np.linspace(-3, 3, 61),
+    "intensity": np.linspace(0, 1, 101),
+}
+"""Bins: metres from the LiDAR, metres above it, 0..1."""
+ELEVATION_DEG, AZIMUTH_DEG = np.linspace(4, -26, 65), np.linspace(45, -45, 181)
+"""Borders of the drop map's cells: a line of 64 each, half a degree wide."""
+REST = "rest"
+"""Points on no object."""
+
+
+@dataclass
+class CloudCounts:
+    """Sums over the scenes of one kind of cloud."""
+
+    scenes: int = 0
+    points: int = 0
+    histograms: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    """Class -> quantity -> counts in EDGES."""
+    on_objects: dict[str, dict[tuple[float, float], list[int]]] = field(default_factory=dict)
+    """Class -> band of distance -> points on each object."""
+    returns: np.ndarray = field(default_factory=lambda: np.zeros((len(ELEVATION_DEG) - 1, len(AZIMUTH_DEG) - 1)))
+    """Scenes with a return in each cell of elevation and azimuth."""
+
+    def add(self, points: Float[np.ndarray, "n 4"], boxes: Float[np.ndarray, "g 7"], kinds: Sequence[str]) -> None:
+        """Counts one scene: x, y, z (m, `velo`), intensity 0..1; its objects' boxes in `velo` and classes."""
+        self.scenes += 1
+        self.points += len(points)
+        inside = _inside(points, boxes)
+        distance = np.linalg.norm(boxes[:, :2], axis=1)
+        for k, kind in enumerate(kinds):
+            for band in DISTANCES_M:
+                if band[0] <= distance[k] < band[1]:
+                    self.on_objects.setdefault(kind, {}).setdefault(band, []).append(int(inside[:, k].sum()))
+        names = np.array([*kinds, REST])
+        owner = np.where(inside.any(axis=1), inside.argmax(axis=1), len(kinds)) if len(kinds) else np.zeros(len(points))
+        values = {
+            "range": np.linalg.norm(points[:, :3], axis=1),
+            "height": points[:, 2],
+            "intensity": points[:, 3],
+        }
+        for kind in {*names.tolist()}:
+            mine = names[owner.astype(int)] == kind
+            table = self.histograms.setdefault(kind, {name: np.zeros(len(edges) - 1) for name, edges in EDGES.items()})
+            for name, edges in EDGES.items():
+                table[name] += np.histogram(np.clip(values[name][mine], edges[0], edges[-1]), edges)[0]
+        elevation = np.degrees(np.arctan2(points[:, 2], np.linalg.norm(points[:, :2], axis=1)))
+        azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+        cells, _, _ = np.histogram2d(elevation, azimuth, (ELEVATION_DEG[::-1], AZIMUTH_DEG[::-1]))
+        self.returns += cells[::-1, ::-1] > 0
+
+
+def _inside(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """(n, g); filled up to few sizes, for each size is compiled once."""
+    xyz = np.full((-(-max(len(points), 1) // 8192) * 8192, 3), 1e6, np.float32)
+    room = np.zeros((-(-max(len(boxes), 1) // 32) * 32, 7), np.float32)
+    xyz[: len(points)], room[: len(boxes)] = points[:, :3], boxes
+    return np.asarray(points_in_boxes(xyz, room))[: len(points), : len(boxes)]
+
+
+def count_clouds(
+    scenes: Iterable[tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "g 7"], Sequence[str]]],
+) -> CloudCounts:
+    """Counts scenes of (points, boxes, classes)."""
+    counts = CloudCounts()
+    for points, boxes, kinds in scenes:
+        counts.add(points, boxes, kinds)
+    return counts
+
+
+def distribution_distance(real: CloudCounts, other: CloudCounts, kind: str, quantity: str) -> float:
+    """Wasserstein distance (order 1) of a class's histograms: metres, or intensity; NaN where one side has no point."""
+    sides = [counts.histograms.get(kind, {}).get(quantity) for counts in (real, other)]
+    if any(side is None or not side.sum() for side in sides):
+        return float("nan")
+    middles = (EDGES[quantity][1:] + EDGES[quantity][:-1]) / 2
+    return float(wasserstein_distance(middles, middles, *sides))
+
+
+def drop_map(counts: CloudCounts) -> Float[np.ndarray, "rows columns"]:
+    """Share of the scenes in which a cell of elevation and azimuth returns nothing."""
+    return 1.0 - counts.returns / max(counts.scenes, 1)
+
+
+def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: str) -> dict[str, dict[str, float]]:
+    """Kind of cloud (`real` first) -> measure -> value, for one class of object.
+
+    `points` a scene; `points_0_15` ...: median on an object of the class at that distance in metres; `range_m`,
+    `height_m`, `intensity` and, for all that is on no object, `rest_intensity`: Wasserstein distance to real; `empty`:
+    share of the directions without a return, and `empty_off`: mean absolute difference of that share to real's.
+    """
+    table = {}
+    for name, counts in {"real": real, **others}.items():
+        row = {"points": counts.points / max(counts.scenes, 1)}
+        for band in DISTANCES_M:
+            found = counts.on_objects.get(kind, {}).get(band, [])
+            row[f"points_{band[0]:g}_{band[1]:g}"] = float(np.median(found)) if found else float("nan")
+        row |= {
+            "range_m": distribution_distance(real, counts, kind, "range"),
+            "height_m": distribution_distance(real, counts, kind, "height"),
+            "intensity": distribution_distance(real, counts, kind, "intensity"),
+            "rest_intensity": distribution_distance(real, counts, REST, "intensity"),
+            "empty": float(drop_map(counts).mean()),
+            "empty_off": float(np.abs(drop_map(counts) - drop_map(real)).mean()),
+        }
+        table[name] = row
+    return table

@@ -1,0 +1,281 @@
+"""Real2Sim2Real for people: the paper's two tables with ours beside them, why they differ, pictures, one page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from jaxsim.atomic import replacing
+from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.metrics.cloud_checks import REST, CloudCounts, compare_clouds, drop_map
+from jaxsim.metrics.detection import DIFFICULTIES
+from jaxsim.report.boxes import draw_above
+from jaxsim.report.canvas import FAINT, INK, RULE, Canvas, data_uri
+from jaxsim.report.page import paragraph, section, table, whole_page
+from jaxsim.report.pictures import beside, colour_scalar, save_picture, strip
+from jaxsim.simulate import load_detector, make_find
+from jaxsim.simulate.loop import COLUMNS, KINDS, PAPER_OF_REAL, PAPER_ON_REAL, REAL, Average, Loop, read_average
+
+Rgb = UInt8[np.ndarray, "h w 3"]
+Counts = Mapping[str, CloudCounts]
+Paper = Mapping[str, Mapping[str, Sequence[float]]]
+HEADS = ("3D@0.7", "BEV@0.7", "3D@0.5", "BEV@0.5", "2D@0.7", "AOS@0.7")
+MEASURES = {
+    "points": "points a scene",
+    "points_0_15": "points a car, 0-15 m",
+    "points_15_30": "15-30 m",
+    "points_30_45": "30-45 m",
+    "range_m": "range on cars, off by (m)",
+    "height_m": "height on cars (m)",
+    "intensity": "intensity on cars",
+    "rest_intensity": "intensity elsewhere",
+    "empty": "share of directions empty",
+    "empty_off": "off by",
+}
+COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
+"""Of real, then of the kinds in their order."""
+
+
+def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[Average | None, float | None]]]]:
+    """(kind, difficulty, cells) of the paper's second table, or `of_real` its third; a cell is ours, the paper's."""
+    paper: Paper = PAPER_OF_REAL if of_real else PAPER_ON_REAL
+    rows = []
+    for kind in loop.config.kinds if of_real else loop.trained:
+        trained, judged = (REAL, kind) if of_real else (kind, REAL)
+        for difficulty in DIFFICULTIES:
+            theirs = paper.get(kind, {}).get(difficulty)
+            cells = [
+                (read_average(loop, trained, judged, column, difficulty), theirs[k] if theirs else None)
+                for k, column in enumerate(COLUMNS)
+            ]
+            rows.append((kind, difficulty, cells))
+    return rows
+
+
+def answer(loop: Loop) -> str:
+    """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone."""
+    found = [read_average(loop, kind, REAL, COLUMNS[0], "moderate") for kind in ("simulated_64", "raw_64", REAL)]
+    simulated, raw, real = found
+    if simulated is None or raw is None:
+        return "Not all detectors are scored yet."
+    gain, seeds = simulated.mean - raw.mean, min(simulated.seeds, raw.seeds)
+    spread = f"over {seeds} seeds" if simulated.spread is not None else "one seed, so the spread is not known"
+    text = (
+        f"Cars in real clouds, moderate, 3D AP: {simulated.mean:.1f} after training on simulated intensity, "
+        f"{raw.mean:.1f} without it ({gain:+.1f}"
+    )
+    if simulated.spread is not None and raw.spread is not None:
+        text += f"; standard deviation over seeds {simulated.spread:.1f} and {raw.spread:.1f}"
+    return f"{text}; {spread})" + (f"; {real.mean:.1f} after training on real clouds." if real else ".")
+
+
+def _cell(ours: Average | None, theirs: float | None, *, with_paper: bool) -> str:
+    text = "-" if ours is None else f"{ours.mean:.2f}"
+    text += f" ± {ours.spread:.2f}" if ours and ours.spread is not None else ""
+    return f"{text} ({'-' if theirs is None else f'{theirs:.2f}'})" if with_paper else text
+
+
+def _score_cells(loop: Loop, *, of_real: bool) -> list[list[str]]:
+    lines = []
+    for kind, difficulty, cells in score_rows(loop, of_real=of_real):
+        labels = next((str(ours.labels) for ours, _ in cells if ours), "-")
+        lines.append([kind, difficulty, labels, *(_cell(ours, theirs, with_paper=True) for ours, theirs in cells)])
+    return lines
+
+
+def _check_cells(counts: Counts) -> list[list[str]]:
+    others = {kind: own for kind, own in counts.items() if kind != REAL}
+    return [
+        [kind, *("-" if math.isnan(row[name]) else f"{row[name]:.4g}" for name in MEASURES)]
+        for kind, row in compare_clouds(counts[REAL], others, "Car").items()
+    ]
+
+
+def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def loop_tables(loop: Loop, counts: Counts) -> str:
+    """Markdown: both tables of scores, ours (the paper's), and the checks of the clouds."""
+    on, of = (_score_cells(loop, of_real=flag) for flag in (False, True))
+    return "\n\n".join(
+        [
+            answer(loop),
+            "Trained on a kind of cloud, scored on real ones; AP R40 of Car, mean of the last epochs (the paper's):",
+            _markdown(("trained on", "difficulty", "labels", *HEADS), on),
+            "Trained on real clouds, scored on each kind:",
+            _markdown(("scored on", "difficulty", "labels", *HEADS), of),
+            "The clouds themselves, training scenes; medians of points, and distances of distributions to real:",
+            _markdown(("clouds", *MEASURES.values()), _check_cells(counts)),
+        ]
+    )
+
+
+def draw_loop(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
+    """One frame of the renderer as each kind of cloud, and one real frame with what each detector finds in it."""
+    detector, kinds = loop.config.detector, loop.config.kinds
+    span, nothing = detector.voxels.range_m, np.zeros((0, 7))
+    shared = set.intersection(*({scene.name for scene in scenes[kind]} for kind in kinds))
+    pictures = {}
+    if shared:
+        name = max(shared, key=lambda n: max(_objects(s) for s in scenes[kinds[0]] if s.name == n))
+        panels = []
+        for kind in kinds:
+            scene = next(s for s in scenes[kind] if s.name == name)
+            labelled = scene.boxes[scene.target]
+            title = f"{kind}: {len(scene.points)} points"
+            panels.append(
+                draw_above(scene.points, span, found=nothing, score=np.zeros(0), labelled=labelled, title=title)
+            )
+        pictures["clouds"] = beside(panels)
+    real = max(scenes[REAL], key=_objects)
+    find, panels, seed = make_find(detector), [], loop.config.seeds[0]
+    for kind in loop.trained:
+        found, _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
+        labelled, title = real.boxes[real.target], f"trained on {kind}"
+        panels.append(
+            draw_above(real.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title)
+        )
+    pictures["found"] = beside(panels)
+    return pictures
+
+
+def _objects(scene: Scene) -> int:
+    return int((scene.target & (scene.difficulty >= 0)).sum())
+
+
+def intensity_chart(counts: Counts) -> Canvas:
+    """Distribution of intensity on cars and elsewhere, a line each kind of cloud."""
+    width, height, left, top, gap = 380, 230, 60, 40, 70
+    canvas = Canvas(2 * (left + width) + 20, top + height + 50)
+    for k, kind in enumerate(counts):
+        x = left + k * 130
+        canvas.line([(x, 14), (x + 20, 14)], colour=COLOURS[k], width=2)
+        canvas.text(x + 25, 18, kind, size=12)
+    for side, (name, words) in enumerate((("Car", "on cars"), (REST, "elsewhere"))):
+        x0 = left + side * (width + gap)
+        shares = {}
+        for kind, own in counts.items():
+            histogram = own.histograms.get(name, {}).get("intensity")
+            if histogram is not None and histogram.sum():
+                # Five bins of 1/100 together, the first of zeros and ones apart: it holds what a sensor calls dark.
+                shares[kind] = histogram.reshape(20, 5).sum(1) / histogram.sum()
+        for part in range(5):
+            y = top + height * (1 - part / 4)
+            canvas.line([(x0, y), (x0 + width, y)], colour=RULE, width=0.5)
+            canvas.text(x0 - 6, y + 4, f"{10 ** (part - 4):g}", anchor="end", size=11, colour=FAINT)
+            canvas.text(
+                x0 + width * part / 4, top + height + 16, f"{part / 4:g}", anchor="middle", size=11, colour=FAINT
+            )
+        canvas.text(x0 + width / 2, top + height + 36, f"intensity {words}", anchor="middle", size=12, colour=INK)
+        for k, kind in enumerate(counts):
+            if kind in shares:
+                level = np.clip(np.log10(np.maximum(shares[kind], 1e-9)) / 4 + 1, 0, 1)
+                points = [(x0 + (i + 0.5) / 20 * width, top + height * (1 - v)) for i, v in enumerate(level)]
+                canvas.line(points, colour=COLOURS[k], width=1.8)
+                for x, y in points:
+                    canvas.dot(x, y, colour=COLOURS[k], radius=1.5)
+    canvas.text(14, top + height / 2, "share of the points", anchor="middle", size=12, turned=True)
+    return canvas
+
+
+def drop_picture(counts: Counts) -> Rgb:
+    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud."""
+    panels = []
+    for kind, own in counts.items():
+        empty = drop_map(own)
+        panels.append(
+            (f"{kind}: share without a return", colour_scalar(empty, np.ones(empty.shape, bool), low=0, high=1))
+        )
+    return strip(panels, width=900)
+
+
+def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
+    """Writes real2sim2real.json, .md and .html (self-contained), and the pictures as files; gives the page."""
+    charts = {"drops": drop_picture(counts), "intensity": intensity_chart(counts).pixels()}
+    for name, picture in {**pictures, **charts}.items():
+        save_picture(loop.out / "pictures" / f"{name}.png", picture)
+    with replacing(loop.out / "real2sim2real.json") as path:
+        path.write_text(json.dumps(_plain(loop, counts), indent=1))
+    with replacing(loop.out / "real2sim2real.md") as path:
+        path.write_text(loop_tables(loop, counts) + "\n")
+    with replacing(loop.out / "real2sim2real.html") as path:
+        path.write_text(_page(loop, counts, {**pictures, **charts}))
+    return loop.out / "real2sim2real.html"
+
+
+def _plain(loop: Loop, counts: Counts) -> dict[str, object]:
+    def scores(of_real: bool) -> list[dict[str, object]]:
+        return [
+            {
+                "clouds": kind,
+                "difficulty": difficulty,
+                "unit": "%",
+                **{
+                    head: {"value": a and a.mean, "spread": a and a.spread, "seeds": a and a.seeds, "paper": paper}
+                    for head, (a, paper) in zip(HEADS, cells, strict=True)
+                },
+            }
+            for kind, difficulty, cells in score_rows(loop, of_real=of_real)
+        ]
+
+    others = {kind: own for kind, own in counts.items() if kind != REAL}
+    checks = {
+        kind: {name: None if math.isnan(value) else value for name, value in row.items()}
+        for kind, row in compare_clouds(counts[REAL], others, "Car").items()
+    }
+    return {"answer": answer(loop), "on_real": scores(False), "of_real": scores(True), "clouds": checks}
+
+
+def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
+    def escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+        return [[escape(cell) for cell in row] for row in rows]
+
+    def figure(name: str, words: str) -> str:
+        if name not in pictures:
+            return ""
+        image = f'<img src="{data_uri(pictures[name])}" style="width:100%" alt="{escape(words)}">'
+        return f"<figure>{image}<figcaption>{escape(words)}</figcaption></figure>"
+
+    on, of = (_score_cells(loop, of_real=flag) for flag in (False, True))
+    known = "".join(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in loop.config.kinds)
+    config = loop.config
+    return whole_page(
+        title="jaxsim: Real2Sim2Real",
+        sentence=answer(loop),
+        facts=[
+            ("real frames", f"{config.detector.data.kind}, {config.detector.data.validation} to judge"),
+            ("renderer", config.synthetic.kind),
+            ("seeds", ", ".join(map(str, config.seeds))),
+            ("detector", f"Voxel R-CNN, {config.detector.optim.epochs} epochs"),
+        ],
+        sections=[
+            section(
+                "Trained on simulated clouds, scored on real ones",
+                paragraph("AP R40 of cars, percent, mean of the last epochs; in brackets the paper's, on KITTI.")
+                + table(("trained on", "difficulty", "labels", *HEADS), escaped(on), text=2),
+            ),
+            section(
+                "Trained on real clouds, scored on simulated ones",
+                table(("scored on", "difficulty", "labels", *HEADS), escaped(of), text=2),
+            ),
+            section(
+                "The kinds of clouds", known + figure("clouds", "One frame of the renderer, labelled cars in green")
+            ),
+            section(
+                "Why",
+                paragraph("Medians of points on a car at its distance; distances of distributions to the real clouds'.")
+                + table(("clouds", *MEASURES.values()), escaped(_check_cells(counts)), text=1)
+                + figure("intensity", "Intensity of the points, logarithmic")
+                + figure("drops", "Directions without a return: elevation 4 to -26 degrees, azimuth 45 to -45"),
+            ),
+            section("One real frame", figure("found", "What each detector finds (orange); labelled cars in green")),
+        ],
+    )
