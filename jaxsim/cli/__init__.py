@@ -6,7 +6,7 @@ import sys
 
 import tyro
 
-from jaxsim.cli.common import enable_compilation_cache, parse_experiment, stop_on_error
+from jaxsim.cli.common import enable_compilation_cache, parse_experiment, read_experiment, stop_on_error
 from jaxsim.cli.convert import Convert
 from jaxsim.cli.detect import Detect
 from jaxsim.cli.discover import Discover
@@ -16,7 +16,7 @@ from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.real2sim2real import Real2Sim2Real, run
 from jaxsim.cli.simulate import Simulate
 
-__all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "stop_on_error"]
+__all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "read_experiment", "stop_on_error"]
 
 COMMANDS = {
     "prepare": Prepare,

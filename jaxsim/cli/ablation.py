@@ -89,6 +89,8 @@ def ablation(args: Ablation, *, script: Path, flags: Sequence[str], configs: Any
         raise ValueError("ablation: give either --runs FOLDER ... or --train EXPERIMENT")
     if flags and not args.train:
         raise ValueError(f"ablation: {' '.join(flags)}: flags after -- are for training; give --train EXPERIMENT")
+    if twice := [run for k, run in enumerate(args.runs) if run.resolve() in {r.resolve() for r in args.runs[:k]}]:
+        raise ValueError(f"ablation: {twice[0]} is named twice; name each run once")
     extractor = open_extractor(args.fid, args.fid_features) if args.fid else None
     folders = list(args.runs)
     if args.train:

@@ -24,8 +24,8 @@ EDGES: dict[str, Float[np.ndarray, " n"]] = {
     "intensity": np.linspace(0, 1, 101),
 }
 """Bins: metres from the LiDAR, metres above it, 0..1."""
-ELEVATION_DEG, AZIMUTH_DEG = np.linspace(4, -26, 65), np.linspace(45, -45, 181)
-"""Borders of the drop map's cells: a line of 64 each, half a degree wide."""
+ELEVATION_DEG, AZIMUTH_DEG = np.linspace(4, -16, 43), np.linspace(42, -42, 169)
+"""Borders of the drop map's cells, half a degree each way: what a KITTI camera sees of a scan."""
 REST = "rest"
 """Points on no object."""
 

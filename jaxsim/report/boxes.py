@@ -54,7 +54,7 @@ def draw_above(
             if boxes is found:
                 at = (int(corners[:, 0].max()) + 3, int(corners[:, 1].min()))
                 cv2.putText(picture, f"{score[k]:.2f}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, 1, cv2.LINE_AA)
-    _legend(picture, title, labelled is not None)
+    _legend(picture, title, labelled is not None, has_found=len(found) > 0)
     return picture
 
 
@@ -97,8 +97,8 @@ def _point(at: Sequence[float] | np.ndarray) -> tuple[int, int]:
     return round(float(at[0]) * 16), round(float(at[1]) * 16)
 
 
-def _legend(picture: Rgb, title: str, has_labels: bool) -> None:
-    words = [(title, INK), ("found", FOUND)] + ([("labelled", LABEL)] if has_labels else [])
+def _legend(picture: Rgb, title: str, has_labels: bool, *, has_found: bool = True) -> None:
+    words = [(title, INK)] + [("found", FOUND)] * has_found + [("labelled", LABEL)] * has_labels
     words = [(word, colour) for word, colour in words if word]
     widths = [cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)[0][0] + 18 for word, _ in words]
     picture[:28, : sum(widths) + 4] //= 4

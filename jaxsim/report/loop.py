@@ -38,6 +38,8 @@ MEASURES = {
     "empty": "share of directions empty",
     "empty_off": "off by",
 }
+PANEL = 620
+"""Height of a cloud from above, pixels."""
 COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
 """Of real, then of the kinds in their order."""
 
@@ -132,19 +134,30 @@ def draw_loop(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
             labelled = scene.boxes[scene.target]
             title = f"{kind}: {len(scene.points)} points"
             panels.append(
-                draw_above(scene.points, span, found=nothing, score=np.zeros(0), labelled=labelled, title=title)
+                draw_above(
+                    scene.points, span, found=nothing, score=np.zeros(0), labelled=labelled, title=title, height=PANEL
+                )
             )
-        pictures["clouds"] = beside(panels)
+        pictures["clouds"] = _grid(panels)
     real = max(scenes[REAL], key=_objects)
     find, panels, seed = make_find(detector), [], loop.config.seeds[0]
     for kind in loop.trained:
         found, _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
         labelled, title = real.boxes[real.target], f"trained on {kind}"
         panels.append(
-            draw_above(real.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title)
+            draw_above(
+                real.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title, height=PANEL
+            )
         )
-    pictures["found"] = beside(panels)
+    pictures["found"] = _grid(panels)
     return pictures
+
+
+def _grid(panels: Sequence[Rgb], *, across: int = 3) -> Rgb:
+    """Panels of one size in rows."""
+    rows = [beside(panels[k : k + across]) for k in range(0, len(panels), across)]
+    width = max(row.shape[1] for row in rows)
+    return np.concatenate([np.pad(row, ((0, 4), (0, width - row.shape[1]), (0, 0))) for row in rows])
 
 
 def _objects(scene: Scene) -> int:
@@ -274,7 +287,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
                 paragraph("Medians of points on a car at its distance; distances of distributions to the real clouds'.")
                 + table(("clouds", *MEASURES.values()), escaped(_check_cells(counts)), text=1)
                 + figure("intensity", "Intensity of the points, logarithmic")
-                + figure("drops", "Directions without a return: elevation 4 to -26 degrees, azimuth 45 to -45"),
+                + figure("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
             section("One real frame", figure("found", "What each detector finds (orange); labelled cars in green")),
         ],

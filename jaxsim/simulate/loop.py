@@ -152,8 +152,9 @@ def settle_loop(config: LoopConfig) -> Loop:
 
     Raises ValueError where the folder holds a loop of other settings, naming them, and for settings that cannot be.
     """
-    if not config.kinds or not config.seeds or len({*config.kinds}) < len(config.kinds):
-        raise ValueError(f"real2sim2real: kinds {config.kinds} and seeds {config.seeds}: give some, and each once")
+    for flag, values in (("kinds", config.kinds), ("seeds", config.seeds)):
+        if not values or len({*values}) < len(values):
+            raise ValueError(f"real2sim2real: --{flag} are {values}; give some, and each once")
     path, adapter = config.out / "loop.json", TypeAdapter(LoopConfig)
     if path.is_file():
         was = adapter.dump_python(adapter.validate_json(path.read_bytes()), mode="json")

@@ -1,0 +1,98 @@
+"""`jaxsim real2sim2real` without training: its words, its order, what it does after a kill."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+import configs
+from jaxsim.cli import main, read_experiment
+from jaxsim.cli.real2sim2real import Stages, checkout, run
+from jaxsim.config import CloudRecipe
+from jaxsim.simulate.loop import settle_loop
+
+
+@pytest.fixture
+def loop(tmp_path):
+    config, _ = configs.load_loop("real2sim2real")
+    return settle_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "raw_32")))
+
+
+SCRIPT = """
+import json, pathlib, sys
+from jaxsim.cli import read_experiment
+experiment = read_experiment(pathlib.Path(sys.argv[1]))
+folder = pathlib.Path(experiment.run.out) / experiment.run.name
+print("trained", folder, flush=True)
+if "stop" in pathlib.Path({stop!r}).read_text():
+    sys.exit(3)
+folder.mkdir(parents=True)
+(folder / "card.md").write_text("done")
+"""
+
+
+def test_training_is_left_to_train_py_and_is_not_repeated(loop, tmp_path, capfd):
+    stop, script = tmp_path / "stop", tmp_path / "train.py"
+    stop.write_text("stop")
+    script.write_text(SCRIPT.format(stop=str(stop)))
+    stages = Stages(loop, script)
+    run_folder, experiment = loop.detector("raw_64", 0), loop.detector_experiment("raw_64", 0)
+    with pytest.raises(SystemExit, match="ended with status 3; the same command resumes"):
+        stages.train(run_folder, experiment)
+    stop.write_text("")
+    stages.train(run_folder, experiment)
+    stages.train(run_folder, experiment)
+    assert capfd.readouterr().out.count(f"trained {run_folder}") == 2
+    kept = loop.out / "settings" / "detectors_seed0_raw_64.json"
+    assert read_experiment(kept) == experiment
+
+
+def test_the_32_lines_are_of_the_reading_that_was_asked_for(loop):
+    assert loop.recipe("raw_32") == CloudRecipe(source="depth", lines="32_of_64")
+    wide = replace(loop, config=replace(loop.config, lines_32="32_wide"))
+    assert wide.recipe("raw_32").lines == "32_wide"
+    assert wide.recipe("raw_64").lines == "64"
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--config", "nothing"], "no Real2Sim2Real 'nothing'.*real2sim2real, real2sim2real_kitti"),
+        (["--config", "nothing.json"], "no file nothing.json"),
+        (["--config"], "--config wants a name"),
+    ],
+)
+def test_an_unknown_loop_is_explained(flags, message):
+    with pytest.raises(ValueError, match=message):
+        run(flags)
+
+
+def test_without_a_checkout_it_says_where_to_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "package").mkdir()
+    monkeypatch.setattr("jaxsim.cli.real2sim2real.__file__", str(tmp_path / "package/jaxsim/cli/real2sim2real.py"))
+    with pytest.raises(ValueError, match="run it in a checkout"):
+        checkout()
+
+
+def test_help_lists_the_settings_of_the_named_loop(capsys):
+    with pytest.raises(SystemExit):
+        main(["real2sim2real", "--config", "real2sim2real_kitti", "--help"])
+    said = capsys.readouterr().out
+    assert "--seeds" in said
+    assert "Virtual KITTI 2 is simulated" in said
+
+
+def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop):
+    with pytest.raises(SystemExit, match="other settings"):
+        main(["real2sim2real", "--out", str(loop.out), "--kinds", "raw_64", "--synthetic.seed", "5"])
+    assert not (loop.out / "intensity").exists()
+
+
+def test_a_file_that_is_no_run_is_explained(tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"experiment": {"optim": {"lr": "fast"}}}))
+    with pytest.raises(ValueError, match=r"is not the config\.json of a run of this version"):
+        read_experiment(path)
+    with pytest.raises(ValueError, match=r"no file .*none\.json"):
+        read_experiment(tmp_path / "none.json")

@@ -1,0 +1,68 @@
+"""Counts on clouds whose answers are known by hand."""
+
+import numpy as np
+import pytest
+
+from jaxsim.metrics.cloud_checks import compare_clouds, count_clouds, distribution_distance, drop_map
+
+CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.3]])
+
+
+def cloud(on_car: int, elsewhere: int, *, intensity: float, seed: int = 0):
+    """Points inside the car's box, and points on a road far from it."""
+    rng = np.random.default_rng(seed)
+    near = CAR[0, :3] + rng.uniform(-0.5, 0.5, (on_car, 3))
+    road = np.column_stack([rng.uniform(20, 30, elsewhere), rng.uniform(-8, 8, elsewhere), np.full(elsewhere, -1.7)])
+    return np.column_stack([np.concatenate([near, road]), np.full(on_car + elsewhere, intensity)]).astype(np.float32)
+
+
+def counts(*clouds):
+    return count_clouds((points, CAR, ("Car",)) for points in clouds)
+
+
+def test_points_on_objects_are_counted_by_distance():
+    real, other = (
+        counts(cloud(120, 300, intensity=0.4), cloud(80, 300, intensity=0.4)),
+        counts(cloud(30, 100, intensity=0)),
+    )
+    table = compare_clouds(real, {"raw": other}, "Car")
+    assert list(table) == ["real", "raw"]
+    assert (table["real"]["points"], table["raw"]["points"]) == (400, 130)
+    assert (table["real"]["points_0_15"], table["raw"]["points_0_15"]) == (100, 30)
+    assert np.isnan(table["raw"]["points_15_30"])
+
+
+def test_distances_are_in_the_quantitys_own_unit():
+    """All points moved by one value: the Wasserstein distance is that value, to a bin."""
+    real, other = counts(cloud(50, 200, intensity=0.4)), counts(cloud(50, 200, intensity=0.1))
+    assert distribution_distance(real, other, "Car", "intensity") == pytest.approx(0.3, abs=0.011)
+    assert distribution_distance(real, other, "rest", "intensity") == pytest.approx(0.3, abs=0.011)
+    assert distribution_distance(real, other, "Car", "range") == 0
+    assert np.isnan(distribution_distance(real, other, "Pedestrian", "range"))
+    raised = cloud(50, 0, intensity=0.4) + np.float32([0, 0, 0.2, 0])
+    assert distribution_distance(counts(cloud(50, 0, intensity=0.4)), counts(raised), "Car", "height") == pytest.approx(
+        0.2, abs=0.06
+    )
+
+
+def test_a_drop_map_says_where_nothing_returns():
+    """A wall ahead of half the columns: those return in every scene, the others never."""
+    azimuth = np.radians(np.repeat(np.arange(0.25, 45, 0.5), 60))
+    elevation = np.radians(np.tile(np.linspace(-15.9, 3.9, 60), 90))
+    wall = 20 * np.column_stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    points = np.column_stack([wall, np.full(len(wall), 0.2)]).astype(np.float32)
+    nothing = np.zeros((0, 7))
+    empty = drop_map(count_clouds([(points, nothing, ()), (points, nothing, ())]))
+    rows, columns = empty.shape
+    assert (rows, columns) == (42, 168)
+    assert empty[:, : columns // 2].mean() < 0.05  # left of ahead comes first
+    assert empty[:, columns // 2 :].min() == 1
+
+
+def test_a_scene_without_objects_counts_as_rest():
+    table = compare_clouds(count_clouds([(cloud(0, 40, intensity=0.5), np.zeros((0, 7)), ())]), {}, "Car")
+    assert table["real"]["points"] == 40
+    assert np.isnan(table["real"]["points_0_15"])
+    assert table["real"]["rest_intensity"] == 0
