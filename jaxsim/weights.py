@@ -98,7 +98,9 @@ def _read_npz(path: Path) -> Arrays:
         with path.open("rb") as file, np.load(file) as archive:
             return {name: archive[name] for name in archive.files}
     except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
-        raise ValueError(f"weights: {path} is no readable .npz of plain arrays ({error})") from error
+        raise ValueError(
+            f"weights: {path} is no readable .npz of plain arrays ({error}); convert or copy it again"
+        ) from error
 
 
 def fit(arrays: Arrays, shapes: Shapes) -> Arrays:

@@ -9,11 +9,20 @@ from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.occlusion import surface_depth
 from jaxsim.prepare.paint import paint, paint_raster
-from jaxsim.prepare.pairs import check_view, crop_image, dense_view, prepare_frame, prepare_view, window_of
+from jaxsim.prepare.pairs import (
+    check_networks,
+    check_view,
+    crop_image,
+    dense_view,
+    prepare_frame,
+    prepare_view,
+    window_of,
+)
 from jaxsim.prepare.shrink import shrink
 
 __all__ = [
     "CHANNELS",
+    "check_networks",
     "check_view",
     "complete_depth",
     "crop_image",

@@ -16,11 +16,26 @@ from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, points_to_polar
 from jaxsim.prepare.denoise import denoise
+from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
+from jaxsim.prepare.depth.penet import check_crop, open_penet
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.paint import paint
 
 _POINTS = 2**15  # clouds are padded to a multiple, so that kernels are compiled once and not for every frame
+
+
+def check_networks(config: PrepareConfig) -> None:
+    """Opens the weights of the networks that a config asks for, so that what is wrong with them is told before a frame
+    is made of it or a folder begun.
+
+    Raises ValueError or FileNotFoundError where they are missing, are of another network or do not fit the settings.
+    """
+    if config.denoise == "lidia":
+        open_lidia(config.denoise_weights).check(config.denoise_gain)
+    if config.depth == "penet":
+        open_penet(config.depth_weights)
+        check_crop(config.image_crop)
 
 
 def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[Pair, PolarGrid]:
@@ -39,14 +54,17 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     cloud = _padded(replace(cloud, row=(line - first).astype(np.int32)))
     measured = jax.tree.map(np.asarray, points_to_polar(cloud, grid)[0])
     _check_gaps(frame.name, measured.valid)
-    target = denoise(
-        measured.intensity,
-        measured.valid,
-        config.denoise,
-        weights=config.denoise_weights,
-        statistics=config.denoise_statistics,
-        gain=config.denoise_gain,
-    )
+    try:
+        target = denoise(
+            measured.intensity,
+            measured.valid,
+            config.denoise,
+            weights=config.denoise_weights,
+            statistics=config.denoise_statistics,
+            gain=config.denoise_gain,
+        )
+    except ValueError as error:
+        raise ValueError(f"{frame.name}: {error}") from error
     return _pair(painted, angle, place, target=target, measured=measured), grid
 
 

@@ -18,6 +18,7 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.pair_settings import differences, pair_settings
 from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
+from jaxsim.prepare import check_networks
 from jaxsim.simulate.beam import make_by_beam
 from jaxsim.simulate.lock import hold, let_go
 from jaxsim.simulate.pair_shards import Job, make_all, read_note, write_shard
@@ -75,6 +76,8 @@ def _make(
     beam: Sequence[str] | None,
 ) -> None:
     """Makes what is missing of a set, and puts it in place."""
+    if job.scan:
+        check_networks(job.prepare)
     making = folder.with_name(folder.name + MAKING)
     _settle_plan(making, job, splits, size)
 

@@ -24,7 +24,7 @@ from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, re
 from jaxsim.devices import wait
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
-from jaxsim.prepare import edge_map, prepare_frame, prepare_view
+from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
 
 
 def _code() -> bytes:
@@ -100,6 +100,8 @@ def pairs_before(dataset: Any, positions: Sequence[int], data: DataConfig, prepa
 
 def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:
     missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
+    if missing:
+        check_networks(prepare)
     for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
         record = make_record(dataset[i], i, dataset.spec, prepare)
         with replacing(folder / f"{i:06d}.npz") as path:

@@ -9,12 +9,19 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
 from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data.tfds_builder import NAME
+from jaxsim.prepare.denoise.lidia import Variant
+from jaxsim.prepare.denoise.lidia.published import published_shapes
+from jaxsim.prepare.depth.penet import save_penet
+from jaxsim.prepare.depth.penet.published import create
 from jaxsim.simulate.pair_set import make_set
+from tests.prepare.lidia_oracle import random_state
 
 ROOT = Path(__file__).parents[2]
 FLAGS = ["--prepare.inputs", "rgb", "depth", "row", "--prepare.depth", "ip_basic_fast", "--prepare.columns", "64"]
@@ -113,6 +120,38 @@ def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, m
         main(["prepare", "kitti_raw", "--root", str(raw_root), "--out", str(tmp_path), *FLAGS, "--beam", "runner=X"])
     assert "--beam needs Apache Beam" in str(stop.value)
     assert "pip install -e '.[beam]'" in str(stop.value)
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--prepare.denoise", "lidia"], r"lidia needs its weights.*--prepare\.denoise-weights"),
+        (
+            ["--prepare.denoise", "lidia", "--prepare.denoise-weights", "colour.npz"],
+            "these weights are for colour images",
+        ),
+        (
+            ["--prepare.denoise", "lidia", "--prepare.denoise-weights", "cut.npz"],
+            "no readable .npz.*convert or copy it",
+        ),
+        (["--prepare.depth", "penet"], r"penet needs its weights.*--prepare\.depth-weights"),
+        (["--prepare.depth", "penet", "--prepare.depth-weights", "colour.npz"], "holds lidia, not penet"),
+        (
+            ["--prepare.depth", "penet", "--prepare.depth-weights", "penet.npz"],
+            "64 x 100 pixels.* --prepare.image-crop 64 96",
+        ),
+    ],
+)
+def test_what_is_wrong_with_weights_is_said_before_a_folder_is_begun(tmp_path, flags, said):
+    np.savez(tmp_path / "state.npz", **random_state(published_shapes(Variant(colour=True)), seed=0))
+    main(["convert", "lidia", str(tmp_path / "state.npz"), "--out", str(tmp_path / "colour.npz")])
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "colour.npz").read_bytes()[:5000])
+    save_penet(tmp_path / "penet.npz", create(2, 0))
+    flags = [str(tmp_path / flag) if flag.endswith(".npz") else flag for flag in flags]
+    crop = ["--prepare.image-crop", "64", "100", "--workers", "1"]
+    with pytest.raises(SystemExit, match=said):
+        main(["prepare", "synthetic", "--train", "0-1", "--out", str(tmp_path / "out"), *crop, *flags])
+    assert not (tmp_path / "out" / NAME).exists()
 
 
 def test_a_prepared_set_is_not_prepared_again(tmp_path):

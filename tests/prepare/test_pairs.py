@@ -3,11 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.cli import main
 from jaxsim.config import PrepareConfig
 from jaxsim.data import KittiObject, KittiRaw
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, Pair, PolarImage
 from jaxsim.geometry import polar_to_points, preset, window_grid
 from jaxsim.prepare import crop_image, prepare_frame
+from jaxsim.prepare.denoise.lidia import Variant
+from jaxsim.prepare.denoise.lidia.published import published_shapes
+from tests.prepare.lidia_oracle import random_state
 
 SPEC = preset("hdl64e")
 CONFIG = PrepareConfig(inputs=("rgb", "depth", "semantic", "edges", "row"), image_crop=(88, 304), columns=93)
@@ -75,6 +79,17 @@ def test_the_denoiser_changes_the_target_and_not_the_measurement():
     np.testing.assert_array_equal(plain.measured.intensity, smooth.measured.intensity)
     np.testing.assert_array_equal(plain.target, plain.measured.intensity)
     assert np.abs(np.diff(smooth.target, axis=1)).mean() < 0.7 * np.abs(np.diff(plain.target, axis=1)).mean()
+
+
+def test_a_scan_of_which_nothing_came_back_is_named(tmp_path):
+    np.savez(tmp_path / "state.npz", **random_state(published_shapes(Variant(small=True)), seed=0))
+    main(["convert", "lidia", str(tmp_path / "state.npz"), "--out", str(tmp_path / "lidia.npz")])
+    lidia = replace(CONFIG, denoise="lidia", denoise_weights=tmp_path / "lidia.npz")
+    lost = replace(frame(), cloud=replace(frame().cloud, valid=np.zeros_like(frame().cloud.valid)))
+    with pytest.raises(ValueError, match="street-7: lidia: an image has not one cell whose beam came back"):
+        prepare_frame(lost, SPEC, lidia)
+    with pytest.raises(ValueError, match="street-7: depth: not one pixel has depth"):
+        prepare_frame(lost, SPEC, replace(CONFIG, depth="ip_basic"))
 
 
 def test_a_crop_moves_the_camera_with_the_image():

@@ -44,11 +44,8 @@ class Lidia:
         one valid cell, or is smaller than the network's border, where the weights are for colour images, and where
         the gain is not positive.
         """
-        if not gain > 0:
-            raise ValueError(f"lidia: a gain of {gain} leaves nothing; it must be positive (--prepare.denoise-gain)")
+        self.check(gain)
         rows, columns = intensity.shape[-2:]
-        if self.variant.colour:
-            raise ValueError("lidia: these weights are for colour images; intensity is grey: convert a *_bw.pt file")
         check_size(rows, columns, self.variant)
         if not valid.any((-2, -1)).all():
             raise ValueError(
@@ -58,6 +55,13 @@ class Lidia:
         flat, flat_valid = (x.reshape(-1, rows, columns) for x in (intensity, valid))
         images = [self._one(image, mask, statistics, gain) for image, mask in zip(flat, flat_valid, strict=True)]
         return np.stack(images).reshape(intensity.shape) if images else np.zeros(intensity.shape, np.float32)
+
+    def check(self, gain: float) -> None:
+        """Raises ValueError where these weights or this gain are not for intensity."""
+        if not gain > 0:
+            raise ValueError(f"lidia: a gain of {gain} leaves nothing; it must be positive (--prepare.denoise-gain)")
+        if self.variant.colour:
+            raise ValueError("lidia: these weights are for colour images; intensity is grey: convert a *_bw.pt file")
 
     def _one(self, intensity: Array, valid: Array, statistics: Literal["stored", "image"], gain: float) -> Array:
         image = np.float32(gain) * (2 * close_gaps(intensity, valid) - 1)[None, ..., None]

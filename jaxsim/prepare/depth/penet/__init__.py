@@ -7,13 +7,14 @@ published.py completion.py    published weights; a frame's depth        training
 
 from __future__ import annotations
 
-from jaxsim.prepare.depth.penet.completion import NEAREST_M, Penet, complete, open_penet, save_penet
+from jaxsim.prepare.depth.penet.completion import NEAREST_M, Penet, check_crop, complete, open_penet, save_penet
 from jaxsim.prepare.depth.penet.published import CONVERTERS, from_published, published_shapes, to_published
 
 __all__ = [
     "CONVERTERS",
     "NEAREST_M",
     "Penet",
+    "check_crop",
     "complete",
     "from_published",
     "open_penet",

@@ -62,12 +62,7 @@ class Penet:
         """
         if not valid.any():
             raise ValueError("penet: not one pixel has depth, so there is nothing to complete")
-        rows, columns = valid.shape
-        if rows % MULTIPLE or columns % MULTIPLE:
-            raise ValueError(
-                f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
-                f"--prepare.image-crop {rows - rows % MULTIPLE} {columns - columns % MULTIPLE}"
-            )
+        check_crop(valid.shape)  # type: ignore
         moved = np.array(intrinsics, np.float32)
         if self.convention == "published":
             moved[1, 2] += rows_cut / 2
@@ -79,6 +74,17 @@ class Penet:
         _, backed = fill_in_multiscale(sparse, valid)
         known = backed & np.isfinite(dense) & (dense > NEAREST_M)
         return np.where(known, dense, np.float32(0)), known
+
+
+def check_crop(size: tuple[int, int]) -> None:
+    """Raises ValueError where rows or columns are no multiples of 32."""
+    rows, columns = size
+    if rows % MULTIPLE or columns % MULTIPLE or not rows * columns:
+        least = [max(side - side % MULTIPLE, MULTIPLE) for side in size]
+        raise ValueError(
+            f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
+            f"--prepare.image-crop {least[0]} {least[1]}"
+        )
 
 
 @partial(jax.jit, static_argnames=("width", "convention"))
