@@ -21,7 +21,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import depth_errors, depth_scores
-from jaxsim.prepare.depth.frames import depth_frame
+from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
     DepthExperiment,
@@ -66,7 +66,7 @@ def frames_of(experiment: DepthExperiment) -> tuple[Frames, Frames]:
         parts = [KittiDepth(experiment.depth_root, data.root, part=part, crop=crop) for part in ("train", "val")]
         return tuple(Frames(part.__getitem__, list(range(len(part)))) for part in parts)  # type: ignore[return-value]
     dataset = open_dataset(data)
-    make = lambda i: depth_frame(dataset[i], crop)  # noqa: E731
+    make = lambda i: where_backed(depth_frame(dataset[i], crop))  # noqa: E731
     return Frames(make, list(select(data.train, dataset))), Frames(make, list(select(data.validation, dataset)))
 
 

@@ -10,7 +10,7 @@ import pytest
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.prepare.depth import complete_depth, complete_view
-from jaxsim.prepare.depth.frames import depth_frame
+from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import open_penet, save_penet
 from jaxsim.prepare.depth.penet.training import (
     PUBLISHED_STAGES,
@@ -178,6 +178,15 @@ def test_bad_input_says_what_to_do(tmp_path):
     with pytest.raises(ValueError, match="penet also takes the image"):
         complete_depth(frame.sparse_m, frame.given, "penet")
     assert PrepareConfig(depth="penet").depth_weights is None
+
+
+def test_nothing_is_learned_above_the_highest_point():
+    frame = plane(0)
+    given = frame.given & (np.arange(48) >= 20)[:, None]
+    backed = where_backed(replace(frame, given=given, sparse_m=np.where(given, frame.sparse_m, 0)))
+    assert not backed.known[:16].any()
+    assert backed.known[24:].mean() > 0.95
+    assert not where_backed(replace(frame, known=np.zeros_like(frame.known))).known.any()
 
 
 def test_a_renderers_frame_gives_sweep_and_truth():

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 
 from jaxsim.frame import Cloud, DepthFrame, Frame
+from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.sparse import sparse_depth
 
 _POINTS = 2**15
@@ -36,6 +39,13 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
     intrinsics[:2, 2] -= left, top
     known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < REACH_M)
     return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(known), intrinsics)
+
+
+def where_backed(frame: DepthFrame) -> DepthFrame:
+    """The frame (host), its truth known only where the sweep's points back a pixel, as in KITTI's set: above the top
+    line nothing says how far a facade is, and no completed depth is used there (`Penet`)."""
+    backed = fill_in_multiscale(np.asarray(frame.sparse_m), np.asarray(frame.given))[1]
+    return replace(frame, known=frame.known & backed)
 
 
 def _padded(cloud: Cloud) -> Cloud:
