@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.cli.export import Export
+from jaxsim.cli.export import Export, export_trees
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.config import CloudRecipe
 from jaxsim.data import DATASETS, KittiObject
 from jaxsim.data.synthetic import kitti_camera
+from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import preset
 
@@ -104,6 +105,28 @@ def test_the_same_command_makes_only_what_is_missing(tmp_path, six):
     assert six.made == []
 
 
+def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path, six):
+    depth, wide = Export(out=tmp_path / "a", frames="0-5"), Export(out=tmp_path / "b", frames="0-3", validation="3")
+    wide = replace(wide, recipe=CloudRecipe(lines="none"))
+    export_trees([depth, wide], depth.dataset())
+    assert sorted(six.made) == [0, 1, 2, 3, 4, 5]
+    for tree in (depth, wide):
+        alone = replace(tree, out=tmp_path / f"{tree.out.name}_alone")
+        alone()
+        files = sorted(path.relative_to(alone.out) for path in alone.out.rglob("*") if path.is_file())
+        assert all((alone.out / path).read_bytes() == (tree.out / path).read_bytes() for path in files)
+    (wide.out / "training/label_2/000000.txt").unlink()
+    six.made.clear()
+    export_trees([depth, wide], depth.dataset())
+    assert six.made == [0]
+
+
+def test_effects_need_rays(tmp_path, six):
+    SensorModel((("random_dropout", {"probability": 0.5}),)).save(tmp_path / "sensor.json")
+    with pytest.raises(ValueError, match=r"give --recipe\.source simulated --recipe\.projection grid"):
+        Export(out=tmp_path / "out", frames="0", sensor=tmp_path / "sensor.json")()
+
+
 def test_frames_of_another_making_are_not_added(tmp_path, six):
     Export(out=tmp_path, frames="0")()
     with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
@@ -155,6 +178,7 @@ def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
         ({"frames": "0", "recipe": CloudRecipe(lines="128")}, "no lines named '128'; known: 32_of_64, 32_wide"),
         ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
+        ({"frames": "0", "sensor": Path("nowhere.json")}, r"no file nowhere\.json"),
         ({"frames": "1-2"}, "no frame of 2 is left"),
         ({"frames": "0", "data": "kitti_object", "lidar": "camera"}, "sensors of kitti_object stand apart"),
     ],

@@ -4,12 +4,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
 from jaxsim.config import CloudRecipe
 from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
 from jaxsim.simulate import load
@@ -106,6 +108,21 @@ def test_clouds_of_a_trained_sensor_carry_its_intensity_in_all_placements(virtua
         window, _ = sensor.window
         assert grid.valid.size == len(window.elevation_rad) * len(window.azimuth_rad)
         assert (grid.intensity[grid.valid] > 0).all()
+
+
+def test_effects_act_on_the_rays_of_the_sensors_grid(virtual, sensor):
+    frame = VirtualKitti2(virtual.root, scenes=("Scene01",))[0]
+    recipe = CloudRecipe(source="simulated", projection="grid")
+    plain = make_cloud(frame, recipe, sensor)
+    lossy = SensorModel((("random_dropout", {"probability": 0.4}),))
+    first, again, other = (
+        make_cloud(frame, recipe, sensor, effects=lossy, key=jax.random.key(seed)) for seed in (3, 3, 4)
+    )
+    assert first.valid.sum() == pytest.approx(0.6 * plain.valid.sum(), rel=0.05)
+    assert not first.valid[~plain.valid].any()
+    np.testing.assert_array_equal(first.valid, again.valid)
+    assert (first.valid != other.valid).any()
+    np.testing.assert_allclose(first.xyz_m[first.valid], plain.xyz_m[first.valid], atol=1e-3)
 
 
 def test_the_command_writes_a_trained_sensors_clouds(export, step_run, sensor, tree, monkeypatch):

@@ -7,7 +7,7 @@ from PIL import Image
 from virtual_drives import BASELINE_M, CLASS_OF, K
 
 from jaxsim.config import DataConfig, PrepareConfig
-from jaxsim.data import open_dataset
+from jaxsim.data import open_dataset, select
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.png import read_indexed
 from jaxsim.data.synthetic import kitti_camera
@@ -40,6 +40,11 @@ def test_the_published_facts():
     assert set(COLOURS) == set(CLASSES)
     assert len(set(COLOURS.values())) == 15
     assert set(CLASSES.values()) <= set(IDS)
+
+
+def test_scenes_are_named_parts(dataset):
+    assert dataset.splits == {"Scene01": list(range(len(dataset)))}
+    assert select("Scene01", dataset) == [0, 1]
 
 
 def test_the_generated_images_have_the_published_format(virtual):
