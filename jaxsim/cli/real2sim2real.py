@@ -59,7 +59,27 @@ def run(argv: Sequence[str]) -> None:
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
+    check_sources(asked)
     Stages(settle_loop(asked), home / "train.py").all()
+
+
+def check_sources(config: LoopConfig) -> None:
+    """Opens all data sets, so that what is missing is told before days go into training.
+
+    Raises ValueError naming the flag of the set that cannot be read, lacks frames, or lacks labels.
+    """
+    sources = {"intensity.data": config.intensity.data, "detector.data": config.detector.data}
+    for flag, source in {**sources, "synthetic": config.synthetic}.items():
+        try:
+            dataset = open_dataset(source)
+            places = [*select(source.train, dataset), *select(source.validation, dataset)]
+            labelled = flag == "intensity.data" or dataset[places[0]].boxes is not None
+        except (ValueError, FileNotFoundError) as error:
+            raise ValueError(f"real2sim2real: --{flag}: {error}") from error
+        if not labelled:
+            raise ValueError(
+                f"real2sim2real: --{flag}: frames of {source.kind} have no labels, and detectors need them"
+            )
 
 
 def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:

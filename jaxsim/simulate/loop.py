@@ -148,7 +148,8 @@ class Loop:
 
 
 def settle_loop(config: LoopConfig) -> Loop:
-    """The loop of these settings; keeps them in its folder. More kinds and more seeds may be asked for later.
+    """The loop of these settings; keeps them in its folder. More kinds and more seeds may be asked for later, and all
+    else as long as nothing was made.
 
     Raises ValueError where the folder holds a loop of other settings, naming them, and for settings that cannot be.
     """
@@ -156,7 +157,8 @@ def settle_loop(config: LoopConfig) -> Loop:
         if not values or len({*values}) < len(values):
             raise ValueError(f"real2sim2real: --{flag} are {values}; give some, and each once")
     path, adapter = config.out / "loop.json", TypeAdapter(LoopConfig)
-    if path.is_file():
+    begun = any((config.out / name).exists() for name in ("intensity", "trees", "detectors"))
+    if path.is_file() and begun:
         was = adapter.dump_python(adapter.validate_json(path.read_bytes()), mode="json")
         now = adapter.dump_python(config, mode="json")
         free = ("--kinds", "--seeds", "--out")

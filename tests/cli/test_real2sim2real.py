@@ -83,7 +83,17 @@ def test_help_lists_the_settings_of_the_named_loop(capsys):
     assert "Virtual KITTI 2 is simulated" in said
 
 
-def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop):
+def test_a_set_that_is_not_there_is_told_before_anything_is_trained(tmp_path):
+    (tmp_path / "object").mkdir()
+    flags = ["--out", str(tmp_path / "out"), "--detector.data.kind", "kitti_object", "--detector.data.root"]
+    with pytest.raises(ValueError, match=r"real2sim2real: --detector\.data: .*training"):
+        run([*flags, str(tmp_path / "object")])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop, monkeypatch):
+    monkeypatch.setattr("jaxsim.cli.real2sim2real.check_sources", lambda config: None)  # it renders a frame
+    loop.detector("raw_64", 0).mkdir(parents=True)
     with pytest.raises(SystemExit, match="other settings"):
         main(["real2sim2real", "--out", str(loop.out), "--kinds", "raw_64", "--synthetic.seed", "5"])
     assert not (loop.out / "intensity").exists()

@@ -74,6 +74,9 @@ def test_a_difficulty_without_labels_has_no_average(loop):
 
 
 def test_more_seeds_and_kinds_may_be_asked_for_but_no_other_settings(loop):
+    settle_loop(replace(loop.config, occlusion="never_visible"))  # nothing is made yet
+    settle_loop(loop.config)
+    loop.sensor.mkdir()
     settle_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
     other = replace(loop.config, synthetic=replace(loop.config.synthetic, seed=9))
     with pytest.raises(ValueError, match=r"other settings \(--synthetic\.seed was 1, now 9\); give another --out"):
