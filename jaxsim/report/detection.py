@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.atomic import replacing
-from jaxsim.metrics.detection import DIFFICULTIES, OVERLAP_SETS, Curve
+from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
 from jaxsim.report.pictures import save_picture
 
-_COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
 _COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
 _PANEL = 190
@@ -24,7 +23,7 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
     blocks = []
     for kind in dict.fromkeys(curve.kind for curve in curves):
         known = {(c.difficulty, c.metric, c.overlap_set): c for c in curves if c.kind == kind}
-        columns = [column for column in _COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
+        columns = [column for column in COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
         some = next(iter(DIFFICULTIES))
         head = [f"{_NAMES[metric]}@{known[some, metric, which].min_overlap:g}" for metric, which in columns]
         lines = [

@@ -14,13 +14,13 @@ from jaxtyping import UInt8
 from jaxsim.atomic import replacing
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.metrics.cloud_checks import REST, CloudCounts, compare_clouds, drop_map
-from jaxsim.metrics.detection import DIFFICULTIES
+from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import FAINT, INK, RULE, Canvas, data_uri
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import beside, colour_scalar, save_picture, strip
 from jaxsim.simulate import load_detector, make_find
-from jaxsim.simulate.loop import COLUMNS, KINDS, PAPER_OF_REAL, PAPER_ON_REAL, REAL, Average, Loop, read_average
+from jaxsim.simulate.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, REAL, Average, Loop, read_average
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]

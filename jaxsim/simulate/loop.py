@@ -41,8 +41,6 @@ KINDS: dict[str, tuple[CloudRecipe, str]] = {
 """How each kind of cloud is made, and in words. The paper's are the first three: VKITTI 64, VKITTI 32, IntensitySim."""
 WITH_EFFECTS = ("discovered_grid",)
 
-COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
-"""Metric and overlap set of the paper's columns."""
 PAPER_ON_REAL: dict[str, dict[str, tuple[float, ...]]] = {
     "raw_64": {
         "easy": (63.78, 75.32, 79.93, 80.24, 79.24, 78.58),

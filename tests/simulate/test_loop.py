@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import configs
-from jaxsim.metrics.detection import Curve
-from jaxsim.simulate.loop import COLUMNS, KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
+from jaxsim.metrics.detection import COLUMNS, Curve
+from jaxsim.simulate.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
 
 
 def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", truths=10):

@@ -5,10 +5,11 @@ The official tool's rules (devkit_object, evaluate_object_3d_offline) by default
 
 from jaxsim.metrics.detection.evaluate import Curve, evaluate
 from jaxsim.metrics.detection.files import Objects, read_detections, read_truth
-from jaxsim.metrics.detection.rules import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules
+from jaxsim.metrics.detection.rules import CLASSES, COLUMNS, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules
 
 __all__ = [
     "CLASSES",
+    "COLUMNS",
     "DIFFICULTIES",
     "METRICS",
     "OVERLAP_SETS",

@@ -40,6 +40,9 @@ OVERLAP_SETS: dict[str, dict[str, tuple[float, float, float]]] = {
 }
 """Overlap that a match must exceed, for METRICS; sets are named after Car's. In the image it is the same in both."""
 
+COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox", "0.7"), ("aos", "0.7"))
+"""Metric and overlap set of the columns that papers print."""
+
 
 def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, rules: Rules) -> Int[np.ndarray, " n"]:
     """Flags of labelled objects. A height of exactly the limit counts in the official tool, not in OpenPCDet."""
