@@ -27,6 +27,7 @@ def test_the_papers_settings_are_those_of_imaginaires_configuration():
     assert (loss.gan, loss.feature_matching, loss.perceptual, loss.reconstruction) == (1, 10, 10, 0)
     assert optim.decay_from == 1  # constant: the published rate falls after 100 epochs
     assert experiment.prepare.network_size == (64, 512)
+    assert (experiment.prepare.denoise, experiment.prepare.denoise_weights) == ("lidia", None)
 
 
 def test_the_published_detector_is_openpcdets_configuration():

@@ -20,8 +20,9 @@ class Prepare:
     labels painted, occluded cells marked, edges found, the target denoised. Training reads them:
 
         jaxsim prepare kitti_step --root KITTI_TRACKING --out PAIRS \\
-            --prepare.depth ip_basic --prepare.denoise non_local_means
-        python train.py kitti_step_combined --data.kind prepared --data.root PAIRS
+            --prepare.depth ip_basic --prepare.denoise lidia --prepare.denoise-weights lidia.npz
+        python train.py kitti_step_combined --data.kind prepared --data.root PAIRS \\
+            --prepare.denoise-weights lidia.npz
 
     Give the --prepare flags of the experiment. What is there is not made again, so that a killed command goes on;
     the same bytes come of any number of workers. For sets that outgrow a machine, Apache Beam:
