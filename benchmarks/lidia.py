@@ -4,14 +4,12 @@
 
 WEIGHTS.npz is a file that `jaxsim convert lidia` wrote. The peer is written here from the paper: brute-force search
 over 841 shifts by box-filtered differences, `torch.topk`, and the layers as `torch.nn.functional` has them; both run in
-float32 on the same threads and give the same image (the largest and mean difference are printed). Besides the
-interleaved times: seconds of processor time a window, over all threads, and what 8000 windows then take on two cores.
+float32 on the same threads and give the same image (the largest and mean difference are printed).
 """
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -131,15 +129,7 @@ def main(path: Path, rounds: int) -> None:
         print(f"difference: mean {off.mean():.2e}, largest {off.max():.2e} (on [-1, 1])")
         peers["torch, stored"] = lambda: peer(image)
     name = "small" if network.variant.small else "full"
-    interleave(f"LIDIA, {name}, {SHAPE[0]} x {SHAPE[1]}", peers, rounds=rounds)
-    spent = dict.fromkeys(peers, 0.0)
-    for _ in range(rounds):
-        for who, run in peers.items():
-            begun = time.process_time()
-            run()
-            spent[who] += (time.process_time() - begun) / rounds
-    for who, seconds in spent.items():
-        print(f"  {who:<24}{seconds:8.2f} s of processor time; 8000 on two cores {8000 * seconds / 7200:.1f} h")
+    interleave(f"LIDIA, {name}, {SHAPE[0]} x {SHAPE[1]}", peers, rounds=rounds, warmup=1)
 
 
 if __name__ == "__main__":
