@@ -69,6 +69,14 @@ def ablation() -> None:
     save_picture(PICTURES / "ablation.jpg", picture[..., ::-1])
 
 
+def real2sim2real() -> None:
+    """What detectors find, and intensities (after `jaxsim real2sim2real`)."""
+    pictures = Path("runs/real2sim2real/pictures")
+    for name, file, width in (("found", "found.jpg", 1400), ("intensity", "intensity.png", 1240)):
+        picture = cv2.imread(str(pictures / f"{name}.png"))[..., ::-1]
+        save_picture(PICTURES / f"real2sim2real_{file}", shrunk(picture, width))
+
+
 if __name__ == "__main__":
     for name in sys.argv[1:] or ("streets", "sweep", "synthetic"):
         globals()[name]()
