@@ -117,9 +117,6 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
         yield from (make(job, position) for position in positions)
         return
     cache = jax.config.jax_compilation_cache_dir  # type: ignore
-    # LIDIA's arrays are hundreds of megabytes; in small pages their first touch is a third of its time. glibc reads
-    # this where a process begins.
-    os.environ.setdefault("GLIBC_TUNABLES", "glibc.malloc.hugetlb=1")
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
     with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(job, cache)) as pool:
         todo = iter(positions)
