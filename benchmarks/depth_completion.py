@@ -2,10 +2,10 @@
 
     python benchmarks/depth_completion.py OUT.jpg [--penet weights.npz] [--frames 6] [--depth RGB.png DEPTH.png RAW]
 
-On frames of the embedded world, one a street, whose true depth is known; with --depth also on a ground-truth image of
-KITTI's set (11 scans put together) and its RGB image: the pixels on the beams of one HDL-64E scan are given, all others
-asked for; RAW, the folder of a raw drive's date, has the camera. Every method is scored on the pixels that all of them
-fill; `filled` is the share of the known pixels that a method fills. OUT shows the first frame.
+On frames of the embedded world, one a street, whose true depth is known (up to 120 m); with --depth also on a
+ground-truth image of KITTI's set (11 scans put together) and its RGB image: the pixels on the beams of one HDL-64E scan
+are given, all others asked for; RAW, the folder of a raw drive's date, has the camera. Every method is scored on the
+pixels that all of them fill; `filled` is the share of the known pixels that a method fills. OUT shows the first frame.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from dense_depth import accumulated
 from tqdm import tqdm
 
+from jaxsim.data import open_dataset
 from jaxsim.data.kitti_files import raw_camera, read_image
-from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import UNITS, depth_errors, depth_scores
 from jaxsim.prepare.depth import METHODS
@@ -72,7 +72,7 @@ def _masks(guesses: dict[str, list[tuple[np.ndarray, np.ndarray]]]) -> list[list
 
 
 def main(out: Path, penet: Path | None, frames: int, depth: list[Path] | None) -> None:
-    world = SyntheticWorld()
+    world = open_dataset("synthetic")
     numbers = range(1920, 1920 + 4 * frames, 4)
     streets = [depth_frame(world[i], CROP) for i in tqdm(numbers, desc="embedded world", unit="frame")]
     save_picture(out, depth_picture(streets[0], score("embedded world", streets, penet)))
