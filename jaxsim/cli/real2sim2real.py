@@ -60,6 +60,7 @@ def run(argv: Sequence[str]) -> None:
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
+    hold(asked.out, doing="at work in", instead="another --out")
     Stages(settle_loop(asked), home / "train.py").all()
 
 
@@ -130,8 +131,6 @@ class Stages:
     def all(self) -> None:
         """Runs all that is missing, and writes tables and page after each seed."""
         loop = self.loop
-        hold(loop.out, doing="at work in", instead="another --out")
-        seeds = loop.config.seeds
         self.say("the sensor: an intensity network on real pairs")
         self.train(loop.sensor, loop.intensity_experiment())
         if {*WITH_EFFECTS} & {*loop.config.kinds}:
@@ -139,15 +138,15 @@ class Stages:
             self.discover()
         self.say(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
         self.export()
-        for seed in seeds:
+        for seed in loop.config.seeds:
             for kind in loop.trained:
                 self.say(f"seed {seed}: a detector of {kind} clouds")
                 self.train(loop.detector(kind, seed), loop.detector_experiment(kind, seed))
             self.say(f"seed {seed}: scores")
             for trained, judged in loop.judgements:
                 self.judge(trained, judged, seed)
-        self.say("tables, checks of the clouds, pictures")
-        self.report()
+            self.say(f"seed {seed}: tables, checks of the clouds, pictures")
+            self.report()
 
     def say(self, words: str) -> None:
         print(f"real2sim2real: {words}", flush=True)

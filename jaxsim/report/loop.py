@@ -13,6 +13,7 @@ from jaxtyping import UInt8
 
 from jaxsim.atomic import replacing
 from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import REST, CloudCounts, compare_clouds, drop_map
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES
 from jaxsim.report.boxes import draw_above
@@ -77,6 +78,13 @@ def answer(loop: Loop) -> str:
     return f"{text}; {spread})" + (f"; {real.mean:.1f} after training on real clouds." if real else ".")
 
 
+def found_effects(loop: Loop) -> str:
+    """What `discover` found the sensor to lack."""
+    if not loop.effects.is_file():
+        return "discover was not asked"
+    return ", ".join(name for name, _ in SensorModel.load(loop.effects).effects) or "nothing"
+
+
 def _cell(ours: Average | None, theirs: float | None, *, with_paper: bool) -> str:
     text = "-" if ours is None else f"{ours.mean:.2f}"
     text += f" ± {ours.spread:.2f}" if ours and ours.spread is not None else ""
@@ -110,6 +118,7 @@ def loop_tables(loop: Loop, counts: Counts) -> str:
     return "\n\n".join(
         [
             answer(loop),
+            f"The sensor was found to lack: {found_effects(loop)}.",
             "Trained on a kind of cloud, scored on real ones; AP R40 of Car, mean of the last epochs (the paper's):",
             _markdown(("trained on", "difficulty", "labels", *HEADS), on),
             "Trained on real clouds, scored on each kind:",
@@ -266,6 +275,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
         facts=[
             ("real frames", f"{config.detector.data.kind}, {config.detector.data.validation} to judge"),
             ("renderer", config.synthetic.kind),
+            ("the sensor was found to lack", found_effects(loop)),
             ("seeds", ", ".join(map(str, config.seeds))),
             ("detector", f"Voxel R-CNN, {config.detector.optim.epochs} epochs"),
         ],

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import configs
+from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.report.loop import answer, intensity_chart, loop_tables, write_loop
@@ -61,7 +62,9 @@ def test_the_answer_says_what_intensity_was_worth_and_the_spread(loop):
 
 
 def test_the_papers_numbers_stand_beside_ours(loop):
+    SensorModel((("random_dropout", {"probability": 0.1}),)).save(loop.effects)
     text = loop_tables(loop, {kind: clouds(value) for kind, value in COUNTS.items()})
+    assert "found to lack: random_dropout." in text
     assert "| simulated_64 | moderate | 9 | 56.00 ± 1.41 (51.74)" in text
     assert "| raw_64 | easy | - | - (63.78)" in text
     assert "| raw_64 | moderate | 9 | 81.00 ± 1.41 (88.78)" in text  # trained on real, scored on it
