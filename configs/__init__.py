@@ -3,8 +3,9 @@
 import importlib
 import pkgutil
 
-from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
+from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.prepare.depth.penet.training import DepthExperiment
+from jaxsim.simulate.loop import LoopConfig
 
 LOOPS = ("real2sim2real", "real2sim2real_kitti")
 """Of `jaxsim real2sim2real`; the others are for train.py."""

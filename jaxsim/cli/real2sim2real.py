@@ -16,7 +16,7 @@ from tqdm import tqdm
 from jaxsim.atomic import replacing
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
-from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
+from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
@@ -24,7 +24,7 @@ from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.report.loop import draw_loop, loop_tables, write_loop
 from jaxsim.simulate import Checkpoints, experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.simulate.lock import hold
-from jaxsim.simulate.loop import REAL, WITH_EFFECTS, Loop, settle_loop, write_score
+from jaxsim.simulate.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
 
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""

@@ -85,17 +85,17 @@ def found_effects(loop: Loop) -> str:
     return ", ".join(name for name, _ in SensorModel.load(loop.effects).effects) or "nothing"
 
 
-def _cell(ours: Average | None, theirs: float | None, *, with_paper: bool) -> str:
+def _cell(ours: Average | None, theirs: float | None) -> str:
     text = "-" if ours is None else f"{ours.mean:.2f}"
     text += f" ± {ours.spread:.2f}" if ours and ours.spread is not None else ""
-    return f"{text} ({'-' if theirs is None else f'{theirs:.2f}'})" if with_paper else text
+    return f"{text} ({'-' if theirs is None else f'{theirs:.2f}'})"
 
 
 def _score_cells(loop: Loop, *, of_real: bool) -> list[list[str]]:
     lines = []
     for kind, difficulty, cells in score_rows(loop, of_real=of_real):
         labels = next((str(ours.labels) for ours, _ in cells if ours), "-")
-        lines.append([kind, difficulty, labels, *(_cell(ours, theirs, with_paper=True) for ours, theirs in cells)])
+        lines.append([kind, difficulty, labels, *(_cell(ours, theirs) for ours, theirs in cells)])
     return lines
 
 
@@ -136,7 +136,7 @@ def draw_loop(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
     shared = set.intersection(*({scene.name for scene in scenes[kind]} for kind in kinds))
     pictures = {}
     if shared:
-        name = max(shared, key=lambda n: max(_objects(s) for s in scenes[kinds[0]] if s.name == n))
+        name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=_objects).name
         panels = []
         for kind in kinds:
             scene = next(s for s in scenes[kind] if s.name == name)
@@ -187,7 +187,7 @@ def intensity_chart(counts: Counts) -> Canvas:
         for kind, own in counts.items():
             histogram = own.histograms.get(name, {}).get("intensity")
             if histogram is not None and histogram.sum():
-                # Five bins of 1/100 together, the first of zeros and ones apart: it holds what a sensor calls dark.
+                # Five steps of 1/100 together.
                 shares[kind] = histogram.reshape(20, 5).sum(1) / histogram.sum()
         for part in range(5):
             y = top + height * (1 - part / 4)

@@ -11,12 +11,12 @@ import pytest
 
 from jaxsim.cli.export import Export, export_trees
 from jaxsim.cloud.kitti_tree import files_of
-from jaxsim.config import CloudRecipe
 from jaxsim.data import DATASETS, KittiObject
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import preset
+from jaxsim.simulate.clouds import CloudRecipe
 
 sys.path.append(str(Path(__file__).parents[1] / "cloud"))
 import openpcdet_rules as rules

@@ -8,7 +8,7 @@ import pytest
 import configs
 from jaxsim.cli import main, read_experiment
 from jaxsim.cli.real2sim2real import Stages, checkout, run
-from jaxsim.config import CloudRecipe
+from jaxsim.simulate.clouds import CloudRecipe
 from jaxsim.simulate.loop import settle_loop
 
 

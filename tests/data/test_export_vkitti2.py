@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
-from jaxsim.config import CloudRecipe
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
 from jaxsim.simulate import load
-from jaxsim.simulate.clouds import make_cloud
+from jaxsim.simulate.clouds import CloudRecipe, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
 
 sys.path.append(str(Path(__file__).parents[1] / "cloud"))
