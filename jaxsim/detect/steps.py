@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax.sharding import Mesh, NamedSharding
 
@@ -37,8 +38,8 @@ def make_train_step(
         terms, dropped = detector.losses(batch["points"], batch["valid"], batch["objects"], batch["is_object"], key)
         return sum(terms.values()), (terms, split(detector)[1].statistics, dropped)
 
-    def train_step(state: TrainState, batch: dict[str, Array]) -> tuple[TrainState, Metrics]:
-        key = jax.random.fold_in(jax.random.key(experiment.run.seed), state.step)
+    def train_step(state: TrainState, batch: dict[str, Array], seed: Array) -> tuple[TrainState, Metrics]:
+        key = jax.random.fold_in(jax.random.wrap_key_data(seed), state.step)
         network = state.network
         (total, (terms, statistics, dropped)), gradient = jax.value_and_grad(loss, has_aux=True)(
             network.parameters, network.statistics, batch, key
@@ -56,7 +57,10 @@ def make_train_step(
             state = jax.lax.with_sharding_constraint(state, NamedSharding(mesh, WHOLE))
         return state, metrics
 
-    return jax.jit(train_step, donate_argnums=0)
+    jitted = jax.jit(train_step, donate_argnums=0)
+    # an argument: as a constant it would have every seed compile a program of its own
+    seed = np.asarray(jax.random.key_data(jax.random.key(experiment.run.seed)))
+    return lambda state, batch: jitted(state, batch, seed)
 
 
 @cache

@@ -59,7 +59,7 @@ def test_a_step_changes_every_parameter_and_every_statistic(state, train_step):
         if (np.asarray(old) == np.asarray(new)).all()
     ]
     # Without a proposal on an object no box of the second stage is learned, and 0 decays to 0.
-    assert all("of_box" in name for name in still), still
+    assert all("box']" in name for name in still), still
     left_out = {name: int(n) for name, n in metrics.items() if name.startswith("dropped/")}
     assert left_out == dict.fromkeys(left_out, 0)
     assert len(left_out) == 6
