@@ -17,6 +17,7 @@ from jaxsim.metrics import Score
 from jaxsim.prepare import edge_map
 from jaxsim.report.canvas import data_uri
 from jaxsim.report.frames import Raster, input_panels, intensity_panel
+from jaxsim.report.markdown import markdown_table
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import NOTHING, beside, strip
 from jaxsim.simulate import frechet_line
@@ -45,9 +46,7 @@ def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured
 def ablation_table(rows: Sequence[AblationRow], baselines: Baselines) -> str:
     """Markdown: a row a network, the paper's FID beside our scores, the best network in bold; then the baselines."""
     heads, cells = _cells(rows, baselines)
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    lines += [f"| {' | '.join(f'**{text}**' if best else text for text, best in row)} |" for row in cells]
-    return "\n".join(lines)
+    return markdown_table(heads, [[f"**{text}**" if best else text for text, best in row] for row in cells])
 
 
 def best_networks(rows: Sequence[AblationRow]) -> dict[str, str]:

@@ -14,12 +14,14 @@ from jaxtyping import UInt8
 from jaxsim.atomic import replacing
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.effects.chain import SensorModel
-from jaxsim.metrics.cloud_checks import REST, CloudCounts, compare_clouds, drop_map
+from jaxsim.metrics.cloud_checks import CloudCounts, compare_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES
 from jaxsim.report.boxes import draw_above
-from jaxsim.report.canvas import FAINT, INK, RULE, Canvas, data_uri
+from jaxsim.report.canvas import data_uri
+from jaxsim.report.loop_charts import drop_picture, epochs_chart, intensity_chart
+from jaxsim.report.markdown import markdown_table
 from jaxsim.report.page import paragraph, section, table, whole_page
-from jaxsim.report.pictures import beside, colour_scalar, save_picture, strip
+from jaxsim.report.pictures import beside, save_picture
 from jaxsim.simulate import load_detector, make_find
 from jaxsim.simulate.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, REAL, Average, Loop, read_average
 
@@ -41,8 +43,6 @@ MEASURES = {
 }
 PANEL = 620
 """Height of a cloud from above, pixels."""
-COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
-"""Of real, then of the kinds in their order."""
 
 
 def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[Average | None, float | None]]]]:
@@ -107,11 +107,6 @@ def _check_cells(counts: Counts) -> list[list[str]]:
     ]
 
 
-def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
 def loop_tables(loop: Loop, counts: Counts) -> str:
     """Markdown: both tables of scores, ours (the paper's), and the checks of the clouds."""
     on, of = (_score_cells(loop, of_real=flag) for flag in (False, True))
@@ -120,11 +115,11 @@ def loop_tables(loop: Loop, counts: Counts) -> str:
             answer(loop),
             f"The sensor was found to lack: {found_effects(loop)}.",
             "Trained on a kind of cloud, scored on real ones; AP R40 of Car, mean of the last epochs (the paper's):",
-            _markdown(("trained on", "difficulty", "labels", *HEADS), on),
+            markdown_table(("trained on", "difficulty", "labels", *HEADS), on),
             "Trained on real clouds, scored on each kind:",
-            _markdown(("scored on", "difficulty", "labels", *HEADS), of),
+            markdown_table(("scored on", "difficulty", "labels", *HEADS), of),
             "The clouds themselves, training scenes; medians of points, and distances of distributions to real:",
-            _markdown(("clouds", *MEASURES.values()), _check_cells(counts)),
+            markdown_table(("clouds", *MEASURES.values()), _check_cells(counts)),
         ]
     )
 
@@ -173,55 +168,11 @@ def _objects(scene: Scene) -> int:
     return int((scene.target & (scene.difficulty >= 0)).sum())
 
 
-def intensity_chart(counts: Counts) -> Canvas:
-    """Distribution of intensity on cars and elsewhere, a line each kind of cloud."""
-    width, height, left, top, gap = 380, 230, 60, 40, 70
-    canvas = Canvas(2 * (left + width) + 20, top + height + 50)
-    for k, kind in enumerate(counts):
-        x = left + k * 130
-        canvas.line([(x, 14), (x + 20, 14)], colour=COLOURS[k], width=2)
-        canvas.text(x + 25, 18, kind, size=12)
-    for side, (name, words) in enumerate((("Car", "on cars"), (REST, "elsewhere"))):
-        x0 = left + side * (width + gap)
-        shares = {}
-        for kind, own in counts.items():
-            histogram = own.histograms.get(name, {}).get("intensity")
-            if histogram is not None and histogram.sum():
-                # Five steps of 1/100 together.
-                shares[kind] = histogram.reshape(20, 5).sum(1) / histogram.sum()
-        for part in range(5):
-            y = top + height * (1 - part / 4)
-            canvas.line([(x0, y), (x0 + width, y)], colour=RULE, width=0.5)
-            canvas.text(x0 - 6, y + 4, f"{10 ** (part - 4):g}", anchor="end", size=11, colour=FAINT)
-            canvas.text(
-                x0 + width * part / 4, top + height + 16, f"{part / 4:g}", anchor="middle", size=11, colour=FAINT
-            )
-        canvas.text(x0 + width / 2, top + height + 36, f"intensity {words}", anchor="middle", size=12, colour=INK)
-        for k, kind in enumerate(counts):
-            if kind in shares:
-                level = np.clip(np.log10(np.maximum(shares[kind], 1e-9)) / 4 + 1, 0, 1)
-                points = [(x0 + (i + 0.5) / 20 * width, top + height * (1 - v)) for i, v in enumerate(level)]
-                canvas.line(points, colour=COLOURS[k], width=1.8)
-                for x, y in points:
-                    canvas.dot(x, y, colour=COLOURS[k], radius=1.5)
-    canvas.text(14, top + height / 2, "share of the points", anchor="middle", size=12, turned=True)
-    return canvas
-
-
-def drop_picture(counts: Counts) -> Rgb:
-    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud."""
-    panels = []
-    for kind, own in counts.items():
-        empty = drop_map(own)
-        panels.append(
-            (f"{kind}: share without a return", colour_scalar(empty, np.ones(empty.shape, bool), low=0, high=1))
-        )
-    return strip(panels, width=900)
-
-
 def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
     """Writes real2sim2real.json, .md and .html (self-contained), and the pictures as files; gives the page."""
     charts = {"drops": drop_picture(counts), "intensity": intensity_chart(counts).pixels()}
+    if epochs := epochs_chart(loop):
+        charts["epochs"] = epochs.pixels()
     for name, picture in {**pictures, **charts}.items():
         save_picture(loop.out / "pictures" / f"{name}.png", picture)
     with replacing(loop.out / "real2sim2real.json") as path:
@@ -283,7 +234,8 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
             section(
                 "Trained on simulated clouds, scored on real ones",
                 paragraph("AP R40 of cars, percent, mean of the last epochs; in brackets the paper's, on KITTI.")
-                + table(("trained on", "difficulty", "labels", *HEADS), escaped(on), text=2),
+                + table(("trained on", "difficulty", "labels", *HEADS), escaped(on), text=2)
+                + figure("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",

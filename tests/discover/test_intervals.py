@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import gather
+from jaxsim.discover.evidence import Measured, gather
 from jaxsim.discover.fit import fit
-from jaxsim.discover.intervals import WIDER, intervals
+from jaxsim.discover.intervals import WIDER, implied_level, intervals
 from jaxsim.discover.nuisance import MOST
 from jaxsim.discover.null import fit_null
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.conftest import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -47,3 +48,34 @@ def test_a_rate_at_its_bound_does_not_blow_an_interval_up():
     assert one.low < share + 0.01
     assert one.high > share - 0.01
     assert one.high - one.low < 0.04
+
+
+@pytest.mark.parametrize("off", [0.3, -0.4])
+def test_a_threshold_on_power_is_held_whatever_the_simulators_reflectances_are(off):
+    scan, measured = toy(frames=8, seed=9)
+    power = np.log(np.maximum(scan.intensity, 1e-3)) - 2 * np.log(np.maximum(scan.range_m, 0.1) / REFERENCE_M)
+    power = power + off
+    threshold, width = np.quantile(power, 0.3), 0.4
+    kept = np.random.default_rng(10).random(power.shape) < 1 / (1 + np.exp(-(power - threshold) / width))
+    light = np.clip(measured.intensity * np.exp(off) / 1.2, 0, 1).astype(np.float32)
+    problem, found = fitted("snr_dropout", scan, replace(measured, intensity=light, valid=measured.valid & kept))
+    one = intervals(EFFECTS["snr_dropout"], problem, found)["threshold"]
+    assert one.low <= threshold <= one.high
+    # Of the simulator's own power the threshold is another, which the interval holds too.
+    assert one.low <= threshold - off <= one.high
+    assert one.high - one.low < abs(off) + 1
+
+
+def test_a_surface_is_as_bright_as_its_rays_say_also_where_rays_are_lost():
+    scan, measured = toy(frames=8, seed=11)
+    road = scan.semantic == 7
+    light = measured.intensity * np.where(road, np.exp(-0.3), np.exp(0.2)) / 1.2
+    lost = np.random.default_rng(12).random(road.shape) < 0.5
+    valid = measured.valid & ~lost
+    problem, _ = fitted("random_dropout", scan, Measured(measured.range_m, light.astype(np.float32), valid))
+    level, hit = implied_level(problem), np.asarray(problem.ev.rays.hit)
+    kind = np.asarray(problem.ev.rays.semantic)
+    gone = hit & ~np.asarray(problem.ev.returned)
+    assert np.mean(level[gone & (kind == 7)]) == pytest.approx(-0.3, abs=0.05)
+    assert np.mean(level[gone & (kind == 11)]) == pytest.approx(0.2, abs=0.05)
+    assert not level[~hit].any()

@@ -10,7 +10,8 @@ import configs
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
-from jaxsim.report.loop import answer, intensity_chart, loop_tables, write_loop
+from jaxsim.report.loop import answer, loop_tables, write_loop
+from jaxsim.report.loop_charts import epochs_chart, intensity_chart
 from jaxsim.simulate.loop import settle_loop, write_score
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])
@@ -76,7 +77,7 @@ def test_the_page_stands_alone_and_the_json_is_strict(loop):
     page = write_loop(loop, counts, {"found": np.zeros((8, 8, 3), np.uint8)})
     html = page.read_text()
     assert "http" not in html.replace("http://www.w3.org", "")
-    assert html.count("data:image/png") == 3
+    assert html.count("data:image/png") == 4
     assert "<b>nan" not in html.lower()
 
     def refuse(name):
@@ -87,7 +88,19 @@ def test_the_page_stands_alone_and_the_json_is_strict(loop):
     assert moderate["3D@0.7"]["paper"] == 51.74
     assert moderate["3D@0.7"]["value"] == pytest.approx(56)
     assert plain["clouds"]["raw_64"]["intensity"] == pytest.approx(0.4, abs=0.01)
-    assert {p.name for p in (loop.out / "pictures").iterdir()} == {"found.png", "drops.png", "intensity.png"}
+    drawn = {p.stem for p in (loop.out / "pictures").iterdir()}
+    assert drawn == {"found", "drops", "intensity", "epochs"}
+
+
+def test_each_kind_has_a_line_over_the_checkpoints_and_a_thin_one_a_seed(loop):
+    drawn = epochs_chart(loop)
+    lines = [s for s in drawn.strokes if hasattr(s, "points") and len(s.points) == 3]
+    assert [s.width for s in lines].count(2) == len(COUNTS)
+    assert [s.width for s in lines].count(0.5) == 2 * len(COUNTS)
+    thick = {s.colour: np.mean(s.points, axis=0)[1] for s in lines if s.width == 2}
+    assert len(thick) == len(COUNTS)
+    assert (drawn.pixels() < 128).any()
+    assert epochs_chart(replace(loop, config=replace(loop.config, seeds=(7,)))) is None
 
 
 def test_the_chart_draws_a_line_for_each_kind(loop):
