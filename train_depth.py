@@ -133,7 +133,7 @@ def main(experiment: DepthExperiment, description: str) -> None:
                 scribe.stop_on_nan(step, arrays, {n: float(v) for n, v in metrics.items() if n != "finite"})
             if step % settings.log_every == 0 or step == last:
                 scribe.write(step, {n: float(v) for n, v in metrics.items() if n != "finite"})
-                bar.set_postfix(stage=stage.part, rmse=f"{float(metrics['loss/depth']) ** 0.5:.2f} m", refresh=False)
+                bar.set_postfix(stage=stage.part, rmse=f"{float(metrics['rmse_m']):.2f} m", refresh=False)
             bar.update()
             if step % settings.picture_every == 0 or step in ends:
                 scores = judge(stage.part, SHOWN)

@@ -2,10 +2,7 @@
 
     python train.py penet_synthetic
 
-80 frames of as many streets, 8.4 million parameters, 320 updates: too few to be of use, and no more could be afforded
-when this was tried. Shown up to the end of the second stage (update 240, about ten minutes of processor time of two
-full cores): RMSE 5393 mm, MAE 3468 mm, iRMSE 71.6 /km, iMAE 40.3 /km on four frames of other streets, behind IP-Basic
-(docs/depth-completion.md). The third stage was not run. For weights that help, give the branches many more epochs.
+80 frames of as many streets, 8.4 million parameters, 1600 updates in three stages.
 """
 
 from jaxsim.config import DataConfig, RunConfig
@@ -15,15 +12,17 @@ CROP = (96, 320)
 
 experiment = DepthExperiment(
     data=DataConfig(kind="synthetic", train="0-319:4", validation="1920-1959:4"),
-    image_crop=(352, 1216),
+    image_crop=(256, 1216),  # above it hardly a pixel is backed by the sweep's points
     penet=PenetConfig(
         width=8,
-        start_m=15.0,
+        lr=5e-3,
+        loss="huber",
+        start_m=10.0,
         stages=(
-            Stage("branches", 5, 2, CROP, ()),
-            Stage("refinement", 1, 2, CROP, ()),
-            Stage("joint", 2, 2, CROP, ((1, 0.1),)),
+            Stage("branches", 30, 2, CROP, ((18, 0.4), (25, 0.1))),
+            Stage("refinement", 4, 2, CROP, ((3, 0.2),)),
+            Stage("joint", 6, 2, CROP, ((4, 0.2),)),
         ),
     ),
-    run=RunConfig(name="penet_synthetic", log_every=10, save_every=100, picture_every=1000),
+    run=RunConfig(name="penet_synthetic", log_every=10, save_every=100, picture_every=200),
 )

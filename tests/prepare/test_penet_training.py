@@ -9,6 +9,7 @@ import pytest
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
+from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare.depth import complete_depth, complete_view
 from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import open_penet, save_penet
@@ -20,6 +21,8 @@ from jaxsim.prepare.depth.penet.training import (
     batch_of,
     branch_weight,
     create_state,
+    masked_error,
+    predict,
     rate,
     steps_of,
     train_step,
@@ -93,6 +96,36 @@ def test_branches_learn_a_wall():
         state, metrics = train_step(state, batch(k), *args, config=CONFIG, part="branches")
         losses.append(float(metrics["loss/depth"]))
     assert np.mean(losses[-10:]) < 0.6 * np.mean(losses[:10])
+
+
+def test_hubers_loss_is_squared_to_a_metre_and_linear_beyond():
+    frame = jax.tree.map(jnp.asarray, plane(0))
+    off = lambda metres, loss: float(masked_error(frame.truth_m + metres, frame, loss))  # noqa: E731
+    assert off(0.5, "huber") == pytest.approx(0.25, rel=1e-4)
+    assert off(-3.0, "huber") == pytest.approx(5.0, rel=1e-4)
+    assert off(-3.0, "square") == pytest.approx(9.0, rel=1e-4)
+    assert float(masked_error(frame.truth_m + 7, replace(frame, known=frame.known & False), "huber")) == 0
+
+
+@pytest.mark.slow
+def test_the_branches_learn_one_frame_by_heart_better_than_ip_basic_fills_it():
+    """A frame whose sparse points alone do not tell its edges: two walls, seen apart in the image."""
+    rng = np.random.default_rng(0)
+    truth = np.where(np.add.outer(np.arange(64) // 3, np.arange(96)) % 48 < 24, 8.0, 20.0).astype(np.float32)
+    given = rng.random(truth.shape) < 0.04
+    rgb = np.where(truth[..., None] < 10, np.uint8(60), np.uint8(180)) + np.zeros(3, np.uint8)
+    one = DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(truth.shape, bool), INTRINSICS)
+    config = replace(CONFIG, width=4, start_m=10.0, loss="huber")
+    state, frame = create_state(config, seed=0), jax.tree.map(lambda x: x[None], one)
+    for k in range(150):
+        args = (jnp.float32(1e-2 * min(1.0, 3 * (1 - k / 150))), jnp.float32(0.05))
+        state, _ = train_step(state, frame, *args, config=config, part="branches")
+    guess = np.asarray(predict(state.values, frame, config=config, part="branches"))[0]
+    dense, filled = complete_depth(one.sparse_m, given, "ip_basic")
+    learned, classical = (
+        depth_errors(depth, filled, truth, one.known)["rmse"] for depth in (np.maximum(guess, 0.1), dense)
+    )
+    assert learned < 0.6 * classical
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,6 +8,7 @@ row by row, delta(o) its offset; c the middle slot. The middle tap takes the dep
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -53,14 +54,14 @@ def from_neighbours(guide: Float[Array, "b h w kk"]) -> Float[Array, "b h w kk"]
 
 
 def step(
-    guide: Float[Array, "b h w kk"], depth: Float[Array, "b h w"], start: Float[Array, "b h w"], dilation: int
+    taps: Sequence[Float[Array, "b h w"]], depth: Float[Array, "b h w"], start: Float[Array, "b h w"], dilation: int
 ) -> Float[Array, "b h w"]:
-    """One propagation; `guide` comes from `from_neighbours`."""
-    k = round(guide.shape[-1] ** 0.5)
-    total = guide[..., k * k // 2] * start
+    """One propagation; `taps` are the slots of what `from_neighbours` gives."""
+    k = round(len(taps) ** 0.5)
+    total = taps[k * k // 2] * start
     for o, (down, right) in enumerate(_offsets(k)):
         if o != k * k // 2:
-            total = total + guide[..., o] * _shifted(depth, dilation * down, dilation * right)
+            total = total + taps[o] * _shifted(depth, dilation * down, dilation * right)
     return total
 
 
@@ -75,9 +76,11 @@ def propagate(
     iterations: int = 6,
 ) -> Float[Array, "b h w"]:
     """A stage: every kernel spreads `start` and is led back to the sparse depth by `trust`; then they are weighed."""
+    # One array a slot: the gradient of a slot of a common array is as large as that array, every time.
+    taps = [jnp.unstack(guide, axis=-1) for guide in guides]
 
     def once(_: Any, depths: tuple[Array, ...]) -> tuple[Array, ...]:
-        spread = [step(guide, depth, start, dilation) for guide, depth in zip(guides, depths, strict=True)]
+        spread = [step(slots, depth, start, dilation) for slots, depth in zip(taps, depths, strict=True)]
         return tuple((1 - trust) * depth + trust * sparse for depth in spread)
 
     depths = jax.lax.fori_loop(0, iterations, once, (start,) * len(guides), unroll=False)
