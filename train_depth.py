@@ -126,7 +126,7 @@ def main(experiment: DepthExperiment, description: str) -> None:
                 state = begin_stage(state, config)
             batch = batch_of(train, stage, config, seed=settings.seed, number=number, epoch=epoch, place=place)
             lr, weight = (jnp.float32(x) for x in (rate(config, stage, epoch), branch_weight(epoch)))
-            state, metrics = train_step(state, batch, lr, weight, config=config, part=stage.part)
+            state, metrics = train_step(state, batch, lr, weight, config=config, part=stage.part, norms=stage.norms)
             step = k + 1
             if not bool(metrics["finite"]):
                 arrays = {name: np.asarray(getattr(batch, name)) for name in ("rgb", "sparse_m", "truth_m")}

@@ -1,6 +1,7 @@
 """PENet's training: processor time of an update of each stage, and of its transposed convolution in two forms.
 
     python benchmarks/penet.py [--width 8] [--crop 96 320] [--batch 2] [--rounds 5]
+        [--parts branches refinement joint]
 
 `spread` is XLA's convolution
 of an input with zeros in between, as the layer could also be written.
@@ -9,7 +10,7 @@ of an input with zeros in between, as the layer could also be written.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -29,7 +30,7 @@ def spread(x: Any, kernel: Any) -> Any:
     )
 
 
-def frames(batch: int, crop: tuple[int, int], seed: int = 0) -> DepthFrame:
+def frames(batch: int, crop: Sequence[int], seed: int = 0) -> DepthFrame:
     """Random rasters: times do not depend on what stands in them."""
     rng = np.random.default_rng(seed)
     size = (batch, *crop)
@@ -40,7 +41,7 @@ def frames(batch: int, crop: tuple[int, int], seed: int = 0) -> DepthFrame:
     return DepthFrame(rgb, np.where(given, truth, 0), given, truth, rng.random(size) < 0.6, camera)
 
 
-def main(width: int, crop: tuple[int, int], batch: int, rounds: int) -> None:
+def main(width: int, crop: Sequence[int], batch: int, rounds: int, parts: Sequence[Part]) -> None:
     rng = np.random.default_rng(0)
     for k in (0, 2, 4):
         size = (batch, crop[0] >> (k + 1), crop[1] >> (k + 1), width << (k + 1))
@@ -56,8 +57,7 @@ def main(width: int, crop: tuple[int, int], batch: int, rounds: int) -> None:
     config, given = PenetConfig(width=width, start_m=15.0), frames(batch, crop)
     rates = jnp.float32(1e-3), jnp.float32(0.1)
     updates: dict[str, Callable[[], object]] = {}
-    part: Part
-    for part in ("branches", "refinement", "joint"):
+    for part in parts:
         kept = [create_state(config, 0)]
 
         def update(part: Part = part, kept: list = kept) -> None:
@@ -65,7 +65,8 @@ def main(width: int, crop: tuple[int, int], batch: int, rounds: int) -> None:
             jax.block_until_ready(metrics)
 
         updates[part] = update
-    interleave(f"an update, {batch} x {crop[0]} x {crop[1]}, width {width}", updates, rounds=rounds, warmup=1)
+    if updates:
+        interleave(f"an update, {batch} x {crop[0]} x {crop[1]}, width {width}", updates, rounds=rounds, warmup=1)
 
 
 if __name__ == "__main__":
@@ -74,6 +75,7 @@ if __name__ == "__main__":
     parser.add_argument("--crop", type=int, nargs=2, default=(96, 320), metavar=("ROWS", "COLUMNS"))
     parser.add_argument("--batch", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--parts", nargs="*", default=["branches", "refinement", "joint"])
     arguments = vars(parser.parse_args())
     enable_compilation_cache()
-    main(**arguments | {"crop": tuple(arguments["crop"])})
+    main(**arguments)

@@ -9,7 +9,7 @@ from flax import nnx
 from jaxsim.prepare.depth.penet import CONVERTERS, from_published, published_shapes, to_published
 from jaxsim.prepare.depth.penet.cspn import Guide, from_neighbours, propagate, step
 from jaxsim.prepare.depth.penet.geometry import coordinates, nearest_of_four, twice
-from jaxsim.prepare.depth.penet.layers import TransposedConv
+from jaxsim.prepare.depth.penet.layers import MOST_SCALE, MOST_SHIFT, BatchNorm, TransposedConv
 from jaxsim.prepare.depth.penet.published import abstract, create, definition
 
 UNREAD = ("encoder3", "encoder5", "encoder7")
@@ -172,6 +172,29 @@ def test_a_transposed_convolution_spreads_every_cell_over_its_taps(size, stride)
     half = size // 2
     expected = full[half : half + 4 * stride, half : half + 5 * stride]
     np.testing.assert_allclose(np.asarray(layer(x))[0], expected, atol=1e-5)
+
+
+def test_renormalised_batches_give_what_the_stored_statistics_give_and_move_them():
+    rng = np.random.default_rng(0)
+    x = jnp.asarray(rng.normal([3.0, -1.0], [2.0, 0.5], (2, 8, 8, 2)), jnp.float32)
+    norm = BatchNorm(2)
+    norm.running_mean[...], norm.running_var[...] = jnp.array([2.0, -1.5]), jnp.array([3.0, 0.5])
+    norm.weight[...], norm.bias[...] = jnp.array([2.0, 0.5]), jnp.array([10.0, 1.0])
+    stored = np.asarray(norm(x, train=False))
+    np.testing.assert_allclose(np.asarray(norm(x, train="renorm")), stored, rtol=1e-4, atol=1e-4)
+    assert 2 < norm.running_mean[...][0] < 2.1
+    # A batch's own statistics take away how far its values are; these do not.
+    far = np.asarray(norm(x + 4, train="renorm")) - np.asarray(norm(x, train="renorm"))
+    assert far[..., 0].mean() > 3
+    assert abs(np.asarray(norm(x + 4, train=True) - norm(x, train=True))).max() < 1e-4
+
+
+def test_a_batch_far_from_the_stored_statistics_is_held():
+    norm = BatchNorm(1)
+    x = jnp.asarray(np.random.default_rng(0).normal(500.0, 100.0, (1, 8, 8, 1)), jnp.float32)
+    out = np.asarray(norm(x, train="renorm"))
+    assert out.mean() == pytest.approx(MOST_SHIFT, abs=1e-3)
+    assert out.std() == pytest.approx(MOST_SCALE, abs=1e-3)
 
 
 def test_weights_go_to_the_published_form_and_back():

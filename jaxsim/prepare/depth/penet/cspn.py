@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
-from jaxsim.prepare.depth.penet.layers import ConvBn
+from jaxsim.prepare.depth.penet.layers import ConvBn, Mode
 
 Array = Any
 KERNELS = (3, 5, 7)
@@ -28,7 +28,7 @@ class Guide(nnx.Module):
     def __init__(self, channels: int, k: int, *, rngs: nnx.Rngs):
         self.generate = ConvBn(channels, k * k - 1, rngs=rngs)
 
-    def __call__(self, features: Float[Array, "b h w c"], *, train: bool) -> Float[Array, "b h w kk"]:
+    def __call__(self, features: Float[Array, "b h w c"], *, train: Mode) -> Float[Array, "b h w kk"]:
         guide = self.generate(features, train=train)
         guide = guide / jnp.abs(guide).sum(-1, keepdims=True)
         first, second = jnp.split(guide, 2, -1)

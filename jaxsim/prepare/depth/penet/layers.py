@@ -6,7 +6,7 @@ convolutions of the spread-out input. `published.create` draws the values that a
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,12 @@ from jaxtyping import Float
 Array = Any
 Raster = Float[Array, "b _h _w _c"]
 
+Mode = bool | Literal["renorm"]
+"""Of batch norms: by the stored statistics (False), by the batch's (True), or both (`BatchNorm`)."""
+
 EPS, MOMENTUM = 1e-5, 0.1
+SLOW, MOST_SCALE, MOST_SHIFT = 0.02, 3.0, 5.0
+"""Of `renorm`: how fast the stored statistics follow, and how far the batch's may lie from them."""
 
 
 class Conv(nnx.Module):
@@ -76,23 +81,33 @@ def _convolve(x: Array, kernel: Array, stride: Any, padding: Any) -> Array:
 
 
 class BatchNorm(nnx.Module):
-    """Channels at mean 0 and variance 1, of the batch in training and of the stored statistics else."""
+    """Channels at mean 0 and variance 1, of the batch in training and of the stored statistics else.
+
+    A batch of a few small crops shows one depth or another, and its own statistics take away which. `renorm` gives in
+    training what the stored statistics give, with the gradient of the batch's (Ioffe, Batch Renormalization, 2017).
+    """
 
     def __init__(self, channels: int):
         self.weight, self.bias = nnx.Param(jnp.ones(channels)), nnx.Param(jnp.zeros(channels))
         self.running_mean, self.running_var = nnx.BatchStat(jnp.zeros(channels)), nnx.BatchStat(jnp.ones(channels))
 
-    def __call__(self, x: Raster, *, train: bool) -> Raster:
+    def __call__(self, x: Raster, *, train: Mode) -> Raster:
+        mean, variance = self.running_mean[...], self.running_var[...]
+        scale, shift = jnp.ones_like(mean), jnp.zeros_like(mean)
         if train:
+            stored_mean, stored = mean, jnp.sqrt(variance + EPS)
             number = x.size // x.shape[-1]
             mean = x.mean((0, 1, 2))
             variance = ((x - mean[None, None, None]) ** 2).mean((0, 1, 2))
+            if train == "renorm":
+                wider = jnp.clip(jnp.sqrt(variance + EPS) / stored, 1 / MOST_SCALE, MOST_SCALE)
+                higher = jnp.clip((mean - stored_mean) / stored, -MOST_SHIFT, MOST_SHIFT)
+                scale, shift = jax.lax.stop_gradient(wider), jax.lax.stop_gradient(higher)
+            share = SLOW if train == "renorm" else MOMENTUM
             for kept, new in ((self.running_mean, mean), (self.running_var, variance * (number / max(number - 1, 1)))):
-                kept[...] = (1 - MOMENTUM) * kept[...] + MOMENTUM * jax.lax.stop_gradient(new)
-        else:
-            mean, variance = self.running_mean[...], self.running_var[...]
-        rate = self.weight[...] * jax.lax.rsqrt(variance + EPS)
-        return x * rate[None, None, None] + (self.bias[...] - mean * rate)[None, None, None]
+                kept[...] = (1 - share) * kept[...] + share * jax.lax.stop_gradient(new)
+        rate = self.weight[...] * scale * jax.lax.rsqrt(variance + EPS)
+        return x * rate[None, None, None] + (self.bias[...] + self.weight[...] * shift - mean * rate)[None, None, None]
 
 
 class ConvBn(nnx.Module):
@@ -104,7 +119,7 @@ class ConvBn(nnx.Module):
         self.conv = Conv(inputs, outputs, size, stride=stride, rngs=rngs)
         self.norm, self.relu = BatchNorm(outputs), relu
 
-    def __call__(self, x: Raster, *, train: bool) -> Raster:
+    def __call__(self, x: Raster, *, train: Mode) -> Raster:
         x = self.norm(self.conv(x), train=train)
         return jax.nn.relu(x) if self.relu else x
 
@@ -116,7 +131,7 @@ class Deconv(nnx.Module):
         self.deconv = TransposedConv(inputs, outputs, size, stride=stride, rngs=rngs)
         self.norm = BatchNorm(outputs)
 
-    def __call__(self, x: Raster, *, train: bool) -> Raster:
+    def __call__(self, x: Raster, *, train: Mode) -> Raster:
         return jax.nn.relu(self.norm(self.deconv(x), train=train))
 
 
@@ -132,7 +147,7 @@ class GeoBlock(nnx.Module):
         changes = stride != 1 or inputs != outputs
         self.downsample = ConvBn(inputs + self.GEO, outputs, 1, stride=stride, rngs=rngs) if changes else None
 
-    def __call__(self, x: Raster, before: Raster, after: Raster, *, train: bool) -> Raster:
+    def __call__(self, x: Raster, before: Raster, after: Raster, *, train: Mode) -> Raster:
         """`before` and `after` are the coordinates at the input's and at the output's scale."""
         placed = jnp.concatenate([x, before], -1)
         y = jax.nn.relu(self.bn1(self.conv1(placed), train=train))

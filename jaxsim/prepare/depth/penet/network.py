@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.prepare.depth.penet.cspn import KERNELS, Guide, from_neighbours, propagate
 from jaxsim.prepare.depth.penet.geometry import Convention, coordinates, nearest_of_four, twice
-from jaxsim.prepare.depth.penet.layers import ConvBn, Deconv, GeoBlock
+from jaxsim.prepare.depth.penet.layers import ConvBn, Deconv, GeoBlock, Mode
 
 Array = Any
 STAGES = 5
@@ -58,7 +58,7 @@ class ENet(nnx.Module):
         self.decoder_layer6 = ConvBn(width, 2, relu=True, rngs=rngs)
 
     def __call__(
-        self, rgb: Float[Array, "b h w 3"], sparse: Float[Array, "b h w"], geo: list[Array], *, train: bool
+        self, rgb: Float[Array, "b h w 3"], sparse: Float[Array, "b h w"], geo: list[Array], *, train: Mode
     ) -> Backbone:
         sparse = sparse[..., None]
 
@@ -110,7 +110,7 @@ class PENet(nnx.Module):
         valid: Bool[Array, "b h w"],
         intrinsics: Float[Array, "b 3 3"],
         *,
-        train: bool,
+        train: Mode,
     ) -> Backbone:
         """Both branches alone. rgb 0..255, sparse depth in metres where `valid`."""
         rows, columns = sparse.shape[1:]
@@ -123,7 +123,7 @@ class PENet(nnx.Module):
         return self.backbone(rgb, jnp.where(valid, sparse, 0.0), geo, train=train)
 
     def refine(
-        self, seen: Backbone, sparse: Float[Array, "b h w"], valid: Bool[Array, "b h w"], *, train: bool
+        self, seen: Backbone, sparse: Float[Array, "b h w"], valid: Bool[Array, "b h w"], *, train: Mode
     ) -> Float[Array, "b h w"]:
         """Six propagations at dilation 2 with guides of half size, then six at full size."""
         half, half_valid = nearest_of_four(sparse, valid)
@@ -154,7 +154,7 @@ class PENet(nnx.Module):
         valid: Bool[Array, "b h w"],
         intrinsics: Float[Array, "b 3 3"],
         *,
-        train: bool = False,
+        train: Mode = False,
     ) -> Float[Array, "b h w"]:
         """Dense depth in metres."""
         return self.refine(self.coarse(rgb, sparse, valid, intrinsics, train=train), sparse, valid, train=train)

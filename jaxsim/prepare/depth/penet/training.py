@@ -23,10 +23,12 @@ from jaxtyping import Float
 
 from jaxsim.config import DataConfig, RunConfig
 from jaxsim.frame import DepthFrame
+from jaxsim.prepare.depth.penet.layers import Mode
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
 Array = Any
 Part = Literal["branches", "refinement", "joint"]
+Norms = Literal["batch", "renorm", "stored"]
 STORED = ("running_mean", "running_var")
 
 
@@ -42,6 +44,9 @@ class Stage:
     """Rows and columns of the random crop; multiples of 32."""
     falls: tuple[tuple[int, float], ...]
     """From which epoch on the rate is which share of the first one."""
+    norms: Norms = "batch"
+    """What batch norms divide by: the batch's statistics, as published, where batches are large; `renorm` where they
+    are a few small crops (`layers.BatchNorm`); `stored` as they are, when what is left to learn is fine."""
 
 
 BRANCH_FALLS = ((10, 0.5), (15, 0.1), (25, 0.01))
@@ -67,8 +72,9 @@ class PenetConfig:
     """Squared error, as published, or Huber's with 1 m: squared below, linear beyond. In a short training far edges,
     tens of metres off, rule the squared error, and what is near is learned last."""
     start_m: float = 0.0
-    """Both branches begin with depths around this. The published ones begin below 1 m, from where a rate of 1e-3 takes
-    thousands of updates to a street's depths: too many for a small training."""
+    """Both branches begin with depths of this mean and standard deviation. The published ones begin at 0 and 1 m, from
+    where a rate of 1e-3 takes thousands of updates to a street's depths: too many for a small training. Where it began
+    with too small a deviation, a small training knew what is far and took all of it for 20 to 30 m."""
     weight_decay: float = 1e-6
     betas: tuple[float, float] = (0.9, 0.99)
     flip: bool = True
@@ -114,7 +120,7 @@ def create_state(config: PenetConfig, seed: int) -> PenetState:
     if config.start_m:
         for name in ("rgb_decoder_output", "decoder_layer6"):
             norm = values["backbone"][name]["norm"]
-            norm["bias"][0], norm["weight"][0] = config.start_m, 0.5 * config.start_m
+            norm["bias"][0], norm["weight"][0] = config.start_m, config.start_m
     values = jax.tree.map(jnp.asarray, values)
     return PenetState(jnp.zeros((), jnp.int32), values, optimiser(config).init(values))
 
@@ -142,23 +148,31 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "hub
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
-@partial(jax.jit, static_argnames=("config", "part"), donate_argnames="state")
+@partial(jax.jit, static_argnames=("config", "part", "norms"), donate_argnames="state")
 def train_step(
-    state: PenetState, batch: DepthFrame, lr: Array, weight: Array, *, config: PenetConfig, part: Part
+    state: PenetState,
+    batch: DepthFrame,
+    lr: Array,
+    weight: Array,
+    *,
+    config: PenetConfig,
+    part: Part,
+    norms: Norms = "batch",
 ) -> tuple[PenetState, dict[str, Array]]:
     """One update at this rate; `weight` is that of each branch's own loss (in `branches` alone)."""
     frozen = definition(config.width, "exact")
+    train: Mode = {"batch": True, "renorm": "renorm", "stored": False}[norms]
 
     def loss_of(values: Values) -> tuple[Array, tuple[Values, Array]]:
         network = nnx.merge(frozen, values)
         rgb = batch.rgb.astype(jnp.float32)
-        seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=True)
+        seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=train)
         off = partial(masked_error, batch=batch, loss=config.loss)
         if part == "branches":
             guess = seen.fused
             loss = (1 - 2 * weight) * off(guess) + weight * (off(seen.colour) + off(seen.depth))
         else:
-            guess = network.refine(seen, batch.sparse_m, batch.given, train=True)
+            guess = network.refine(seen, batch.sparse_m, batch.given, train=train)
             loss = off(guess)
         return loss, (nnx.to_pure_dict(nnx.state(network)), masked_error(guess, batch))
 
