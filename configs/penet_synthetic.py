@@ -3,8 +3,8 @@
     python train.py penet_synthetic
 
 80 frames of as many streets, 8.4 million parameters, 1200 updates of the branches, 160 of the refinement, 160 of all:
-about 0.45 s of processor time an update of the branches. Not run to its end yet: see docs/depth-completion.md for the
-first updates' scores, which are behind IP-Basic's.
+24 minutes of processor time. On ten frames of other streets: RMSE 2927 mm, MAE 987 mm, iRMSE 22.7 /km, iMAE 11.1 /km;
+beside IP-Basic in docs/depth-completion.md.
 """
 
 from jaxsim.config import DataConfig, RunConfig
