@@ -5,8 +5,8 @@
 *Real* is the true sensor in a town; *synthetic* is an ideal renderer in a suburb, where less parks and more drives. The
 sensor learns from 240 streets, a detector of each kind of cloud from 160 frames, and all are scored on 80 frames of
 other streets. The first seed took 86 minutes on two cores that other work shared, a further one 69. Moderate 3D AP of
-cars on real clouds, three seeds: 38.8 after simulated intensity, 24.7 without intensity, 30.2 after real clouds; none is
-trained out (docs/real2sim2real.md).
+cars on real clouds, three seeds: 38.8 after simulated intensity, 24.7 without intensity, 30.2 after real clouds; none
+is trained out (docs/real2sim2real.md).
 """
 
 from dataclasses import replace
