@@ -47,6 +47,7 @@ from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, to_published
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.report import save_picture, strip
 from jaxsim.report.frames import intensity_panel
+from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate import make_predict, prepared
 from jaxsim.simulate.paired import measured_in
 from jaxsim.simulate.prepared import cache_folder
@@ -215,19 +216,19 @@ def main(
 
 def table(results: dict[str, dict]) -> str:
     """Means over the seeds."""
-    lines = ["| target | target: PSNR | network to truth: PSNR | MAE | to measurement: PSNR | MAE | drop IoU |"]
-    lines.append("|---|---|---|---|---|---|---|")
+    heads = ["target", "target: PSNR", "network to truth: PSNR", "MAE", "to measurement: PSNR", "MAE", "drop IoU"]
+    columns = (
+        ("truth", "psnr", ".2f", " dB"), ("truth", "mae", ".4f", ""), ("measured", "psnr", ".2f", " dB"),
+        ("measured", "mae", ".4f", ""), ("measured", "drop_iou", ".3f", ""),
+    )  # fmt: skip
+    rows = []
     for name, row in results.items():
-        if not row["runs"]:
-            lines.append(f"| {name} | {row['target_psnr_db']:.2f} dB | | | | | |")
-            continue
-        mean = lambda to, key: np.mean([run[to][key] for run in row["runs"]])  # noqa: E731, B023
-        lines.append(
-            f"| {name} | {row['target_psnr_db']:.2f} dB | {mean('truth', 'psnr'):.2f} dB | {mean('truth', 'mae'):.4f} "
-            f"| {mean('measured', 'psnr'):.2f} dB | {mean('measured', 'mae'):.4f} "
-            f"| {mean('measured', 'drop_iou'):.3f} |"
-        )
-    return "\n".join(lines)
+        cells = [
+            f"{np.mean([run[to][key] for run in row['runs']]):{form}}{unit}" if row["runs"] else ""
+            for to, key, form, unit in columns
+        ]
+        rows.append([name, f"{row['target_psnr_db']:.2f} dB", *cells])
+    return markdown_table(heads, rows)
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ from jaxsim.metrics import paired_scores, paired_sums
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.report import save_picture, strip
 from jaxsim.report.frames import intensity_panel
+from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate import prepared
 
 NEAR = 0.02
@@ -97,17 +98,14 @@ def main(
 
 
 def table(results: dict[str, dict]) -> str:
-    lines = [
-        "| depth | painted | within 2 % | own depth: MAE | PSNR | renderer's: MAE | PSNR |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    heads = ["depth", "painted", "within 2 %", "own depth: MAE", "PSNR", "renderer's: MAE", "PSNR"]
+    rows = []
     for name, row in results.items():
-        own, given = row["own"], row["given"]
-        lines.append(
-            f"| `{name}` | {row['painted']:.3f} | {row['near']:.3f} | {own['mae']:.4f} | {own['psnr']:.2f} dB "
-            f"| {given['mae']:.4f} | {given['psnr']:.2f} dB |"
-        )
-    return "\n".join(lines)
+        cells = [f"`{name}`", f"{row['painted']:.3f}", f"{row['near']:.3f}"]
+        for part in ("own", "given"):
+            cells += [f"{row[part]['mae']:.4f}", f"{row[part]['psnr']:.2f} dB"]
+        rows.append(cells)
+    return markdown_table(heads, rows)
 
 
 if __name__ == "__main__":

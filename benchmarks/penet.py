@@ -3,8 +3,7 @@
     python benchmarks/penet.py [--width 8] [--crop 96 320] [--batch 2] [--rounds 5]
         [--parts branches refinement joint]
 
-`spread` is XLA's convolution
-of an input with zeros in between, as the layer could also be written.
+`spread` is XLA's convolution of an input with zeros in between, as the layer could also be written.
 """
 
 from __future__ import annotations

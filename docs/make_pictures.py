@@ -70,10 +70,10 @@ def ablation() -> None:
 
 
 def real2sim2real() -> None:
-    """What detectors find, and intensities (after `jaxsim real2sim2real`)."""
+    """What detectors find, AP by checkpoint, and intensities (after `jaxsim real2sim2real`)."""
     pictures = Path("runs/real2sim2real/pictures")
-    for name, file, width in (("found", "found.jpg", 1400), ("intensity", "intensity.png", 1240)):
-        picture = cv2.imread(str(pictures / f"{name}.png"))[..., ::-1]
+    for file, width in (("found.jpg", 1400), ("epochs.png", 1420), ("intensity.png", 1240)):
+        picture = cv2.imread(str(pictures / f"{Path(file).stem}.png"))[..., ::-1]
         save_picture(PICTURES / f"real2sim2real_{file}", shrunk(picture, width))
 
 

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.report import detection_picture, detection_table, save_picture, write_detection
+from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate import (
     Checkpoints,
     DetectorRun,
@@ -56,9 +57,10 @@ def judge_run(
     print(f"{len(found_in)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")
     means = mean_curves(per_step)
     print(f"mean (and standard deviation) of the last {len(steps)} checkpoints, AP R40\n")
-    print("| overlap set, metric | easy | moderate | hard |\n|---|---|---|---|")
+    rows = []
     for overlap, metric in (("0.7", "3d"), ("0.7", "bev"), ("0.5", "3d"), ("0.5", "bev"), ("0.7", "bbox")):
         cells = [means.get((metric, overlap, level), (float("nan"),) * 2) for level in ("easy", "moderate", "hard")]
         words = ["-" if isnan(mean) else f"{mean:.2f} ({spread:.2f})" for mean, spread in cells]
-        print(f"| {overlap} {metric} | {' | '.join(words)} |")
+        rows.append([f"{overlap} {metric}", *words])
+    print(markdown_table(["overlap set, metric", "easy", "moderate", "hard"], rows))
     print(f"\nscores, curves and pictures: {out}")

@@ -11,6 +11,7 @@ from typing import Any
 from jaxsim.atomic import replacing
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
+from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
 
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
@@ -26,15 +27,12 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
         columns = [column for column in COLUMNS if any((name, *column) in known for name in DIFFICULTIES)]
         some = next(iter(DIFFICULTIES))
         head = [f"{_NAMES[metric]}@{known[some, metric, which].min_overlap:g}" for metric, which in columns]
-        lines = [
-            f"| {kind}, AP {average[3:].upper()} | labels | detections | {' | '.join(head)} |",
-            f"|{'---|' * (len(head) + 3)}",
-        ]
+        rows = []
         for name in DIFFICULTIES:
             row = [known[name, *column] for column in columns]
-            values = " | ".join(_percent(getattr(curve, average)) for curve in row)
-            lines.append(f"| {name} | {row[0].truths} | {row[0].detections} | {values} |")
-        blocks.append("\n".join(lines))
+            counts = f"{row[0].truths}", f"{row[0].detections}"
+            rows.append([name, *counts, *(_percent(getattr(curve, average)) for curve in row)])
+        blocks.append(markdown_table([f"{kind}, AP {average[3:].upper()}", "labels", "detections", *head], rows))
     return "\n\n".join(blocks)
 
 

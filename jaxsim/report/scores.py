@@ -8,6 +8,7 @@ from typing import Any
 
 from jaxsim.atomic import replacing
 from jaxsim.metrics import Score
+from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate import DetectorRun, Run
 
 Scores = dict[str, dict[str, Score]]
@@ -18,11 +19,11 @@ def score_table(scores: Scores) -> str:
     """A Markdown table: one row a predictor, one column a score."""
     first = next(iter(scores.values()))
     head = [name if score.unit == "1" else f"{name} ({score.unit})" for name, score in first.items()]
-    lines = [f"| predictor | {' | '.join(head)} | cells |", f"|{'---|' * (len(head) + 2)}"]
-    for predictor, row in scores.items():
-        values = " | ".join(f"{s.value:.2f}" if s.unit == "dB" else f"{s.value:.4f}" for s in row.values())
-        lines.append(f"| {predictor} | {values} | {row['mae'].count} |")
-    return "\n".join(lines)
+    rows = [
+        [who, *(f"{s.value:.2f}" if s.unit == "dB" else f"{s.value:.4f}" for s in row.values()), f"{row['mae'].count}"]
+        for who, row in scores.items()
+    ]
+    return markdown_table(["predictor", *head, "cells"], rows)
 
 
 def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
@@ -39,9 +40,8 @@ def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
 
 def list_scores(scores: dict[str, Score]) -> str:
     """A Markdown table: one row a score."""
-    lines = ["| score | value | unit | frames or rays |", "|---|---|---|---|"]
-    lines += [f"| {name} | {s.value:.4g} | {s.unit} | {s.count} |" for name, s in scores.items()]
-    return "\n".join(lines)
+    rows = [[name, f"{s.value:.4g}", s.unit, f"{s.count}"] for name, s in scores.items()]
+    return markdown_table(["score", "value", "unit", "frames or rays"], rows)
 
 
 def write_list(folder: Path, name: str, scores: dict[str, Score], *, about: dict[str, Any]) -> None:
