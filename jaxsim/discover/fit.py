@@ -93,6 +93,14 @@ def _seen(effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan) -> tuple[
 _forward = partial(jax.jit, static_argnames="effect")(_seen)
 
 
+def rays_for(effect: Effect, ev: Evidence) -> Rays:
+    """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
+    intensity that was reported: the predicted one is off by more than the effect's law is wide."""
+    if "intensity" in effect.channels or "intensity" not in effect.covariates:
+        return ev.rays
+    return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
+
+
 @partial(jax.jit, static_argnames="effect")
 def _backward(
     effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan, slopes: dict[str, Array]
@@ -106,6 +114,7 @@ class Objective:
 
     def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], noise: Noise | None = None):
         self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
+        self.rays = rays_for(effect, problem.ev)
         self.fitted = jnp.asarray(fitted, jnp.float32)
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
         level = noise or problem.noise
@@ -126,7 +135,7 @@ class Objective:
 
     def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
         z, level = self.unravel(jnp.asarray(x, jnp.float32))
-        seen, taken = _forward(self.effect, z, self.problem.ev.rays, self.problem.scan)
+        seen, taken = _forward(self.effect, z, self.rays, self.problem.scan)
         return z, level, self.blocks_of(seen, taken, level, counted)
 
     def blocks_of(
@@ -141,7 +150,7 @@ class Objective:
     def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
         """Value and slope without the priors."""
         z, _, (value, _, by_seen, by_noise) = self.blocks(x, counted)
-        by_z = _backward(self.effect, z, self.problem.ev.rays, self.problem.scan, by_seen) if self.own else z
+        by_z = _backward(self.effect, z, self.rays, self.problem.scan, by_seen) if self.own else z
         return float(value), np.asarray(ravel_pytree((by_z, by_noise))[0], np.float64)
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -196,7 +205,7 @@ def partway(
     """
     objective = Objective(effect, problem, fitted)
     null, _ = objective.unravel(jnp.asarray(objective.start({}), jnp.float32))
-    rays, scan = problem.ev.rays, problem.scan
+    rays, scan = objective.rays, problem.scan
     before, after = (
         (*_forward(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))
     )

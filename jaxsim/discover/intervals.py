@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.stats import t as student
 
 from jaxsim.discover.fit import NOISE_SD, Fit, Objective, Problem, fit, fitted_parameters, to_values
-from jaxsim.discover.nuisance import reflectance
+from jaxsim.discover.power import as_implied
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 
@@ -29,8 +29,6 @@ WIDER = 1.4
 """Half widths are multiplied by this: the laws of a real sensor are not quite those of the catalogue. Set on
 development cases of tests/hidden, whose laws differ from the catalogue's too."""
 BOUND = 1e-6
-FEW = 5.0
-"""Compared rays up to which a surface is thought to be like its class, and a class like all."""
 
 
 def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
@@ -91,25 +89,6 @@ def follows_power(effect: Effect) -> bool:
 def fit_to_implied(effect: Effect, problem: Problem, found: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     ev, everyone = problem.ev, np.ones(len(problem.ev.unit), np.float32)
-    level = jnp.asarray(implied_level(problem), jnp.float32)
-    rays = replace(ev.rays, log_power=ev.rays.log_power + level, log_intensity=ev.rays.log_intensity + level)
     start = {name: np.asarray(value) for name, value in to_values(effect, found.z).items()}
-    return fit(effect, replace(problem, ev=replace(ev, rays=rays)), everyone, starts=(start,), steps=80)
-
-
-def implied_level(problem: Problem) -> np.ndarray:
-    """Nats by which each ray's surface is brighter than simulated, (b, c, r): of its compared rays, its class's where
-    it has few, all rays' where the class has few. 0 where nothing is hit."""
-    ev, everyone = problem.ev, jnp.ones(len(problem.ev.unit), jnp.float32)
-    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    explained = np.asarray(reflectance(ev, problem.weights, everyone, off)[0], float)
-    hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
-    level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
-    for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
-        _, of = np.unique(group, return_inverse=True)
-        of = of.reshape(-1)
-        own, count = (np.bincount(of, w.reshape(-1)) for w in (np.where(compared, explained, 0), compared))
-        beyond = np.bincount(of, np.where(compared, level, 0).reshape(-1)) / np.maximum(count, 1)
-        # FEW rays' worth of what is known already holds a group of few rays there.
-        level = level + ((own - count * beyond) / (count + FEW))[of].reshape(hit.shape)
-    return np.where(hit, level, 0)
+    implied = replace(problem, ev=as_implied(ev, problem.noise, problem.weights))
+    return fit(effect, implied, everyone, starts=(start,), steps=80)

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import NOTHING, Fit, Problem, fit
 from jaxsim.discover.nuisance import START, Weights, pose_shift, reflectance, weights
+from jaxsim.discover.power import implied_level, with_spread
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
@@ -53,4 +54,5 @@ def fit_null(
     w = weights(ev, noise, *off)
     problem = Problem(scan, ev, w, noise, clutter)
     found = fit(NOTHING, problem, fitted, steps=100, enough=1e-3)
-    return replace(problem, noise=found.noise, loss=found.loss), found
+    ev = with_spread(ev, found.noise, implied_level(ev, w))
+    return replace(problem, ev=ev, noise=found.noise, loss=found.loss), found

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.likelihood import CHANNELS, return_terms
+from jaxsim.discover.likelihood import CHANNELS, NORMAL, return_terms
 from jaxsim.discover.nuisance import intensity_variance, range_variance
 from jaxsim.discover.null import left_over
 from jaxsim.frame import Array
@@ -31,7 +31,7 @@ def _raw(
     smooth = ev.rays.hit & ev.returned & ~ev.edge
     return {
         "intensity": (off_i, jnp.sqrt(intensity_variance(ev, noise)), ev.compared),
-        "range": (off_r, jnp.sqrt(range_variance(ev, noise) + ev.rays.noise_m**2), smooth),
+        "range": (off_r, jnp.sqrt(range_variance(ev, noise) + (NORMAL * ev.rays.noise_m) ** 2), smooth),
         "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
     }
 

@@ -92,6 +92,8 @@ class Rays:
     log_intensity: Float[Array, "*n"]
     log_power: Float[Array, "*n"]
     """Received; at REFERENCE_M it equals the reported intensity."""
+    log_power_sd: Float[Array, "*n"]
+    """By which the received power may be another, nats: 0 in a simulation, whose power is the power."""
     log_keep: Float[Array, "*n"]
     """Of the probability that the surface's echo is reported, 0 = certain."""
     column_loss: Float[Array, "*n"]
@@ -173,6 +175,7 @@ def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: 
         met_log_intensity=log_intensity,
         log_intensity=log_intensity,
         log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, 0.1) / REFERENCE_M),
+        log_power_sd=zero,
         log_keep=zero,
         column_loss=zero,
         reading_m=r,

@@ -5,14 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays, Scan
 
+LOGISTIC_SD = 1.702
+"""Of the normal distribution nearest to a logistic of scale 1."""
+
 
 def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
-    """Keeps an echo with a logistic probability in the log of its power."""
-    keep = jax.nn.log_sigmoid((rays.log_power - p["threshold"]) / p["width"])
+    """Keeps an echo with a logistic probability in the log of its power; of a power that is uncertain, the mean."""
+    width = jnp.sqrt(jnp.square(p["width"]) + jnp.square(rays.log_power_sd / LOGISTIC_SD))
+    keep = jax.nn.log_sigmoid((rays.log_power - p["threshold"]) / width)
     return replace(rays, log_keep=rays.log_keep + keep)
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from jaxsim.discover.evidence import Measured, gather
 from jaxsim.discover.fit import fit
-from jaxsim.discover.intervals import WIDER, implied_level, intervals
+from jaxsim.discover.intervals import WIDER, intervals
 from jaxsim.discover.nuisance import MOST
 from jaxsim.discover.null import fit_null
+from jaxsim.discover.power import implied_level
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.conftest import device, toy
@@ -73,7 +74,7 @@ def test_a_surface_is_as_bright_as_its_rays_say_also_where_rays_are_lost():
     lost = np.random.default_rng(12).random(road.shape) < 0.5
     valid = measured.valid & ~lost
     problem, _ = fitted("random_dropout", scan, Measured(measured.range_m, light.astype(np.float32), valid))
-    level, hit = implied_level(problem), np.asarray(problem.ev.rays.hit)
+    level, hit = implied_level(problem.ev, problem.weights), np.asarray(problem.ev.rays.hit)
     kind = np.asarray(problem.ev.rays.semantic)
     gone = hit & ~np.asarray(problem.ev.returned)
     assert np.mean(level[gone & (kind == 7)]) == pytest.approx(-0.3, abs=0.05)
