@@ -239,10 +239,15 @@ def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return flat[0], flat[1], flat[2]
 
 
-def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray]) -> Problem:
-    """The problem with an effect in place."""
-    rays = _place(effect, z, problem.ev.rays, problem.scan)
-    return replace(problem, ev=replace(problem.ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)
+def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
+    """The problem with an effect in place: as it was fitted (`rays_for`), or as a simulation has it, which knows no
+    reported intensities."""
+    ev = problem.ev
+    given = ev.rays if simulated else rays_for(effect, ev)
+    rays = _place(effect, z, given, problem.scan)
+    if given is not ev.rays:
+        rays = replace(rays, log_intensity=ev.rays.log_intensity)
+    return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)
 
 
 @partial(jax.jit, static_argnames="effect")

@@ -247,7 +247,7 @@ def _show(
     def problem_of(effects: Sequence[tuple[Effect, Any]], noise: Any) -> Problem:
         problem = Problem(scan, ev, null.weights, noise, null.clutter)
         for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
-            problem = on_top(effect, problem, z)
+            problem = on_top(effect, problem, z, simulated=True)
         raw = weights(problem.ev, noise, *first_residuals(problem.ev))
         off = left_over(problem.ev, raw, jnp.asarray(fitted))
         return replace(problem, weights=weights(problem.ev, noise, *off))
