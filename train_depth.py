@@ -19,6 +19,7 @@ from tqdm import tqdm
 from jaxsim.atomic import replacing
 from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
+from jaxsim.data.pair_settings import differences
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import depth_errors, depth_scores
 from jaxsim.prepare.depth.frames import depth_frame, where_backed
@@ -38,6 +39,7 @@ from jaxsim.prepare.depth.penet.training import (
 from jaxsim.report import depth_picture, save_picture
 from jaxsim.simulate import Checkpoints, Scribe
 from jaxsim.simulate.lock import hold
+from jaxsim.simulate.run import FREE
 
 SETTINGS = TypeAdapter(DepthExperiment)
 SHOWN = 4
@@ -73,11 +75,17 @@ def frames_of(experiment: DepthExperiment) -> tuple[Frames, Frames]:
 def start(folder: Path, experiment: DepthExperiment) -> None:
     """Makes the run's folder, or checks that it holds this very run. Raises ValueError where it holds another."""
     hold(folder)
-    path, now = folder / "config.json", SETTINGS.dump_json(experiment, indent=2)
-    if path.is_file() and path.read_bytes() != now:
-        raise ValueError(f"run: {folder} holds a run with other settings; give this one another --run.name")
+    path = folder / "config.json"
+    if path.is_file():
+        was, now = (
+            SETTINGS.dump_python(e, mode="json") for e in (SETTINGS.validate_json(path.read_bytes()), experiment)
+        )
+        if other := [line for line in differences(was, now) if line.split()[0][2:] not in FREE]:
+            raise ValueError(
+                f"run: {folder} holds a run with other settings ({'; '.join(other)}); give this one another --run.name"
+            )
     with replacing(path) as temporary:
-        temporary.write_bytes(now)
+        temporary.write_bytes(SETTINGS.dump_json(experiment, indent=2))
 
 
 def main(experiment: DepthExperiment, description: str) -> None:

@@ -68,11 +68,16 @@ Experiments (configs/):
     return parsed, docstring
 
 
-def read_experiment(path: Path) -> Experiment | DetectorExperiment:
+def read_experiment(path: Path) -> Any:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
+    from jaxsim.prepare.depth.penet.training import DepthExperiment
+
     try:
-        content = json.loads(path.read_text())["experiment"]
-        kind = DetectorExperiment if "detector" in content else Experiment
+        content = json.loads(path.read_text())
+        # Depth completion's runs hold nothing beside it.
+        content = content if "penet" in content else content["experiment"]
+        kinds = {"detector": DetectorExperiment, "penet": DepthExperiment}
+        kind = next((kind for part, kind in kinds.items() if part in content), Experiment)
         return TypeAdapter(kind).validate_python(content)
     except FileNotFoundError:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None

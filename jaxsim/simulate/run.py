@@ -110,8 +110,15 @@ def start_run(folder: Path, run: Run | DetectorRun) -> None:
 
 def is_detector(folder: Path | str) -> bool:
     """Whether a folder holds a detector's run."""
-    path = Path(folder) / "config.json"
-    return path.is_file() and "detector" in json.loads(path.read_bytes()).get("experiment", {})
+    return (Path(folder) / "config.json").is_file() and _whose(folder) == "a detector"
+
+
+def _whose(folder: Path | str) -> str:
+    """What the run of a folder trains, in words."""
+    content = json.loads((Path(folder) / "config.json").read_bytes())
+    if "penet" in content:
+        return "a depth completion network"
+    return "a detector" if "detector" in content.get("experiment", {}) else "an intensity network"
 
 
 def load_run(folder: Path | str, kind: type[AnyRun] = Run) -> AnyRun:
@@ -124,10 +131,9 @@ def load_run(folder: Path | str, kind: type[AnyRun] = Run) -> AnyRun:
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
         hint = f"; there are runs at {', '.join(near)}" if near else "; `python train.py` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
-    if is_detector(folder) != (kind is DetectorRun):
-        words = "a detector", "an intensity network"
-        found, wanted = words if is_detector(folder) else words[::-1]
-        raise ValueError(f"run: {folder} is the run of {found}, not of {wanted}; name another")
+    wanted = "a detector" if kind is DetectorRun else "an intensity network"
+    if (found := _whose(folder)) != wanted:
+        raise ValueError(f"run: {folder} is the run of {found}, not of {wanted}; name another (its card.md has scores)")
     try:
         return RUNS[kind].validate_json(path.read_bytes())
     except ValidationError as error:

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from pydantic import TypeAdapter
 
 import configs
 from jaxsim.cli import main, read_experiment
@@ -97,6 +98,13 @@ def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop, monkeypa
     with pytest.raises(SystemExit, match="other settings"):
         main(["real2sim2real", "--out", str(loop.out), "--kinds", "raw_64", "--synthetic.seed", "5"])
     assert not (loop.out / "intensity").exists()
+
+
+def test_the_settings_of_a_depth_run_are_read_as_such(tmp_path):
+    experiment, _ = configs.load("penet_synthetic")
+    path = tmp_path / "config.json"
+    path.write_bytes(TypeAdapter(type(experiment)).dump_json(experiment))
+    assert read_experiment(path) == experiment
 
 
 def test_a_file_that_is_no_run_is_explained(tmp_path):
