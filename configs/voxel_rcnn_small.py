@@ -36,7 +36,16 @@ experiment = DetectorExperiment(
             widths=(8, 16, 32, 32), out=32, bev_layers=(2, 2), bev_widths=(32, 64), up_widths=(32, 32)
         ),
         anchors=AnchorConfig(),
-        roi=RoiConfig(grid=4, radii_m=(0.8, 1.2, 2.4), width=16, samples=8, layers=(64, 64), dropout=0.0, rois=48),
+        roi=RoiConfig(
+            grid=4,
+            radii_m=(0.8, 1.2, 2.4),
+            width=16,
+            samples=8,
+            layers=(64, 64),
+            score_deviation=0.1,
+            dropout=0.0,
+            rois=48,
+        ),
         train_proposals=ProposalConfig(before=512, overlap=0.8, after=96),
         proposals=ProposalConfig(before=512, overlap=0.7, after=48),
         final=ProposalConfig(before=128, overlap=0.1, after=48),

@@ -283,6 +283,9 @@ class RoiConfig:
     """Channels of the pooled features of each stride."""
     layers: tuple[int, ...] = (256, 256)
     """Widths of the shared layers, and of those of either branch."""
+    score_deviation: float = 0.01
+    """Of the first weights behind the score. With few features a small one is soon overrun: the first steps know
+    background alone, all weights turn negative, and every object ends with the same score."""
     dropout: float = 0.3
     rois: int = 128
     """Proposals of a training sample that are refined."""

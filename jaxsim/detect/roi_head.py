@@ -64,7 +64,7 @@ class VoxelRoiHead(nnx.Module):
         self.of_cls = FullyConnected(last, config.layers, config.dropout, rngs=rngs)
         self.of_box = FullyConnected(last, config.layers, config.dropout, rngs=rngs)
         self.cls, self.box = Linear(last, 1, rngs=rngs), Linear(last, BOX, rngs=rngs)
-        for layer, deviation in ((self.cls, 0.01), (self.box, 0.001)):
+        for layer, deviation in ((self.cls, config.score_deviation), (self.box, 0.001)):
             layer.kernel[...] = deviation * jax.random.normal(rngs.params(), layer.kernel[...].shape)
             layer.bias[...] = jnp.zeros_like(layer.bias[...])
 
