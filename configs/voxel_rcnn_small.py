@@ -3,7 +3,10 @@
     python train.py voxel_rcnn_small
     python eval.py runs/voxel_rcnn_small
 
-Cars up to 45 m ahead of the camera, 720 steps of two scenes. Its score and its minutes are not measured yet.
+Cars up to 45 m ahead of the camera, 720 steps of two scenes: 11 minutes on two cores that other work shared. On 20
+frames of other streets (61 moderate cars), AP R40 of moderate ones: 3D@0.7 71.7 at the end and 57.5 in the mean of the
+last five epochs, still rising; BEV@0.7 88.4 and 83.1; 3D@0.5 94.6 and 90.8. With the published first weights behind the
+score (`--detector.roi.score-deviation 0.01`) it is 43.1 and 26.6 in 3D@0.7: every car ends with the same score.
 """
 
 from jaxsim.config import (

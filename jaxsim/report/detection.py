@@ -10,6 +10,7 @@ from typing import Any
 
 from jaxsim.atomic import replacing
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
+from jaxsim.metrics.detection.rules import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
@@ -20,7 +21,8 @@ _PANEL = 190
 
 
 def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
-    """A Markdown table a class: one row a difficulty, the paper's columns; `average` is ap_r40 or ap_r11."""
+    """A Markdown table a class: one row a difficulty, the paper's columns; `average` is ap_r40 or ap_r11. Where labels
+    are too few for an AP of 100, a line below says what is the most."""
     blocks = []
     for kind in dict.fromkeys(curve.kind for curve in curves):
         known = {(c.difficulty, c.metric, c.overlap_set): c for c in curves if c.kind == kind}
@@ -33,6 +35,10 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
             counts = f"{row[0].truths}", f"{row[0].detections}"
             rows.append([name, *counts, *(_percent(getattr(curve, average)) for curve in row)])
         blocks.append(markdown_table([f"{kind}, AP {average[3:].upper()}", "labels", "detections", *head], rows))
+        counts = {name: known[name, *columns[0]].truths for name in DIFFICULTIES}
+        if few := [f"{name} {(n - 1) / 0.4:.1f}" for name, n in counts.items() if 0 < n < SLOTS]:
+            most = f"with fewer than {SLOTS}, R40 is at most {', '.join(few)}."
+            blocks.append(f"KITTI's rules fill a slot of recall a label: {most}")
     return "\n\n".join(blocks)
 
 
