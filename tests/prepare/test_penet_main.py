@@ -1,0 +1,63 @@
+"""`python train.py penet_...`: from frames to weights that preparation uses, and on after a stop."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import jax
+import numpy as np
+import pytest
+
+import train_depth
+from jaxsim.config import DataConfig, RunConfig
+from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
+
+CROP = (32, 64)
+# Both stages train the same part: one program to compile, and the step from stage to stage all the same.
+EXPERIMENT = DepthExperiment(
+    data=DataConfig(kind="synthetic", train="0-7:4", validation="1920-1920"),
+    image_crop=(64, 128),
+    penet=PenetConfig(width=2, stages=tuple(Stage(p, 2, 1, CROP, ()) for p in ("branches", "branches"))),
+    run=RunConfig(name="depth", log_every=1, save_every=3, picture_every=100),
+)
+
+
+@pytest.fixture(autouse=True)
+def standard_promotion():
+    """optax raises floats to integers, which strict promotion forbids."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+def lines(folder) -> list[dict]:
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path, monkeypatch):
+    whole, halved = (replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path, name=name)) for name in ("a", "b"))
+    train_depth.main(whole, "Whole.")
+    taken, step = [], train_depth.train_step
+
+    def interrupted(*arguments, **more):
+        if len(taken) == 5:
+            raise KeyboardInterrupt
+        taken.append(1)
+        return step(*arguments, **more)
+
+    monkeypatch.setattr(train_depth, "train_step", interrupted)
+    with pytest.raises(SystemExit, match="stopped after step 5"):
+        train_depth.main(halved, "Stopped.")
+    monkeypatch.setattr(train_depth, "train_step", step)
+    train_depth.main(halved, "Stopped.")
+    assert lines(tmp_path / "a") == lines(tmp_path / "b")
+    assert [line["step"] for line in lines(tmp_path / "a") if "rmse_m" in line] == list(range(1, 9))
+    one, other = (np.load(tmp_path / name / "weights.npz") for name in "ab")
+    arrays = [name for name in one.files if one[name].dtype == np.float32]
+    assert len(arrays) > 100
+    assert all((one[name] == other[name]).all() for name in arrays)
+    assert "- rmse: " in (tmp_path / "a" / "card.md").read_text()
+    assert cv2.imread(str(tmp_path / "a" / "figures" / "step_000008.png")) is not None
+
+    other = replace(whole, penet=replace(whole.penet, start_m=3.0))
+    with pytest.raises(ValueError, match=r"other settings \(--penet\.start_m was .*, now 3\.0\)"):
+        train_depth.main(other, "Other.")
