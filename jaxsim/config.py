@@ -313,6 +313,9 @@ class DetectorConfig:
     final: ProposalConfig = ProposalConfig(before=4096, overlap=0.1, after=500)
     score: float = 0.3
     """Detections below it are left out."""
+    intensity_m: float = 1.0
+    """What an intensity of 1 is to the first convolution, which also sums the points' x, y and z in metres. At the
+    published 1 it is next to nothing, and a short training never sees it."""
     cls_weight: float = 1.0
     loc_weight: float = 2.0
     dir_weight: float = 0.2

@@ -59,7 +59,8 @@ class VoxelRcnn(nnx.Module):
         cap = self.voxels.max_voxels_train if train else self.voxels.max_voxels
         voxels = jax.vmap(lambda p, v: voxelize(p, v, self.voxels, max_voxels=cap))(points, valid)
         places = capacities(self.voxels, cap)
-        scales, bev, dropped = self.backbone3d(voxels.sites, voxels.features, places, train=train)
+        units = jnp.array([[[1, 1, 1, self.config.intensity_m]]], voxels.features.dtype)
+        scales, bev, dropped = self.backbone3d(voxels.sites, voxels.features * units, places, train=train)
         outputs = self.head(self.backbone2d(bev, train=train))
         anchors = jnp.asarray(anchor_boxes(self.config.anchors, self.voxels))
         boxes = decode_with_direction(outputs[1], jnp.broadcast_to(anchors[None], outputs[1].shape), outputs[2])
