@@ -5,9 +5,11 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from flax import nnx
 
 from jaxsim.config import DetectorConfig, DetectorExperiment, VoxelConfig
-from jaxsim.detect.network import bev_channels
+from jaxsim.detect.backbone3d import VoxelBackBone8x
+from jaxsim.detect.network import VoxelRcnn, bev_channels
 from jaxsim.detect.state import create_state, network_shapes
 from jaxsim.detect.steps import make_detect, make_train_step
 from tests.detect.tiny import EXPERIMENT, scene_batch
@@ -95,6 +97,25 @@ def test_a_sample_is_judged_alike_in_any_batch_and_an_empty_cloud_gives_finite_b
     np.testing.assert_allclose(together.score[0][used], alone.score[0][used], atol=1e-5)
     assert np.isfinite(alone.boxes).all()
     assert not any(int(n.max()) for n in dropped.values())
+
+
+class Seen(Exception):
+    """What the first convolution is given."""
+
+
+def test_intensity_counts_as_so_many_metres(monkeypatch):
+    def look(self, sites, features, capacities, *, train):
+        raise Seen(np.asarray(features), np.asarray(sites.valid))
+
+    monkeypatch.setattr(VoxelBackBone8x, "__call__", look)
+    batch, given = scene_batch([2]), {}
+    for scale in (1.0, 30.0):
+        detector = VoxelRcnn(replace(EXPERIMENT.detector, intensity_m=scale), EXPERIMENT.voxels, rngs=nnx.Rngs(0))
+        with pytest.raises(Seen) as seen:
+            detector.first_stage(batch["points"], batch["valid"], train=False)
+        given[scale], valid = seen.value.args
+    assert given[1.0][valid][:, 3].max() > 0
+    np.testing.assert_allclose(given[30.0], given[1.0] * np.float32([1, 1, 1, 30]), rtol=1e-6)
 
 
 def test_a_range_that_does_not_divide_is_refused():
