@@ -53,7 +53,6 @@ experiment = DetectorExperiment(
         proposals=ProposalConfig(before=512, overlap=0.7, after=48),
         final=ProposalConfig(before=128, overlap=0.1, after=48),
         score=0.1,
-        intensity_m=10.0,
     ),
     augment=AugmentConfig(sampled=6),
     optim=OneCycleConfig(lr=0.005, batch=2, epochs=12),

@@ -315,7 +315,7 @@ class DetectorConfig:
     """Detections below it are left out."""
     intensity_m: float = 1.0
     """What an intensity of 1 is to the first convolution, which also sums the points' x, y and z in metres. At the
-    published 1 it is next to nothing, and a short training never sees it."""
+    published 1 it is next to nothing, and a short training never sees it (docs/real2sim2real.md)."""
     cls_weight: float = 1.0
     loc_weight: float = 2.0
     dir_weight: float = 0.2
