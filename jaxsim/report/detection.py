@@ -35,8 +35,8 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
             counts = f"{row[0].truths}", f"{row[0].detections}"
             rows.append([name, *counts, *(_percent(getattr(curve, average)) for curve in row)])
         blocks.append(markdown_table([f"{kind}, AP {average[3:].upper()}", "labels", "detections", *head], rows))
-        counts = {name: known[name, *columns[0]].truths for name in DIFFICULTIES}
-        if few := [f"{name} {(n - 1) / 0.4:.1f}" for name, n in counts.items() if 0 < n < SLOTS]:
+        labels = {name: known[name, *columns[0]].truths for name in DIFFICULTIES}
+        if few := [f"{name} {(n - 1) / 0.4:.1f}" for name, n in labels.items() if 0 < n < SLOTS]:
             most = f"with fewer than {SLOTS}, R40 is at most {', '.join(few)}."
             blocks.append(f"KITTI's rules fill a slot of recall a label: {most}")
     return "\n\n".join(blocks)
