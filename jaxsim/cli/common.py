@@ -33,12 +33,17 @@ def enable_compilation_cache() -> None:
 
 @contextmanager
 def stop_on_error() -> Iterator[None]:
-    """Ends the program with the message alone where a user can mend the cause.
+    """Ends the program with the message alone where a user can mend the cause, and quietly where nobody reads on
+    (`| head`).
 
     JAXSIM_TRACEBACK=1 shows where it came from.
     """
     try:
         yield
+    except BrokenPipeError:
+        # Python flushes once more at its end: into nothing.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)  # what shells call a closed pipe
     except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
