@@ -13,7 +13,8 @@ with stop_on_error():
 
 def test_a_reader_that_stops_reading_ends_the_program_without_a_traceback():
     with subprocess.Popen([sys.executable, "-c", SCRIPT], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as writer:
-        assert writer.stdout and writer.stderr
+        assert writer.stdout
+        assert writer.stderr
         assert writer.stdout.readline() == b"line\n"
         writer.stdout.close()
         assert writer.stderr.read() == b""
