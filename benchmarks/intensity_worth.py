@@ -24,7 +24,7 @@ from jaxsim.cli import enable_compilation_cache
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.scenes import Scene
 from jaxsim.report.markdown import markdown_table
-from jaxsim.simulate import experiment_scenes, load_detector, make_find, score_detector
+from jaxsim.simulate import experiment_scenes, load_detector, make_find, mean_curves, score_detector
 from jaxsim.simulate.run import Checkpoints
 
 
@@ -56,12 +56,8 @@ def average(run: Path, checkpoints: int, judged: Path) -> dict[str, float]:
     for name, change in CLOUDS.items():
         clouds = [with_intensity(scene, change) for scene in scenes]
         curves = [score_detector(find, network, clouds, detector)[0] for network in networks]
-        found[name] = float(np.mean([moderate(some) for some in curves]))
+        found[name] = mean_curves(curves)["3d", "0.7", "moderate"][0]
     return found
-
-
-def moderate(curves: Sequence) -> float:
-    return next(c.ap_r40 for c in curves if (c.metric, c.overlap_set, c.difficulty) == ("3d", "0.7", "moderate"))
 
 
 def main(loop: Path, checkpoints: int, trained: Sequence[str]) -> None:

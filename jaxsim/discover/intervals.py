@@ -82,8 +82,8 @@ def intervals(effect: Effect, problem: Problem, found: Fit) -> dict[str, Interva
 
 
 def follows_power(effect: Effect) -> bool:
-    """Whether it reads an echo's power or intensity and leaves both as they are."""
-    return "intensity" not in effect.channels and bool({"power", "intensity"} & {*effect.covariates})
+    """Whether it reads an echo's power and leaves the intensity as it is."""
+    return "intensity" not in effect.channels and "power" in effect.covariates
 
 
 def fit_to_implied(effect: Effect, problem: Problem, found: Fit) -> Fit:

@@ -39,9 +39,9 @@ def implied_level(ev: Evidence, w: Weights) -> Float[np.ndarray, "b c r"]:
 def with_spread(ev: Evidence, noise: Noise, level: Float[np.ndarray, "b c r"] | None = None) -> Evidence:
     """Rays that know how uncertain their power is: what intensities scatter by, ray by ray, and, where `level` is given
     and stays uncorrected, what surfaces differ by."""
-    variance = intensity_variance(ev, noise)
-    if level is not None and np.asarray(ev.rays.hit).any():
-        variance = variance + float(np.var(level[np.asarray(ev.rays.hit)]))
+    variance, hit = intensity_variance(ev, noise), np.asarray(ev.rays.hit)
+    if level is not None and hit.any():
+        variance = variance + float(np.var(level[hit]))
     return replace(ev, rays=replace(ev.rays, log_power_sd=jnp.sqrt(variance).astype(jnp.float32)))
 
 

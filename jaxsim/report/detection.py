@@ -22,7 +22,7 @@ _PANEL = 190
 
 def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
     """A Markdown table a class: one row a difficulty, the paper's columns; `average` is ap_r40 or ap_r11. Where labels
-    are too few for an AP of 100, a line below says what is the most."""
+    are too few for an R40 of 100, a line below says what is the most."""
     blocks = []
     for kind in dict.fromkeys(curve.kind for curve in curves):
         known = {(c.difficulty, c.metric, c.overlap_set): c for c in curves if c.kind == kind}
@@ -36,7 +36,8 @@ def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
             rows.append([name, *counts, *(_percent(getattr(curve, average)) for curve in row)])
         blocks.append(markdown_table([f"{kind}, AP {average[3:].upper()}", "labels", "detections", *head], rows))
         labels = {name: known[name, *columns[0]].truths for name in DIFFICULTIES}
-        if few := [f"{name} {(n - 1) / 0.4:.1f}" for name, n in labels.items() if 0 < n < SLOTS]:
+        few = [f"{name} {(n - 1) / 0.4:.1f}" for name, n in labels.items() if 0 < n < SLOTS]
+        if few and average == "ap_r40":
             most = f"with fewer than {SLOTS}, R40 is at most {', '.join(few)}."
             blocks.append(f"KITTI's rules fill a slot of recall a label: {most}")
     return "\n\n".join(blocks)

@@ -13,11 +13,11 @@ from jaxsim.config import DataConfig, RunConfig
 from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
 
 CROP = (32, 64)
-# Both stages train the same part: one program to compile, and the step from stage to stage all the same.
+# Two stages of the same part: one program to compile, and the step from stage to stage all the same.
 EXPERIMENT = DepthExperiment(
     data=DataConfig(kind="synthetic", train="0-7:4", validation="1920-1920"),
     image_crop=(64, 128),
-    penet=PenetConfig(width=2, stages=tuple(Stage(p, 2, 1, CROP, ()) for p in ("branches", "branches"))),
+    penet=PenetConfig(width=2, stages=(Stage("branches", 2, 1, CROP, ()),) * 2),
     run=RunConfig(name="depth", log_every=1, save_every=3, picture_every=100),
 )
 
