@@ -15,15 +15,8 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from jaxsim.atomic import replacing
-from jaxsim.cloud.kitti_tree import (
-    REACH_M,
-    choose_boxes,
-    files_of,
-    within_reach,
-    write_image_sets,
-    write_kitti_frame,
-)
+from jaxsim.cloud.kitti_tree import REACH_M, choose_boxes, within_reach, write_image_sets, write_kitti_frame
+from jaxsim.cloud.tree_record import TreeRecord
 from jaxsim.config import DataConfig, DataKind
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.vkitti2 import VirtualKitti2
@@ -183,7 +176,7 @@ class Export:
         made = source | labels | recipe | {"sensor": maker.sensor and maker.sensor.fingerprint, "effects": effects}
         return json.loads(json.dumps(made))
 
-    def finish(self, record: Record, wanted: list[int], validation: set[int]) -> None:
+    def finish(self, record: TreeRecord, wanted: list[int], validation: set[int]) -> None:
         """Writes ImageSets, says what was left out."""
         about = {place: record.frames[f"{place:06d}"] for place in wanted}
         kept = {place for place, frame in about.items() if not frame["left_out"]}
@@ -231,17 +224,17 @@ def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
         makers.append(Maker.of(export))
         places.append(export.places(dataset))
         export.check_occlusion(dataset)
-        records.append(Record.open(export.out, export.settings(makers[-1])))
+        records.append(TreeRecord.open(export.out, export.settings(makers[-1])))
     trees = list(zip(exports, makers, records, places, strict=True))
     wanted = sorted({place for own, _ in places for place in own})
-    missing: dict[int, list[tuple[Export, Maker, Record]]] = {}
+    missing: dict[int, list[tuple[Export, Maker, TreeRecord]]] = {}
     for export, maker, record, (own, _) in trees:
         for place in own:
             if not record.has(export.out, f"{place:06d}"):
                 missing.setdefault(place, []).append((export, maker, record))
     todo = sorted(missing)
 
-    def write(place: int) -> list[tuple[Record, tuple[str, dict[str, Any]]]]:
+    def write(place: int) -> list[tuple[TreeRecord, tuple[str, dict[str, Any]]]]:
         frame = dataset[place]
         return [(record, export.write(dataset, place, frame, maker)) for export, maker, record in missing[place]]
 
@@ -265,44 +258,3 @@ def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
                 record.save(export.out)
     for export, _, record, (own, validation) in trees:
         export.finish(record, own, validation)
-
-
-@dataclass
-class Record:
-    """OUT/export.json: what the tree is made with, and what became of each frame."""
-
-    settings: dict[str, Any]
-    frames: dict[str, dict[str, Any]]
-
-    @classmethod
-    def open(cls, out: Path, settings: dict[str, Any]) -> Record:
-        """The record of `out`, a new one where there is none.
-
-        Raises ValueError where the tree was made with other settings, or by something else.
-        """
-        path = out / "export.json"
-        if not path.is_file():
-            if any((out / "training").glob("*/*")):
-                raise ValueError(f"export: {out} holds a training/ that this command did not make; give another --out")
-            return cls(settings, {})
-        try:
-            content = json.loads(path.read_text())
-            was, frames = content["settings"], content["frames"]
-        except (ValueError, KeyError) as error:
-            raise ValueError(f"export: {path} cannot be read ({error!r}); give another --out, or delete it") from error
-        other = [key for key, value in settings.items() if was.get(key) != value]
-        if other and frames:
-            told = ", ".join(f"{key} {was.get(key)} instead of {settings[key]}" for key in other)
-            raise ValueError(f"export: {out} holds frames made with {told}; give another --out, or delete the folder")
-        return cls(settings, frames)
-
-    def has(self, out: Path, number: str) -> bool:
-        """Whether a frame is done: all its files are there, or it was left out."""
-        about = self.frames.get(number)
-        return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
-
-    def save(self, out: Path) -> None:
-        with replacing(out / "export.json") as path:
-            path.write_text(
-                json.dumps({"settings": self.settings, "frames": dict(sorted(self.frames.items()))}, indent=1)
-            )

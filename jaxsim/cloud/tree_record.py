@@ -1,0 +1,52 @@
+"""What a KITTI tree was made with and what became of each frame: OUT/export.json, by which a killed export goes on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jaxsim.atomic import replacing
+from jaxsim.cloud.kitti_tree import files_of
+
+
+@dataclass
+class TreeRecord:
+    """OUT/export.json: what the tree is made with, and what became of each frame."""
+
+    settings: dict[str, Any]
+    frames: dict[str, dict[str, Any]]
+
+    @classmethod
+    def open(cls, out: Path, settings: dict[str, Any]) -> TreeRecord:
+        """The record of `out`, a new one where there is none.
+
+        Raises ValueError where the tree was made with other settings, or by something else.
+        """
+        path = out / "export.json"
+        if not path.is_file():
+            if any((out / "training").glob("*/*")):
+                raise ValueError(f"export: {out} holds a training/ that this command did not make; give another --out")
+            return cls(settings, {})
+        try:
+            content = json.loads(path.read_text())
+            was, frames = content["settings"], content["frames"]
+        except (ValueError, KeyError) as error:
+            raise ValueError(f"export: {path} cannot be read ({error!r}); give another --out, or delete it") from error
+        other = [key for key, value in settings.items() if was.get(key) != value]
+        if other and frames:
+            told = ", ".join(f"{key} {was.get(key)} instead of {settings[key]}" for key in other)
+            raise ValueError(f"export: {out} holds frames made with {told}; give another --out, or delete the folder")
+        return cls(settings, frames)
+
+    def has(self, out: Path, number: str) -> bool:
+        """Whether a frame is done: all its files are there, or it was left out."""
+        about = self.frames.get(number)
+        return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
+
+    def save(self, out: Path) -> None:
+        with replacing(out / "export.json") as path:
+            path.write_text(
+                json.dumps({"settings": self.settings, "frames": dict(sorted(self.frames.items()))}, indent=1)
+            )
