@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,3 +52,11 @@ def residuals(
             z = np.clip(z, -CLIP, CLIP)
         result[name] = (off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
     return result
+
+
+def standardised(
+    problem: Problem, fitted: Float[np.ndarray, " b"]
+) -> tuple[Any, dict[str, tuple[np.ndarray, np.ndarray]]]:
+    """Rays on the host; each channel's standardised residuals and where they count."""
+    host = jax.tree.map(np.asarray, problem.ev.rays)
+    return host, {name: (z, counts) for name, (_, z, counts) in residuals(problem, fitted).items()}
