@@ -67,7 +67,9 @@ def apply(
 
     `measured=None`: every cell is, as in the published program. Else cells outside the mask take no part in the search,
     the image's mean, the coarse image and the statistics; inside patches they have the values that `image` gives them,
-    so fill them from their surroundings before (`close_gaps`), and what comes back for them means nothing.
+    so fill them from their surroundings before (`close_gaps`), and what comes back for them means nothing. With
+    `statistics="image"` a batch shares one set of statistics, that of all its patches: give images one by one where
+    each is to have its own (`Lidia` does).
     """
     return _apply(nnx.merge(definition(variant), values), image, measured, statistics, chunk)
 
