@@ -121,10 +121,11 @@ def test_the_colour_network_equals_the_oracle():
     np.testing.assert_allclose(clean, expected, atol=2e-4 * np.abs(expected).max(), rtol=0)
 
 
-def test_the_oracle_s_neighbours_are_ours():
-    wide = np.random.default_rng(5).uniform(-1, 1, (16, 15, 1)).astype(np.float32)
-    near, distances, shape = look_around(wide.astype(np.float64), 7, 2)
-    ours = whole._scale(jnp.asarray(wide[None]), None, 7, 2)
+@pytest.mark.parametrize(("channels", "p"), [(1, 7), (3, 5)])
+def test_the_oracle_s_neighbours_are_ours(channels, p):
+    wide = np.random.default_rng(5).uniform(-1, 1, (16, 15, channels)).astype(np.float32)
+    near, distances, shape = look_around(wide.astype(np.float64), p, 2)
+    ours = whole._scale(jnp.asarray(wide[None]), None, p, 2)
     np.testing.assert_allclose(np.asarray(ours.distance).T, distances, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(np.asarray(ours.table[ours.index]).transpose(1, 0, 2), near, atol=1e-6)
     assert len(near) == shape[0] * shape[1]
