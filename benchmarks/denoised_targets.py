@@ -25,7 +25,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -43,7 +42,7 @@ from jaxsim.frame import Frame, Pair
 from jaxsim.metrics import paired_scores, paired_sums
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, to_published
+from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.report import save_picture, strip
 from jaxsim.report.frames import intensity_panel
@@ -51,7 +50,6 @@ from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate import make_predict, prepared
 from jaxsim.simulate.paired import measured_in
 from jaxsim.simulate.prepared import cache_folder
-from jaxsim.weights import ABOUT
 
 SCRIPT = Path(__file__).parent.parent / "train.py"
 TUNED_ON = range(4000, 4064, 4)
@@ -86,16 +84,7 @@ def tune(weights: Path, out: Path, prepare: PrepareConfig, data: DataConfig, upd
     blocks = len(clean) * (noisy.shape[2] // noisy.shape[1])
     settings = Adaptation(epochs=max(1, round(updates * 4 / blocks)), lr=1e-3, stride=noisy.shape[1], transpose=False)
     network = adapt(open_lidia(weights), np.stack(clean), valid, settings, noisy=noisy)
-    return save(network, path)
-
-
-def save(network: Lidia, path: Path) -> Path:
-    content: dict[str, Any] = {
-        **to_published(network.values),
-        ABOUT: np.array(json.dumps({"kind": "lidia", "source": path.stem})),
-    }
-    with replacing(path) as temporary:
-        np.savez(temporary, **content)
+    save_lidia(path, network.values)
     return path
 
 

@@ -12,6 +12,16 @@ from __future__ import annotations
 from jaxsim.prepare.denoise.lidia.denoiser import apply
 from jaxsim.prepare.denoise.lidia.intensity import Lidia, open_lidia
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.prepare.denoise.lidia.published import CONVERTER, from_published, load_lidia, to_published
+from jaxsim.prepare.denoise.lidia.published import CONVERTER, from_published, load_lidia, save_lidia, to_published
 
-__all__ = ["CONVERTER", "Lidia", "Variant", "apply", "from_published", "load_lidia", "open_lidia", "to_published"]
+__all__ = [
+    "CONVERTER",
+    "Lidia",
+    "Variant",
+    "apply",
+    "from_published",
+    "load_lidia",
+    "open_lidia",
+    "save_lidia",
+    "to_published",
+]

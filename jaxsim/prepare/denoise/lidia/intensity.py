@@ -71,7 +71,7 @@ class Lidia:
 
 
 def open_lidia(path: Path | None) -> Lidia:
-    """The network of a file that `jaxsim convert lidia` wrote, read once.
+    """The network of a file that `jaxsim convert lidia` or `save_lidia` wrote, read once as long as it stays the same.
 
     Raises ValueError where no file is named, and FileNotFoundError or ValueError where it is not the right one; they
     say what to fetch and convert.
@@ -81,10 +81,11 @@ def open_lidia(path: Path | None) -> Lidia:
             f"denoise: lidia needs its weights: fetch {CONVERTER.fetch}; then `jaxsim convert lidia FILE --out "
             "lidia.npz` and --prepare.denoise-weights lidia.npz"
         )
-    return _open(path)
+    return _open(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache(maxsize=4)
-def _open(path: Path) -> Lidia:
+def _open(path: Path, changed_ns: int) -> Lidia:
+    """`changed_ns` is when the file was written: one of the same name may hold other weights."""
     variant, values, weights = load_lidia(path)
     return Lidia(variant, jax.tree.map(jnp.asarray, values), weights.sha256)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxsim.atomic import replacing
 from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.weights import Arrays, Converter, Weights, fit, load_weights
+from jaxsim.weights import ABOUT, Arrays, Converter, Weights, fit, load_weights
 
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"
@@ -66,9 +68,22 @@ def to_published(values: Values) -> Arrays:
 
 
 def load_lidia(path: Path) -> tuple[Variant, Values, Weights]:
-    """The network of a file that `jaxsim convert lidia` wrote.
+    """The network of a file that `jaxsim convert lidia` or `save_lidia` wrote.
 
     Raises FileNotFoundError or ValueError, which say what to fetch and convert.
     """
     weights = load_weights(path, "lidia", CONVERTER)
     return *from_published(weights.arrays), weights
+
+
+def save_lidia(path: Path, values: Values) -> None:
+    """Writes a network that was trained here as a file for `--prepare.denoise-weights`; the file is never half written.
+
+    Raises ValueError where the path does not end in .npz.
+    """
+    if path.suffix != ".npz":
+        raise ValueError(f"lidia: weights are kept as .npz, not as {path.name}; name the file {path.stem}.npz")
+    about = json.dumps({"kind": "lidia", "source": "a training of jaxsim", "published": False})
+    content: dict[str, Any] = {**to_published(values), ABOUT: np.array(about)}
+    with replacing(path) as temporary:
+        np.savez(temporary, **content)
