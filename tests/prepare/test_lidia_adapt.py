@@ -1,0 +1,94 @@
+"""LIDIA's training on images of one's own: its loss, one epoch of it, and its weights kept."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.prepare.denoise.lidia import Lidia, Variant, adapt, from_published, open_lidia, save_lidia
+from jaxsim.prepare.denoise.lidia.published import published_shapes
+from tests.prepare.lidia_oracle import random_state
+
+HEAD = "separable_fc_net.sep_part2.ver_hor_out"
+ONE_EPOCH = adapt.Adaptation(noise=0.1, epochs=1, block=16, stride=16, batch=2)
+
+
+@pytest.fixture(scope="module")
+def silent():
+    """A network that tells of no noise: it gives images back as they came."""
+    state = random_state(published_shapes(Variant(small=True)), seed=0)
+    # Of the head's two factors one is left: with both at zero neither would learn.
+    for name in (f"{HEAD}.ver.weight", f"{HEAD}.b"):
+        state[name] *= 0
+    return Lidia(*from_published(state), sha256="0" * 64)
+
+
+@pytest.fixture
+def losses(monkeypatch):
+    """Those of every step."""
+    seen, step = [], adapt._step
+
+    def recorded(*arrays, **settings):
+        with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an int
+            updated = step(*arrays, **settings)
+        seen.append(float(updated[2]))
+        return updated
+
+    monkeypatch.setattr(adapt, "_step", recorded)
+    return seen
+
+
+def blocks():
+    """Two images of 16 x 16, what was measured of them, and noise that differs from cell to cell."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:16, :16]
+    images = np.stack([0.5 + 0.3 * np.sin(u / 5 + k) * np.cos(v / 4) for k in range(2)]).astype(np.float32)
+    return images, rng.random(images.shape) < 0.8, rng.normal(0, 0.1, images.shape).astype(np.float32)
+
+
+def moved(network, other, part):
+    """Which of the arrays of this name differ."""
+    leaves = zip(jax.tree.leaves_with_path(network.values), jax.tree.leaves(other.values), strict=True)
+    return [not np.array_equal(one, two) for (path, one), two in leaves if path[-1].key == part]
+
+
+def test_the_loss_of_pairs_is_log10_of_the_mean_square_over_measured_cells(silent, losses):
+    images, valid, noise = blocks()
+    noisy = np.where(valid, images + noise, np.nan).astype(np.float32)
+    clean = np.where(valid, images, np.nan).astype(np.float32)
+    taught = adapt.adapt(silent, clean, valid, ONE_EPOCH, noisy=noisy, progress=False)
+    # Images are shown on [-1, 1], where noise is twice what it is on 0..1.
+    assert losses == pytest.approx([np.log10(((2 * noise[valid]) ** 2).mean())], abs=1e-4)
+    assert any(moved(silent, taught, "weight"))
+    assert all(moved(silent, taught, "running_mean"))
+    assert taught.sha256 == ""
+    again = adapt.Adaptation(noise=0.1, epochs=4, block=16, stride=16, batch=2)
+    adapt.adapt(silent, clean, valid, again, noisy=noisy, progress=False)
+    assert losses[1] == losses[0]
+    assert losses[-1] < losses[0] - 0.005
+
+
+def test_an_image_stands_for_its_own_clean_one_under_new_noise(silent, losses):
+    images, valid, _ = blocks()
+    taught = adapt.adapt_to_itself(silent, images, valid, ONE_EPOCH)
+    # What the network makes of the images is the images: what is left is the noise that was added.
+    assert losses == pytest.approx([np.log10((2 * ONE_EPOCH.noise) ** 2)], abs=0.1)
+    assert any(moved(silent, taught, "weight"))
+
+
+def test_a_network_is_kept_and_read_again(silent, tmp_path):
+    path = tmp_path / "own.npz"
+    save_lidia(path, silent.values)
+    kept = open_lidia(path)
+    assert kept.variant == silent.variant
+    assert len(kept.sha256) == 64
+    jax.tree.map(np.testing.assert_array_equal, kept.values, silent.values)
+    assert [file.name for file in tmp_path.iterdir()] == ["own.npz"]
+    # Written anew under its name, it is read anew.
+    other = from_published(random_state(published_shapes(Variant(small=True)), seed=1))[1]
+    save_lidia(path, other)
+    jax.tree.map(np.testing.assert_array_equal, open_lidia(path).values, other)
+    main(["convert", "lidia", str(path), "--out", str(tmp_path / "again.npz")])
+    assert open_lidia(tmp_path / "again.npz").sha256 == open_lidia(path).sha256 != kept.sha256
+    with pytest.raises(ValueError, match=r"kept as \.npz, not as own\.pt; name the file own\.npz"):
+        save_lidia(tmp_path / "own.pt", other)
