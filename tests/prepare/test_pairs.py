@@ -3,13 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli import main
 from jaxsim.config import PrepareConfig
 from jaxsim.data import KittiObject, KittiRaw
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, Pair, PolarImage
 from jaxsim.geometry import polar_to_points, preset, window_grid
-from jaxsim.prepare import crop_image, prepare_frame
-from jaxsim.prepare.denoise.lidia import Variant
+from jaxsim.prepare import crop_image, denoise, prepare_frame
+from jaxsim.prepare.denoise.lidia import Variant, from_published, save_lidia
 from jaxsim.prepare.denoise.lidia.published import published_shapes
 from tests.prepare.lidia_oracle import random_state
 
@@ -81,10 +80,32 @@ def test_the_denoiser_changes_the_target_and_not_the_measurement():
     assert np.abs(np.diff(smooth.target, axis=1)).mean() < 0.7 * np.abs(np.diff(plain.target, axis=1)).mean()
 
 
-def test_a_scan_of_which_nothing_came_back_is_named(tmp_path):
-    np.savez(tmp_path / "state.npz", **random_state(published_shapes(Variant(small=True)), seed=0))
-    main(["convert", "lidia", str(tmp_path / "state.npz"), "--out", str(tmp_path / "lidia.npz")])
-    lidia = replace(CONFIG, denoise="lidia", denoise_weights=tmp_path / "lidia.npz")
+@pytest.fixture
+def lidia(tmp_path):
+    """Settings with a network of small random weights."""
+    state = random_state(published_shapes(Variant(small=True)), seed=0)
+    save_lidia(tmp_path / "lidia.npz", from_published(state)[1])
+    return replace(CONFIG, denoise="lidia", denoise_weights=tmp_path / "lidia.npz")
+
+
+def test_a_target_by_lidia_is_the_measurement_denoised(lidia):
+    one = frame()
+    column = np.arange(len(one.cloud.valid)) % 900
+    kept = one.cloud.valid & ((column < 400) | (column > 480))
+    one = replace(one, cloud=replace(one.cloud, valid=kept))
+    # Not the defaults: they are passed on.
+    pair, _ = prepare_frame(one, SPEC, replace(lidia, denoise_statistics="stored", denoise_gain=0.5))
+    intensity, valid = pair.measured.intensity, pair.measured.valid
+    expected = denoise(intensity, valid, "lidia", weights=lidia.denoise_weights, statistics="stored", gain=0.5)
+    np.testing.assert_array_equal(pair.target, expected)
+    assert not valid.all()
+    assert len(np.unique(pair.target[valid])) > 100
+    assert np.abs(pair.target - intensity)[valid].mean() > 0.01
+    default = denoise(intensity, valid, "lidia", weights=lidia.denoise_weights, statistics="stored")
+    assert np.abs(pair.target - default)[valid].mean() > 0.01
+
+
+def test_a_scan_of_which_nothing_came_back_is_named(lidia):
     lost = replace(frame(), cloud=replace(frame().cloud, valid=np.zeros_like(frame().cloud.valid)))
     with pytest.raises(ValueError, match="street-7: lidia: an image has not one cell whose beam came back"):
         prepare_frame(lost, SPEC, lidia)
