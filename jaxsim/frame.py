@@ -143,7 +143,9 @@ class Boxes:
     bbox_px: Float[Array, "n 4"]
     """Left, top, right, bottom."""
     truncated: Float[Array, " n"]
-    occluded: Int[Array, " n"]
+    occluded: Int[Array, " n"] | Float[Array, " n"]
+    """0 visible, 1 partly, 2 largely hidden, 3 unknown; or the hidden share as a fraction (the paper's Virtual KITTI).
+    Either way an object is easy at 0, moderate up to 1."""
     kind: tuple[str, ...] = struct.field(pytree_node=False, default=())
 
 

@@ -99,9 +99,8 @@ class Export:
     def write(self, dataset: Dataset, place: int, frame: Frame, maker: Maker) -> tuple[str, dict[str, Any]]:
         """Writes one frame, unless nothing is left of it; its number and its entry in export.json."""
         number = f"{place:06d}"
-        boxes, occluded = self._labels(dataset, place, frame)
-        near = within_reach(boxes, self.reach_m)
-        boxes, occluded = choose_boxes(boxes, near), None if occluded is None else occluded[near]
+        boxes = self._labels(dataset, place, frame)
+        boxes = choose_boxes(boxes, within_reach(boxes, self.reach_m))
         objects = sum(kind != "DontCare" for kind in boxes.kind)
         about = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
         if not objects and not self.keep_empty:
@@ -112,7 +111,7 @@ class Export:
         if not points:
             return number, about | {"left_out": "no point"}
         rect = frame.rect_from_velo
-        write_kitti_frame(self.out, number, frame.camera, cloud, boxes, rect_from_velo=rect, occluded=occluded)
+        write_kitti_frame(self.out, number, frame.camera, cloud, boxes, rect_from_velo=rect)
         return number, about | {"points": points}
 
     def places(self, dataset: Dataset) -> tuple[list[int], set[int]]:
@@ -123,21 +122,21 @@ class Export:
             raise ValueError(f"export: --validation {self.validation} names frames that --frames does not")
         return wanted, validation
 
-    def _labels(self, dataset: Dataset, place: int, frame: Frame) -> tuple[Boxes, np.ndarray | None]:
-        """Boxes of a frame, and what to write into `occluded` instead of their levels."""
+    def _labels(self, dataset: Dataset, place: int, frame: Frame) -> Boxes:
+        """Boxes of a frame, with what is to be written into `occluded`."""
         if isinstance(dataset, VirtualKitti2):
             seen = [thing for thing in dataset.objects(place) if thing.pixels > 0]
             boxes = boxes_of(seen, levels=self.filled)  # 1, 2, 3
             if self.occlusion == "paper":
-                return boxes, np.array([1 - thing.occupancy for thing in seen], np.float32)
+                return replace(boxes, occluded=np.array([1 - thing.occupancy for thing in seen], np.float32))
             shift = 1 if self.occlusion == "levels" else 0
-            return replace(boxes, occluded=np.asarray(boxes.occluded) - shift), None
+            return replace(boxes, occluded=np.asarray(boxes.occluded) - shift)
         if frame.boxes is None:
             raise ValueError(
                 f"export: {frame.name} has no labels, and a detector needs them; copy the data set's labels beside its "
                 "clouds, or export another set (kitti_raw has none)"
             )
-        return frame.boxes, None
+        return frame.boxes
 
     def check_occlusion(self, dataset: Dataset) -> None:
         if self.occlusion == "levels":
@@ -147,7 +146,8 @@ class Export:
         if self.occlusion == "paper":
             print(
                 "warning: fractions in the column `occluded`: the official evaluation reads an integer there and takes "
-                "every later column for another; score with `eval.py detection --rules openpcdet`. No object is easy.",
+                "every later column for another. Score with `eval.py detection --rules openpcdet`, or export with "
+                "--occlusion never_visible, which every program reads. No object is easy either way.",
                 file=sys.stderr,
             )
 

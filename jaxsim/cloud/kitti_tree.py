@@ -39,16 +39,15 @@ def write_kitti_frame(
     boxes: Boxes,
     *,
     rect_from_velo: Float[Array, "4 4"] | None = None,
-    occluded: Float[np.ndarray, " n"] | None = None,
 ) -> None:
     """Writes the four files of one frame; `number` is KITTI's name of it, 000000.
 
-    `boxes` are in `view`'s camera, or in the frame that `rect_from_velo` leads to. `occluded` writes other values than
-    theirs into that column. Raises ValueError for a cloud that no KITTI reader would take (no point, intensity that is
-    missing or beyond 0..1, values that are not finite) and for boxes that are not finite or have a size of 0 or less.
+    `boxes` are in `view`'s camera, or in the frame that `rect_from_velo` leads to. Raises ValueError for a cloud that
+    no KITTI reader would take (no point, intensity that is missing or beyond 0..1, values that are not finite) and for
+    boxes that are not finite or have a size of 0 or less.
     """
     check_cloud(cloud, number)
-    lines = label_lines(boxes, occluded=occluded)
+    lines = label_lines(boxes)
     velodyne, calibration, image, label = files_of(root, number)
     save_cloud(velodyne, cloud)
     with replacing(calibration) as path:
@@ -96,21 +95,21 @@ def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None 
     return "".join(f"{name}: {' '.join(repr(float(v)) for v in values.ravel())}\n" for name, values in rows.items())
 
 
-def label_lines(boxes: Boxes, *, occluded: Float[np.ndarray, " n"] | None = None) -> list[str]:
+def label_lines(boxes: Boxes) -> list[str]:
     """The 15 columns of each object, DontCare regions last: OpenPCDet's reader takes the objects from the front.
 
     Raises ValueError for values that are not finite, sizes of 0 or less, and kinds with a blank in their name.
     """
     centre, size, bbox = (np.asarray(a, np.float32) for a in (boxes.centre_m, boxes.size_m, boxes.bbox_px))
     yaw, truncated = np.asarray(boxes.yaw_rad, np.float32), np.asarray(boxes.truncated, np.float32)
-    level = np.asarray(boxes.occluded) if occluded is None else np.asarray(occluded, np.float32)
+    level = np.asarray(boxes.occluded)
     objects, regions = [], []
     for i, kind in enumerate(boxes.kind):
         corners = " ".join(map(_exact, bbox[i]))
         if kind == "DontCare":
             regions.append(f"{kind} {_DONT_CARE.format(corners)}")
             continue
-        numbers = np.array([truncated[i], *bbox[i], *size[i], *centre[i], yaw[i]])
+        numbers = np.array([truncated[i], level[i], *bbox[i], *size[i], *centre[i], yaw[i]])
         if not np.isfinite(numbers).all() or (size[i] <= 0).any():
             raise ValueError(
                 f"kitti: object {i} ({kind}) is at {centre[i].tolist()}, {size[i].tolist()} m large, turned by "

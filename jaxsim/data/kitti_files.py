@@ -28,6 +28,12 @@ KINDS = (
     "DontCare",
 )
 
+COLUMNS = (
+    *("truncated", "occluded", "alpha", "left", "top", "right", "bottom"),
+    *("height", "width", "length", "x", "y", "z", "rotation_y"),
+)
+"""Of a label, after its kind."""
+
 
 def read_velodyne(path: Path) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
     """Points (x forward, y left, z up; metres) and intensity 0..1 of a `.bin`, in file order."""
@@ -129,7 +135,10 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
 def read_labels(path: Path) -> Boxes:
     """Labelled objects of `label_2/NNNNNN.txt`.
 
-    A `DontCare` region is a rectangle in the image alone: its 3-D fields are 0 and mean nothing.
+    A `DontCare` region is a rectangle in the image alone: its 3-D fields are 0 and mean nothing. `occluded` are KITTI's
+    levels, or, where one of a file is a fraction, all the hidden share 0..1 (float), as `jaxsim export --occlusion
+    paper` writes it. Raises ValueError, with the line, for another count of columns, unknown kinds, numbers that are
+    not finite, sizes of 0 or less, and other values of `occluded`.
     """
     rows = _rows_of(path)
     for line, row in rows:
@@ -173,10 +182,17 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
             numbers[k] = [float(value) for value in row[1:]]
         except ValueError as error:
             raise ValueError(f"kitti: {path}, line {line}: {error}") from None
-        if numbers[k, 1] != round(numbers[k, 1]):
-            raise ValueError(f"kitti: {path}, line {line}: occluded is {row[2]}; it is a whole number 0..3")
+        _check_numbers(path, line, row, numbers[k])
     kinds = tuple(row[0] for _, row in rows)
     numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
+    hidden = numbers[:, 1]
+    fractions = hidden != np.round(hidden)
+    if fractions.any() and ((hidden < 0) | (hidden > 1)).any():
+        line, row = rows[int(np.argmax((hidden < 0) | (hidden > 1)))]
+        raise ValueError(
+            f"kitti: {path}, line {line}: occluded is {row[2]}, but line {rows[int(np.argmax(fractions))][0]} has a "
+            "fraction; a file has whole numbers 0..3, or the hidden shares of all its objects, 0..1"
+        )
     n = numbers.astype(np.float32)
     return Boxes(
         centre_m=n[:, 10:13],
@@ -184,9 +200,30 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
         yaw_rad=n[:, 13],
         bbox_px=n[:, 3:7],
         truncated=n[:, 0],
-        occluded=n[:, 1].astype(np.int32),
+        occluded=n[:, 1] if fractions.any() else n[:, 1].astype(np.int32),
         kind=kinds,
     )
+
+
+def _check_numbers(path: Path, line: int, row: list[str], numbers: Float[Array, " 14"]) -> None:
+    """Raises ValueError for columns that hold no object: not finite, a size of 0 or less, a strange `occluded`."""
+    if not np.isfinite(numbers).all():
+        bad = int(np.argmin(np.isfinite(numbers)))
+        raise ValueError(
+            f"kitti: {path}, line {line}: {COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; it must be finite: mend the "
+            "label or leave the object out"
+        )
+    if row[0] == "DontCare":
+        return
+    if numbers[1] != round(numbers[1]) and not 0 < numbers[1] < 1:
+        raise ValueError(
+            f"kitti: {path}, line {line}: occluded is {row[2]}; it is a whole number 0..3, or the hidden share 0..1"
+        )
+    if not (numbers[7:10] > 0).all():
+        raise ValueError(
+            f"kitti: {path}, line {line}: {row[0]} is {' x '.join(row[8:11])} m (height, width, length); sizes must be "
+            "above 0: mend the label, leave the object out, or call it DontCare"
+        )
 
 
 _DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])

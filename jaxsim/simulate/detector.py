@@ -102,8 +102,13 @@ def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
 
 
 def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: DetectorExperiment) -> list[Curve]:
-    """KITTI's curves of an experiment's class, by the official rules."""
+    """KITTI's curves of an experiment's class, by the official rules.
+
+    Raises ValueError, with the scene's name, for labels and detections that are not finite.
+    """
     kind = experiment.detector.anchors.kind
+    for scene, detections in zip(scenes, found, strict=True):
+        _check_finite(scene, detections)
     with TemporaryDirectory() as folder:
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
@@ -111,6 +116,25 @@ def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: De
             write_lines(labels / f"{name}.txt", label_lines(counted(scene, experiment)))
             write_lines(results / f"{name}.txt", result_lines(detections, kind, scene.view))
         return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
+
+
+def _check_finite(scene: Scene, found: Found) -> None:
+    """Scenes are scored by way of files; an error there would name a file that nobody has."""
+    broken = np.flatnonzero(~np.isfinite(np.column_stack([found.boxes, found.score])).all(axis=1))
+    if len(broken):
+        raise ValueError(
+            f"detect: {len(broken)} of {len(found.score)} detections in {scene.name} are not finite, the first "
+            f"{found.boxes[broken[0]].tolist()} with score {found.score[broken[0]]:g}: a diverged network writes such; "
+            "use an earlier checkpoint"
+        )
+    if scene.labels is None:
+        return
+    arrays = (np.asarray(getattr(scene.labels, name)) for name in ("centre_m", "size_m", "yaw_rad", "bbox_px"))
+    finite = np.column_stack([a.reshape(len(scene.labels.kind), -1) for a in arrays])
+    for k in np.flatnonzero(~np.isfinite(finite).all(axis=1))[:1]:
+        raise ValueError(
+            f"detect: label {k} of {scene.name} ({scene.labels.kind[k]}) is not finite; mend it, or leave it out"
+        )
 
 
 def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:

@@ -123,7 +123,7 @@ def test_a_labels_frame_beside_the_camera_becomes_the_fourth_column_of_p2(tmp_pa
 
 def test_fractions_replace_levels_where_they_are_given():
     boxes = some_boxes(("Car", "DontCare", "Van"))
-    lines = label_lines(boxes, occluded=np.array([0.25, 0, 1], np.float32))
+    lines = label_lines(replace(boxes, occluded=np.array([0.25, 0, 1], np.float32)))
     assert [line.split()[2] for line in lines] == ["0.25", "1", "-1"]
     assert [line.split()[0] for line in lines] == ["Car", "Van", "DontCare"]
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
+from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.detect.scenes import scene_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
@@ -71,8 +73,20 @@ def test_levels_are_kittis_or_none_is_visible_or_the_papers_fraction(export, tre
     assert column(export(occlusion="never_visible")) == [str(level + 1) for level in levels]
     assert "warning" not in capsys.readouterr().err
     paper = export(occlusion="paper")
-    assert "official evaluation reads an integer" in capsys.readouterr().err
-    assert [float(v) for v in column(paper)] == pytest.approx([1 - t.occupancy for t in things], abs=1e-6)
+    assert "official evaluation reads an integer" in (said := capsys.readouterr().err)
+    assert "--occlusion never_visible" in said
+    hidden = np.float32([1 - t.occupancy for t in things])
+    assert [float(v) for v in column(paper)] == pytest.approx(hidden, abs=1e-6)
+    # Our own reader gives the fractions back to the last bit, beside boxes that are those of any other occlusion.
+    frame, plain = KittiObject(paper, rows="elevation")[0], KittiObject(tree, rows="elevation")[0]
+    assert frame.boxes.occluded.dtype == np.float32
+    assert (frame.boxes.occluded == hidden).all()
+    for name in ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "kind"):
+        assert np.array_equal(getattr(frame.boxes, name), getattr(plain.boxes, name)), name
+    # A detector trains on such a scene: nothing in it is easy, and what is large enough in the image is moderate.
+    difficulty = scene_of(frame, "Car", in_image=True).difficulty
+    assert set(difficulty.tolist()) <= {-1, 1, 2}
+    assert 1 in difficulty
     # No object is wholly visible, none unseen: whatever its height, none is easy, and none is beyond moderate.
     assert all(0 < float(v) <= 1 for v in column(paper))
     truth = read_truth(paper / "training/label_2", ["000000", "000001"])
@@ -124,11 +138,18 @@ def test_effects_act_on_the_rays_of_the_sensors_grid(virtual, sensor):
     np.testing.assert_allclose(first.xyz_m[first.valid], plain.xyz_m[first.valid], atol=1e-3)
 
 
-def test_the_command_writes_a_trained_sensors_clouds(export, step_run, sensor, tree, monkeypatch):
+@pytest.mark.parametrize("lidar", ["kitti", "camera"])
+def test_the_command_writes_a_trained_sensors_clouds(export, step_run, sensor, tree, monkeypatch, lidar):
     monkeypatch.setattr("jaxsim.cli.export.load", lambda folder: sensor)  # compiled already
-    out = export(recipe=CloudRecipe(source="simulated"), run=step_run)
-    simulated, plain = rules.accept(out), rules.accept(tree)
+    out = export(recipe=CloudRecipe(source="simulated"), run=step_run, lidar=lidar)
+    simulated = rules.accept(out)
+    plain = rules.accept(tree if lidar == "kitti" else export(lidar=lidar))
     for number, frame in simulated.items():
         assert 0 < len(frame["points"]) < len(plain[number]["points"])
         assert (frame["points"][:, 3] > 0).all()
         assert (frame["boxes"] == plain[number]["boxes"]).all()
+    if lidar == "camera":
+        # The sensor stands in the camera: boxes ahead of it are where the labels have them, axes apart.
+        label = next(thing for thing in simulated["000000"]["objects"])
+        x, _, z = label["place"]
+        assert simulated["000000"]["boxes"][0, :2] == pytest.approx([z, -x], abs=1e-3)

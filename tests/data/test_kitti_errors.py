@@ -102,20 +102,52 @@ def test_a_file_that_is_no_image(raw_root):
         KittiRaw(raw_root)[0]
 
 
+def label(kind="Car", occluded: object = 0, box="100 110 180 160", size="1.5 1.6 3.9", place="1 1.6 20", yaw="0"):
+    return f"{kind} 0 {occluded} 0 {box} {size} {place} {yaw}"
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ("Car 0.00 0 1.85", "line 1 has 4 columns; a label has 15"),
         ("Car" + " 0" * 15, "line 1 has 16 columns"),
         ("Bus" + " 0" * 14, "unknown kind 'Bus'; known: Car, Van"),
-        ("Car 0.00 0.35" + " 0" * 12, "occluded is 0.35; it is a whole number"),
+        ("Car 0.00 1.35" + " 0" * 12, "line 1: occluded is 1.35; it is a whole number 0..3, or the hidden share"),
         ("Car 0.00 0 x" + " 0" * 11, "could not convert"),
+        (label(occluded="nan"), "line 1: occluded of Car is nan; it must be finite"),
+        (label(yaw="inf"), "line 1: rotation_y of Car is inf"),
+        (label(place="0 -inf 20"), "line 1: y of Car is -inf"),
+        (f"{label()}\n{label(kind='Van', place='nan 1.6 20')}", "line 2: x of Van is nan"),
+        (label(box="1 2 nan 4"), "line 1: right of Car is nan"),
+        (label(kind="DontCare", box="1 2 nan 4"), "line 1: right of DontCare is nan"),
+        (label(size="nan 1.6 3.9"), "line 1: height of Car is nan"),
+        (label(size="1.5 0 3.9"), "line 1: Car is 1.5 x 0 x 3.9 m .*sizes must be above 0"),
+        (f"{label()}\n\n{label(size='-1 -1 -1')}", "line 3: Car is -1 x -1 x -1 m"),
+        (f"{label(occluded=0.4)}\n{label(occluded=2)}", "line 2: occluded is 2, but line 1 has a fraction"),
     ],
 )
 def test_broken_labels(object_root, line, message):
     (object_root / "training/label_2/000007.txt").write_text(line)
     with pytest.raises(ValueError, match=message):
         KittiObject(object_root)[0]
+
+
+def test_a_region_may_have_the_sizes_that_an_object_may_not(object_root):
+    region = "DontCare -1 -1 -10 100 110 180 160 -1 -1 -1 -1000 -1000 -1000 -10"
+    (object_root / "training/label_2/000007.txt").write_text(f"{label(occluded=2)}\n{region}\n")
+    boxes = KittiObject(object_root)[0].boxes
+    assert boxes.kind == ("Car", "DontCare")
+    assert boxes.occluded.dtype == np.int32
+    assert boxes.occluded.tolist() == [2, 0]
+
+
+def test_hidden_shares_are_read_as_such_beside_regions_and_whole_ends(object_root):
+    region = "DontCare -1 -1 -10 100 110 180 160 -1 -1 -1 -1000 -1000 -1000 -10"
+    lines = [label(occluded=0.35), label(occluded=1), region]
+    (object_root / "training/label_2/000007.txt").write_text("\n".join(lines))
+    boxes = KittiObject(object_root)[0].boxes
+    assert boxes.occluded.dtype == np.float32
+    assert boxes.occluded.tolist() == pytest.approx([0.35, 1, 0])
 
 
 def test_a_missing_label_file_of_a_labelled_split(object_root):

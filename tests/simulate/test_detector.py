@@ -54,6 +54,27 @@ def test_a_scene_without_labels_is_refused():
         kitti_curves([bare], the_labels([bare]), EXPERIMENT)
 
 
+def test_boxes_that_are_not_finite_are_told_by_the_scene_and_not_by_a_file_that_is_gone():
+    found = the_labels()
+    found[3].boxes[1, 2] = np.nan
+    with pytest.raises(ValueError, match=r"^detect: 1 of \d+ detections in 000003 are not finite"):
+        kitti_curves(SCENES, found, EXPERIMENT)
+    labels = replace(SCENES[2].labels, size_m=np.full_like(SCENES[2].labels.size_m, np.inf))
+    with pytest.raises(ValueError, match=r"^detect: label 0 of 000002 \(Car\) is not finite"):
+        kitti_curves([replace(SCENES[2], labels=labels)], the_labels([SCENES[2]]), EXPERIMENT)
+
+
+def test_hidden_shares_count_as_the_levels_of_their_difficulty():
+    shares = [replace(s, labels=replace(s.labels, occluded=np.full(len(s.boxes), 0.35, np.float32))) for s in SCENES]
+    ones = [replace(s, labels=replace(s.labels, occluded=np.ones(len(s.boxes), np.int32))) for s in SCENES]
+    of_shares, of_ones = (kitti_curves(scenes, the_labels(), EXPERIMENT) for scenes in (shares, ones))
+    assert [c.truths for c in of_shares] == [c.truths for c in of_ones]
+    np.testing.assert_array_equal([c.ap_r40 for c in of_shares], [c.ap_r40 for c in of_ones])
+    counts = {c.difficulty: c.truths for c in of_shares if c.metric == "3d"}
+    assert counts["easy"] == 0
+    assert counts["moderate"] == 48
+
+
 def test_the_mean_over_epochs_has_its_spread():
     curves = [kitti_curves(SCENES, the_labels(shift=(0, 0, dz, 0, 0, 0, 0)), EXPERIMENT) for dz in (0.0, 0.4)]
     mean, spread = mean_curves(curves)["3d", "0.7", "moderate"]
