@@ -68,9 +68,15 @@ def make_find(experiment: DetectorExperiment) -> Find:
 
 
 def find_all(
-    find: Find, network: Network, clouds: Iterable[tuple[str, np.ndarray]], *, total: int, quiet: bool = False
+    find: Find,
+    network: Network,
+    clouds: Iterable[tuple[str, np.ndarray]],
+    *,
+    total: int,
+    quiet: bool = False,
+    more_room: str = "train.py makes room with --voxels.max-voxels and --voxels.growth",
 ) -> Iterator[tuple[str, Found]]:
-    """Detections cloud by cloud; says at the end where voxels or sites were left out."""
+    """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
     left_out: dict[str, dict[str, int]] = {}
     for name, points in tqdm(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
         found, dropped = find(network, points)
@@ -82,18 +88,20 @@ def find_all(
         worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
         print(
             f"detect: {len(left_out)} of {total} clouds had more voxels or sites than there is room for; worst {name}: "
-            f"{worst} left out; raise --voxels.max-voxels or --voxels.growth"
+            f"{worst} left out; {more_room}"
         )
 
 
 def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
     """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are DontCare.
 
-    Raises ValueError for a scene without labels.
+    Hidden shares (fractions in `occluded`) become the levels of the same difficulty, 0 or 1: the official evaluation
+    reads no fractions. Raises ValueError for a scene without labels.
     """
     labels = scene.labels
     if labels is None:
         raise ValueError(f"detect: {scene.name} has no labels to be scored by; choose labelled frames")
+    labels = replace(labels, occluded=np.ceil(labels.occluded).astype(np.int32))
     if experiment.scored == "all":
         return labels
     near = inside(lidar_boxes(labels, scene.view.rect_from_velo), experiment.voxels)
