@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
+import jax
 import numpy as np
 import tyro
+from pydantic import TypeAdapter
 
+from jaxsim.atomic import replacing
+from jaxsim.config import DetectorExperiment
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels, read_velodyne
+from jaxsim.data.pair_settings import differences
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points, seen_by
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.report import draw_above, draw_on_image, save_picture
-from jaxsim.simulate import find_all, load_detector, make_find
+from jaxsim.simulate import LearnedDetector, find_all, load_detector, make_find
 
 SUFFIXES = (".bin", ".npz")
 AT_LIDAR = View(
@@ -34,7 +41,8 @@ class Detect:
     """Finds objects in every cloud of a folder.
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
-    is an image) to OUT. A cloud that has a result file is not looked at again, so that a killed command resumes.
+    is an image) to OUT. A cloud that has a result file is not looked at again, so that a killed command resumes; OUT's
+    detect.json says what made the results, and another detector, cap or folder of clouds is refused there.
     """
 
     detector: Annotated[Path, tyro.conf.Positional]
@@ -67,8 +75,10 @@ class Detect:
         experiment = learned.experiment
         if self.max_voxels:
             experiment = replace(experiment, voxels=replace(experiment.voxels, max_voxels=self.max_voxels))
+        learned = replace(learned, experiment=experiment)
         kind = experiment.detector.anchors.kind
         files = cloud_files(self.clouds)
+        self.claim(learned)
         todo = [file for file in files if not self.result(file).is_file()]
         files_of = {file.stem: file for file in todo}
         views = {name: self.view(name) for name in files_of}
@@ -80,7 +90,10 @@ class Detect:
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
         total = drawn = 0
-        for name, found in find_all(make_find(experiment), learned.network, clouds(), total=len(todo)):
+        finds = find_all(
+            make_find(experiment), learned.network, clouds(), total=len(todo), more_room="raise --max-voxels"
+        )
+        for name, found in finds:
             total += len(found.score)
             if drawn < self.pictures:
                 points = read_cloud(files_of[name])
@@ -96,6 +109,38 @@ class Detect:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:
                 print("note: this detector learned from what a camera sees; without --calib it gets the whole cloud")
+
+    def claim(self, learned: LearnedDetector) -> None:
+        """Writes OUT/detect.json: all that decides what results hold.
+
+        Raises ValueError where OUT holds results of something else, or of nobody knows what.
+        """
+        path = self.out / "detect.json"
+        made = made_with(learned) | {
+            "clouds": str(self.clouds.resolve()),
+            "calib": str(self.calib.resolve()) if self.calib else None,
+            "image_size": None if self.images or not self.calib else list(self.image_size),
+        }
+        there = any((self.out / "results").glob("*.txt"))
+        if there and not path.is_file():
+            raise ValueError(
+                f"detect: {self.out / 'results'} holds results, but no detect.json says what made them; give another "
+                "--out, or delete them"
+            )
+        if there:
+            try:
+                was = json.loads(path.read_text())["made"]
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"detect: {path} cannot be read ({error!r}); give another --out") from error
+            other = [difference.removeprefix("--") for difference in differences(was, made)]
+            if other:
+                raise ValueError(
+                    f"detect: {self.out} holds results of another making: {'; '.join(other)}; give another --out, or "
+                    f"delete it (where a folder has only moved, write its new path into {path.name})"
+                )
+        about = {"detector": str(self.detector), "step": self.step or "latest"}
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(about | {"made": made}, indent=1))
 
     def result(self, file: Path) -> Path:
         return self.out / "results" / f"{file.stem}.txt"
@@ -124,6 +169,16 @@ class Detect:
         if self.images:
             image = read_image(self.images / f"{name}.png")
             save_picture(self.out / "pictures" / f"{name}_image.png", draw_on_image(image, view, **boxes))
+
+
+def made_with(learned: LearnedDetector) -> dict[str, Any]:
+    """What of a detector decides its results: SHA-256 of its weights, the voxels with their cap, its score limit and
+    all else of its settings. Where and on what it was trained is in the weights."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(learned.network):
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    settings = TypeAdapter(DetectorExperiment).dump_python(learned.experiment, mode="json")
+    return {"weights": digest.hexdigest()} | {key: settings[key] for key in ("in_image", "voxels", "detector")}
 
 
 def without_rectangle(line: str) -> str:

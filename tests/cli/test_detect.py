@@ -53,6 +53,54 @@ def test_real_scans_give_result_files_and_pictures(run, kitti, tmp_path):
     assert path.read_text() == ""
 
 
+@pytest.fixture
+def results(kitti, tmp_path):
+    """One scan, and a folder where its result stands: the command has nothing to find."""
+    (tmp_path / "clouds").mkdir()
+    shutil.copy(kitti / "velodyne" / "000001.bin", tmp_path / "clouds")
+    (tmp_path / "out" / "results").mkdir(parents=True)
+    return {"clouds": tmp_path / "clouds", "out": tmp_path / "out", "calib": kitti / "calib", "pictures": 0}
+
+
+def test_results_of_another_making_are_not_taken_for_these(run, results, kitti, tmp_path):
+    Detect(run, **results).claim(load_detector(run))
+    (results["out"] / "results" / "000001.txt").write_text("")
+    Detect(run, **results)()
+    Detect(run, **results, step=10)()
+    moved = tmp_path / "moved"
+    shutil.copytree(run, moved)
+    Detect(moved, **results)()
+    with pytest.raises(ValueError, match=r"making: voxels\.max_voxels was 3000, now 500; give another --out"):
+        Detect(run, **results, max_voxels=500)()
+    with pytest.raises(ValueError, match=r"calib was .*calib, now None"):
+        Detect(run, **results | {"calib": None})()
+    with pytest.raises(ValueError, match=r"making: clouds was .*clouds, now .*velodyne"):
+        Detect(run, **results | {"clouds": kitti / "velodyne"})()
+    assert (results["out"] / "results" / "000001.txt").read_text() == ""
+
+
+def test_other_weights_or_another_score_limit_are_another_detector(run, results, tmp_path):
+    for name, experiment, seed in (("weights", UNTRAINED, 1), ("score", EXPERIMENT, 0)):
+        start_run(tmp_path / name, DetectorRun(experiment, 10, 8))
+        state = create_state(experiment, 10, seed=seed)
+        Checkpoints(tmp_path / name, keep=1).save(10, state=state, network=state.network)
+    Detect(run, **results).claim(load_detector(run))
+    (results["out"] / "results" / "000001.txt").write_text("")
+    with pytest.raises(ValueError, match=r"weights was \w+, now \w+;"):
+        Detect(tmp_path / "weights", **results, step=10)()
+    with pytest.raises(ValueError, match=r"making: detector\.score was 0\.0, now 0\.3;"):
+        Detect(tmp_path / "score", **results)()
+
+
+def test_results_that_nobody_signed_are_refused(run, results):
+    (results["out"] / "results" / "000001.txt").write_text("")
+    with pytest.raises(ValueError, match=r"holds results, but no detect\.json"):
+        Detect(run, **results)()
+    (results["out"] / "detect.json").write_text("{")
+    with pytest.raises(ValueError, match=r"detect\.json cannot be read"):
+        Detect(run, **results)()
+
+
 @pytest.mark.slow
 def test_without_calibration_boxes_are_in_the_lidars_axes_and_have_no_rectangle(run, kitti, tmp_path):
     clouds = tmp_path / "clouds"
