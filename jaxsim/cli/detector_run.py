@@ -1,16 +1,16 @@
-"""`python eval.py runs/NAME` of a detector: KITTI's scores of its last epochs, and pictures."""
+"""`python eval.py runs/NAME` of a detector: KITTI's scores of its last checkpoints, and pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 
 from tqdm import tqdm
 
+from jaxsim.config import RunConfig
 from jaxsim.data import open_dataset, select, source_of
-from jaxsim.report import detection_picture, detection_table, save_picture, write_detection
-from jaxsim.report.markdown import markdown_table
+from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
 from jaxsim.simulate import (
     Checkpoints,
     DetectorRun,
@@ -22,8 +22,9 @@ from jaxsim.simulate import (
     score_detector,
 )
 
-EPOCHS, PICTURES = 5, 4
-"""Checkpoints that the mean is over, as in the paper, and scenes to draw."""
+MEAN_OF, PICTURES = 5, 4
+"""Checkpoints that the mean is over, and scenes to draw. The paper averages five epochs; a checkpoint is an epoch where
+the run saved with `save_every` 0."""
 
 
 def judge_run(
@@ -31,8 +32,8 @@ def judge_run(
 ) -> None:
     """Scores the last kept checkpoints on a run's validation frames, or on those of another data set.
 
-    Prints the last one's table and the mean over all; writes both and pictures to RUN/evaluation. Raises ValueError
-    where no checkpoint is kept.
+    Prints the last one's table and the mean over all, of fewer than five too; writes both (detection.json, .md) and
+    pictures to RUN/evaluation. Raises ValueError where no checkpoint is kept.
     """
     experiment, checkpoints = load_run(run, DetectorRun).experiment, Checkpoints(run)
     if not checkpoints.steps:
@@ -43,24 +44,27 @@ def judge_run(
     foreign = data != "same"
     positions = select(frames or (f"0-{len(dataset) - 1}" if foreign else source.validation), dataset)
     found_in = experiment_scenes(dataset, positions, judged)
-    find, steps = make_find(judged), checkpoints.steps[-EPOCHS:]
+    find, steps = make_find(judged), checkpoints.steps[-MEAN_OF:]
     per_step, found = [], []
     for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
         curves, found = score_detector(find, load_detector(run, step=step).network, found_in, judged)
         per_step.append(curves)
     out = out or run / ("evaluation" if not foreign else f"evaluation_{data}")
     about = {"run": str(run), "data": source.kind, "frames": len(found_in), "step": steps[-1], "rules": "official"}
-    write_detection(out, per_step[-1], about=about)
+    mean = said_mean(steps, experiment.run), mean_curves(per_step)
+    write_detection(out, per_step[-1], about=about | {"mean_of_steps": steps}, mean=mean)
     for scene, detections in zip(found_in, found[:PICTURES], strict=False):
         picture = detection_picture(scene, detections, judged.voxels.range_m, title="")
         save_picture(out / f"{scene.name}.png", picture)
     print(f"{len(found_in)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")
-    means = mean_curves(per_step)
-    print(f"mean (and standard deviation) of the last {len(steps)} checkpoints, AP R40\n")
-    rows = []
-    for overlap, metric in (("0.7", "3d"), ("0.7", "bev"), ("0.5", "3d"), ("0.5", "bev"), ("0.7", "bbox")):
-        cells = [means.get((metric, overlap, level), (float("nan"),) * 2) for level in ("easy", "moderate", "hard")]
-        words = ["-" if isnan(mean) else f"{mean:.2f} ({spread:.2f})" for mean, spread in cells]
-        rows.append([f"{overlap} {metric}", *words])
-    print(markdown_table(["overlap set, metric", "easy", "moderate", "hard"], rows))
-    print(f"\nscores, curves and pictures: {out}")
+    print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")
+
+
+def said_mean(steps: Sequence[int], settings: RunConfig) -> str:
+    """What a mean is over, and why of fewer checkpoints than the paper's."""
+    name = "epochs" if settings.save_every == 0 else f"checkpoints, one every {settings.save_every} steps"
+    said = f"AP R40, mean (standard deviation) of the last {len(steps)} {name} (steps {', '.join(map(str, steps))})"
+    if len(steps) >= MEAN_OF:
+        return said
+    why = f"the run keeps {settings.keep}: --run.keep {MEAN_OF}" if settings.keep < MEAN_OF else "no more are there"
+    return f"{said}; the paper's is of {MEAN_OF} ({why})"

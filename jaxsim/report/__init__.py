@@ -1,7 +1,7 @@
 """Pictures and tables, from plain results."""
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
-from jaxsim.report.detection import detection_table, write_detection
+from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import depth_picture, pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
@@ -17,6 +17,7 @@ __all__ = [
     "draw_cloud",
     "draw_on_image",
     "list_scores",
+    "mean_table",
     "pair_picture",
     "save_picture",
     "score_table",

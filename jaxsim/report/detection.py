@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from jaxsim.report.pictures import save_picture
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
 _COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
 _PANEL = 190
+Means = Mapping[tuple[str, str, str], tuple[float, float]]
+"""Mean and standard deviation of AP R40 by metric, overlap set and difficulty (jaxsim.simulate.mean_curves)."""
 
 
 def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
@@ -85,18 +87,43 @@ def _panel(canvas: Canvas, x: float, y: float, curves: Sequence[Curve], *, label
             canvas.line([*points, (points[-1][0], y + _PANEL)], colour=_COLOURS[curve.difficulty], width=1.5)
 
 
-def write_detection(folder: Path, curves: Sequence[Curve], *, about: dict[str, Any]) -> None:
-    """Writes detection.json (every average, precision and threshold), detection.md and a picture an overlap set."""
+def mean_table(means: Means) -> str:
+    """A Markdown table of AP R40 over checkpoints, mean (standard deviation), of one class."""
+    rows = []
+    for metric, overlap_set in COLUMNS:
+        cells = [means.get((metric, overlap_set, name), (math.nan, math.nan)) for name in DIFFICULTIES]
+        if any((metric, overlap_set, name) in means for name in DIFFICULTIES):
+            words = ["-" if math.isnan(mean) else f"{mean:.2f} ({spread:.2f})" for mean, spread in cells]
+            rows.append([f"{overlap_set} {_NAMES[metric]}", *words])
+    return markdown_table(["overlap set, metric", *DIFFICULTIES], rows)
+
+
+def write_detection(
+    folder: Path, curves: Sequence[Curve], *, about: dict[str, Any], mean: tuple[str, Means] | None = None
+) -> None:
+    """Writes detection.json (every average, precision and threshold), detection.md and a picture an overlap set.
+
+    `mean` is what a mean is over, in words, and the means.
+    """
     content = about | {"curves": [_plain(curve) for curve in curves]}
+    if mean is not None:
+        content |= {"mean": {"of": mean[0], "averages": [_plain_mean(*item) for item in mean[1].items()]}}
     with replacing(folder / "detection.json") as path:
         path.write_text(json.dumps(content, indent=1, allow_nan=False))
     said = "\n".join(f"- {key}: {value}" for key, value in about.items())
     tables = "\n\n".join(detection_table(curves, average=average) for average in ("ap_r40", "ap_r11"))
+    if mean is not None:
+        tables += f"\n\n{mean[0]}\n\n{mean_table(mean[1])}"
     with replacing(folder / "detection.md") as path:
         path.write_text(f"{said}\n\n{tables}\n")
     for overlap_set in OVERLAP_SETS:
         picture = precision_recall_picture(curves, overlap_set)
         save_picture(folder / f"precision_recall_{overlap_set}.png", picture.pixels())
+
+
+def _plain_mean(key: tuple[str, str, str], mean: tuple[float, float]) -> dict[str, Any]:
+    value, spread = (None if math.isnan(number) else number for number in mean)
+    return {**dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True)), "ap_r40": value, "spread": spread}
 
 
 def _plain(curve: Curve) -> dict[str, Any]:
