@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 from collections import Counter
@@ -24,7 +25,7 @@ from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
 from jaxsim.simulate import load
-from jaxsim.simulate.clouds import CloudRecipe, check_recipe, make_cloud
+from jaxsim.simulate.clouds import CloudRecipe, check_recipe, grid_file, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
 
 _SAVE_EVERY = 20
@@ -172,9 +173,14 @@ class Export:
         source = {key: getattr(self, key) for key in of_source}
         labels = {key: getattr(self, key) for key in ("occlusion", "filled", "reach_m", "keep_empty")}
         recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
+        if (grid := grid_file(self.recipe)) is not None:
+            recipe["recipe.lines"] = f"grid of SHA-256 {hashlib.sha256(grid.read_bytes()).hexdigest()}"
         effects = maker.effects.effects if maker.effects else None
-        made = source | labels | recipe | {"sensor": maker.sensor and maker.sensor.fingerprint, "effects": effects}
-        return json.loads(json.dumps(made))
+        # A path is no proof that files are the same, but another path is a question; the embedded world has no files.
+        root = str(self.root.resolve()) if self.root else None
+        files = {} if self.data == "synthetic" else {"root": root, "rows": self.rows}
+        made = {"sensor": maker.sensor and maker.sensor.fingerprint, "effects": effects}
+        return json.loads(json.dumps(source | files | labels | recipe | made))
 
     def finish(self, record: TreeRecord, wanted: list[int], validation: set[int]) -> None:
         """Writes ImageSets, says what was left out."""
@@ -225,6 +231,7 @@ def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
         places.append(export.places(dataset))
         export.check_occlusion(dataset)
         records.append(TreeRecord.open(export.out, export.settings(makers[-1])))
+        records[-1].check_names(export.out, {f"{place:06d}": dataset.name_of(place) for place in places[-1][0]})
     trees = list(zip(exports, makers, records, places, strict=True))
     wanted = sorted({place for own, _ in places for place in own})
     missing: dict[int, list[tuple[Export, Maker, TreeRecord]]] = {}
@@ -237,6 +244,10 @@ def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
     def write(place: int) -> list[tuple[TreeRecord, tuple[str, dict[str, Any]]]]:
         frame = dataset[place]
         return [(record, export.write(dataset, place, frame, maker)) for export, maker, record in missing[place]]
+
+    # Before the first frame, so that whatever a killed command leaves behind is known to be its own.
+    for export, _, record, _ in trees:
+        record.save(export.out)
 
     # Frames in threads: files and kernels leave Python's lock.
     with (

@@ -25,8 +25,9 @@ class TreeRecord:
         Raises ValueError where the tree was made with other settings, or by something else.
         """
         path = out / "export.json"
+        filled = any((out / "training").glob("*/*"))
         if not path.is_file():
-            if any((out / "training").glob("*/*")):
+            if filled:
                 raise ValueError(f"export: {out} holds a training/ that this command did not make; give another --out")
             return cls(settings, {})
         try:
@@ -35,10 +36,23 @@ class TreeRecord:
         except (ValueError, KeyError) as error:
             raise ValueError(f"export: {path} cannot be read ({error!r}); give another --out, or delete it") from error
         other = [key for key, value in settings.items() if was.get(key) != value]
-        if other and frames:
+        if other and (frames or filled):
             told = ", ".join(f"{key} {was.get(key)} instead of {settings[key]}" for key in other)
-            raise ValueError(f"export: {out} holds frames made with {told}; give another --out, or delete the folder")
+            moved = f" (where it has only moved, write the new root into {path.name})" if other == ["root"] else ""
+            raise ValueError(
+                f"export: {out} holds frames made with {told}; give another --out, or delete the folder{moved}"
+            )
         return cls(settings, frames)
+
+    def check_names(self, out: Path, names: dict[str, str]) -> None:
+        """Raises ValueError where the tree holds another frame under a number than `names` has there."""
+        other = [number for number, name in names.items() if self.frames.get(number, {"name": name})["name"] != name]
+        if other:
+            was, now = self.frames[other[0]]["name"], names[other[0]]
+            raise ValueError(
+                f"export: {out} holds {was} as {other[0]}, which is {now} now ({len(other)} such): the data set "
+                "has gained or lost frames; give another --out, or delete the folder"
+            )
 
     def has(self, out: Path, number: str) -> bool:
         """Whether a frame is done: all its files are there, or it was left out."""

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import jax
 import numpy as np
 
 from jaxsim.cloud import LINES, EvenLines, crop_cloud, depth_to_cloud, sparsify
+from jaxsim.data.polar_frames import read_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Cloud, Frame, PolarGrid
 from jaxsim.geometry import PRESETS, full_grid, polar_to_points
@@ -25,6 +27,7 @@ from jaxsim.simulate.paired import take
 from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"
+_KNOWN = {*LINES, *PRESETS, NO_LINES}
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,10 @@ class CloudRecipe:
     """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
     lines: str = ""
     """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
-    sensor (hdl64e, hdl32e, vlp16, os1_128), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
+    sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows and columns of any other
+    (docs/polar-frames.md), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
     beams: tuple[int, ...] = ()
-    """Rows of the lines to keep, 0 the top; all by default."""
+    """Rows of the lines to keep, 0 the top; all by default. Not of `32_of_64`, which keeps rows of its own."""
     keep_zero: bool = False
     """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
     published: bool = False
@@ -50,13 +54,18 @@ class CloudRecipe:
 
 
 def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None = None) -> None:
-    """Raises ValueError for lines that nobody knows, for a simulated cloud without a trained sensor, and for effects
-    on a cloud of pixels."""
-    known = {*LINES, *PRESETS, NO_LINES}
-    if lines_of(recipe) not in known:
-        raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {', '.join(sorted(known))}")
+    """Raises ValueError for lines that nobody knows, for beams of lines that name theirs, for a simulated cloud without
+    a trained sensor, and for effects on a cloud of pixels."""
+    if lines_of(recipe) not in _KNOWN and grid_file(recipe) is None:
+        known = ", ".join(sorted(_KNOWN))
+        raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {known}, or a folder that holds a grid.json")
     if recipe.beams and lines_of(recipe) == NO_LINES:
         raise ValueError("clouds: beams are rows of lines, and there are none; name them with --recipe.lines 64")
+    if recipe.beams and LINES.get(lines_of(recipe), (None, None))[1] is not None:
+        raise ValueError(
+            f"clouds: {recipe.lines} already keeps some of its rows; name those that you want of all: "
+            f"--recipe.lines 64 --recipe.beams {' '.join(map(str, recipe.beams))}"
+        )
     if recipe.source == "simulated" and sensor is None:
         raise ValueError("clouds: a simulated cloud needs a trained sensor; name its run with --run runs/NAME")
     if effects is not None and (recipe.source, recipe.projection) != ("simulated", "grid"):
@@ -70,6 +79,12 @@ def lines_of(recipe: CloudRecipe) -> str:
     """The name of the recipe's lines, what is not named filled in."""
     of_pixels = recipe.source == "depth" or (recipe.source == "simulated" and recipe.projection == "camera")
     return recipe.lines or ("64" if of_pixels else NO_LINES)
+
+
+def grid_file(recipe: CloudRecipe) -> Path | None:
+    """The grid.json that the recipe's lines are in; None where they have a name, or there is no such file."""
+    path = Path(lines_of(recipe)) / "grid.json"
+    return path if lines_of(recipe) not in _KNOWN and path.is_file() else None
 
 
 def make_cloud(
@@ -98,7 +113,9 @@ def make_cloud(
 
 
 def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
-    return LINES[lines] if lines in LINES else (full_grid(PRESETS[lines]), None)
+    if lines in LINES:
+        return LINES[lines]
+    return (full_grid(PRESETS[lines]) if lines in PRESETS else read_grid(lines)[0]), None
 
 
 def _dense(

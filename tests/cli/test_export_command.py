@@ -12,10 +12,11 @@ import pytest
 from jaxsim.cli.export import Export, export_trees
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.data import DATASETS, KittiObject
+from jaxsim.data.polar_frames import write_grid
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
-from jaxsim.geometry import preset
+from jaxsim.geometry import LidarSpec, full_grid, preset
 from jaxsim.simulate.clouds import CloudRecipe
 
 sys.path.append(str(Path(__file__).parents[1] / "cloud"))
@@ -105,6 +106,58 @@ def test_the_same_command_makes_only_what_is_missing(tmp_path, six):
     assert six.made == []
 
 
+def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monkeypatch):
+    plain, killed = Six.__getitem__, tmp_path / "killed"
+
+    def read(self, index):
+        if index == 4 and not killed.exists():
+            # What is on disk at this moment is what SIGKILL would leave.
+            shutil.copytree(tmp_path / "whole", killed)
+        return plain(self, index)
+
+    monkeypatch.setattr(Six, "__getitem__", read)
+    Export(out=tmp_path / "whole", frames="3-5", workers=1)()
+    assert (killed / "training/label_2/000003.txt").is_file()
+    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+        Export(out=killed, frames="3-5", reach_m=60)()
+    Export(out=killed, frames="3-5")()
+    files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
+    assert len(files) == 3 * 4 + 3 + 1
+    assert all((killed / path).read_bytes() == (tmp_path / "whole" / path).read_bytes() for path in files)
+
+
+def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, six):
+    settings = {"out": tmp_path / "out", "data": "kitti_object", "recipe": CloudRecipe(source="measured")}
+    Export(**settings, root=tmp_path / "a", frames="0")()
+    Export(**settings, root=tmp_path / "b" / ".." / "a", frames="0")()
+    with pytest.raises(ValueError, match=r"made with root .*a instead of .*b; .*\(where it has only moved, write"):
+        Export(**settings, root=tmp_path / "b", frames="0-1")()
+    with pytest.raises(ValueError, match="made with rows file_order instead of elevation"):
+        Export(**settings, root=tmp_path / "a", frames="0-1", rows="elevation")()
+
+
+def test_a_data_set_whose_frames_have_shifted_is_not_mixed_with_what_it_was(tmp_path, six, monkeypatch):
+    Export(out=tmp_path, frames="0")()
+    monkeypatch.setattr(Six, "name_of", lambda self, index: f"six-{index + 1}")
+    with pytest.raises(ValueError, match=r"holds six-0 as 000000, which is six-1 now \(1 such\)"):
+        Export(out=tmp_path, frames="0-1")()
+
+
+def test_lines_of_any_sensor_are_read_from_its_grid(tmp_path, six):
+    narrow = LidarSpec("three", (-1.0, -3.0, -5.0), (0.0,) * 3, columns=720, min_range_m=1.0, max_range_m=100.0)
+    (tmp_path / "sensor").mkdir()
+    write_grid(tmp_path / "sensor", full_grid(narrow))
+    recipe = CloudRecipe(lines=str(tmp_path / "sensor"), beams=(0, 2))
+    Export(out=tmp_path / "out", frames="0", recipe=recipe)()
+    xyz = np.fromfile(tmp_path / "out/training/velodyne/000000.bin", "<f4").reshape(-1, 4)[:, :3]
+    elevation = np.rad2deg(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+    assert len(xyz) > 50
+    assert (np.abs(elevation[:, None] - [-1, -5]).min(axis=1) < 1).all()
+    write_grid(tmp_path / "sensor", full_grid(replace(narrow, elevation_deg=(-1.0, -3.0, -6.0))))
+    with pytest.raises(ValueError, match=r"made with recipe\.lines grid of SHA-256"):
+        Export(out=tmp_path / "out", frames="0", recipe=recipe)()
+
+
 def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path, six):
     depth, wide = Export(out=tmp_path / "a", frames="0-5"), Export(out=tmp_path / "b", frames="0-3", validation="3")
     wide = replace(wide, recipe=CloudRecipe(lines="none"))
@@ -176,6 +229,7 @@ def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
         ({"frames": "0-1", "validation": "2"}, "names frames that --frames does not"),
         ({"frames": "0", "occlusion": "paper"}, "is for vkitti2"),
         ({"frames": "0", "recipe": CloudRecipe(lines="128")}, "no lines named '128'; known: 32_of_64, 32_wide"),
+        ({"frames": "0", "recipe": CloudRecipe(lines="32_of_64", beams=(9, 13))}, "lines 64 --recipe.beams 9 13"),
         ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
         ({"frames": "0", "sensor": Path("nowhere.json")}, r"no file nowhere\.json"),
