@@ -46,4 +46,4 @@ def judge(args: Detection) -> None:
     out = args.out or args.detections.resolve().with_name(f"{args.detections.resolve().name}_evaluation")
     about = {"detections": str(args.detections), "labels": str(args.labels), "frames": len(names), "rules": args.rules}
     write_detection(out, curves, about=about)
-    print(f"scores and precision-recall curves: {out}")
+    print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")

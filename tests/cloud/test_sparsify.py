@@ -49,8 +49,8 @@ def test_winners_are_those_of_the_published_program(golden, samples, source, cas
     lines, beams = LINES[name]
     ours = winners(sparsify(crop_cloud(cloud_of(xyz)), lines, beams=beams, winner="last", clamp=True))
     theirs = vectors[f"sparse_{source}_{case}"]
-    # Angles in float32: a point on the border of two cells may fall into either.
-    assert len(set(ours.tolist()) ^ set(theirs.tolist())) <= 0.0005 * len(theirs)
+    # Angles in float32: a point on the border of two cells may fall into either. A point that moves changes up to two.
+    assert len(set(ours.tolist()) ^ set(theirs.tolist())) <= 6
     if source == "scan" and case != "H64_W1024_s1":
         assert (ours == theirs).all()
 
@@ -123,7 +123,7 @@ def test_a_point_far_above_the_top_beam_is_no_return():
     assert winners(sparsify(cloud_of(xyz), grid)).tolist() == [0, 2]
 
 
-def test_beams_by_name_are_rows_of_the_whole_sensor():
+def test_beams_are_rows_of_all_lines_and_two_readings_of_32_differ():
     rng = np.random.default_rng(3)
     cloud = cloud_of(at(rng.uniform(-44, 44, 4000), rng.uniform(-23, 1, 4000), rng.uniform(3, 60, 4000)))
     whole, some = sparsify(cloud, EvenLines()), sparsify(cloud, EvenLines(), beams=(5, 17, 40))

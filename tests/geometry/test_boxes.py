@@ -101,6 +101,7 @@ def test_overlaps_are_those_of_shapely(count):
             for ours, theirs in zip(pair_overlap(a, b), overlaps(a, b), strict=True):
                 # Of two slivers a micrometre is much: compare where float32 at 70 m can tell.
                 worst = max(worst, float(np.abs(np.asarray(ours) - theirs).max()))
+    print(f"{count} pairs, from above and in space: differ by {worst:.1e} at most")  # docs/metrics.md; pytest -rP
     assert worst < 1e-4
 
 
