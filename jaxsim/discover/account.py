@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
+from jaxsim.discover.add import parameters_of
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.name import BAR, Choice, Step, accepted
+from jaxsim.discover.name import BAR, CLEAR, LEVEL, Choice, Step, agreed, padded, smooth_is_enough
+from jaxsim.discover.over_scenes import mean_interval
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.split import Split
-from jaxsim.discover.survey import clipped
+from jaxsim.discover.survey import Candidate, clipped
 from jaxsim.discover.verdict import Interval, Named, Rank
 from jaxsim.effects import EFFECTS
 
 
 def named(step: Step, parameters: dict[str, Any]) -> Named:
     effect, gain = step.chosen.effect, clipped(step.chosen.by_unit)
-    draws = np.random.default_rng(0).choice(gain, (2000, len(gain))).mean(1)
-    low, high = np.quantile(draws, [0.05, 0.95])
+    low, high = mean_interval(gain)
     alike = tuple(c.effect.name for c in step.alike)
     apart = {name: effect.look_alikes.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
@@ -28,46 +27,81 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
         tell_apart={name: text or "scenes in which their covariates differ more" for name, text in apart.items()},
         channels=effect.channels,
         p_value=step.p_value,
-        gain=Interval(float(gain.mean()), float(low), float(high), "nats per scene"),
+        gain=Interval(float(gain.mean()), low, high, "nats per scene"),
         parameters=parameters,
     )
 
 
+SHOWN = 12
+"""Candidates of the first step that are listed."""
+
+
 def ranking(choice: Choice) -> tuple[Rank, ...]:
-    """The first step's candidates and why each was not named."""
-    ranking = choice.steps[0].ranking if choice.steps else choice.last
-    best = choice.steps[0] if choice.steps else None
-    rows = []
-    for candidate in ranking[:12]:
-        name, p = candidate.effect.name, candidate.chance
-        if best and name == best.chosen.effect.name:
-            why = ""
-        elif best and name in {c.effect.name for c in best.alike}:
-            why = "these data cannot tell it from the one that is named"
-        elif not accepted(candidate):
-            why = "its gain is within what a null reaches, or the scenes disagree on it"
-        else:
-            why = "it explains clearly less than the one that is named"
-        rows.append(
-            Rank(name, candidate.total / max(len(candidate.by_unit), 1), p, BAR / max(len(candidate.by_unit), 1), why)
-        )
-    return tuple(rows)
+    """The first step's best candidates and why each was not named."""
+    rows = choice.steps[0].ranking if choice.steps else choice.last
+    return tuple(
+        Rank(one.effect.name, one.total / len(one.by_unit), one.chance, BAR / len(one.by_unit), why_not(one, choice))
+        for one in rows[:SHOWN]
+    )
 
 
-def moved(null: Problem, after: Problem) -> dict[str, tuple[float, float]]:
+def why_not(candidate: Candidate, choice: Choice) -> str:
+    """Why a candidate of the first step is not what was named first; empty if it is."""
+    name, steps = candidate.effect.name, choice.steps
+    order = [step.chosen.effect.name for step in steps]
+    if name in order:
+        return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
+    if steps and name in {one.effect.name for one in steps[0].alike}:
+        return "these data cannot tell it from the one that is named"
+    if candidate.total <= BAR:
+        return "its gain is within what a null reaches"
+    if smooth_is_enough(candidate):
+        return "a smooth change along the rows gains as much"
+    if not agreed(candidate):
+        return "the scenes disagree on it"
+    if not steps:
+        strongest = (choice.last or (candidate,))[0]
+        if candidate.total < CLEAR * strongest.total:
+            return f"it is weak beside {strongest.effect.name}, on which the scenes disagree"
+        return "a free curve explains clearly more"
+    if padded(candidate, steps[0].chosen):
+        return "it has more numbers to fit than the one that is named, and gains no more"
+    return "it explains clearly less than the one that is named"
+
+
+def moved(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
+    """Noise scales and rates without the effects and with them; and of several effects (`fitted` is z of each) the
+    parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
-    return {n: (float(getattr(null.noise, n)), float(getattr(after.noise, n))) for n in names}
+    found = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
+    if len(choice.steps) > 1:
+        for step, z in zip(choice.steps, fitted, strict=True):
+            effect = step.chosen.effect
+            first, last = (parameters_of(effect, one) for one in (step.fitted.z, z))
+            single = [name for name, value in first.items() if isinstance(value, float)]
+            found |= {f"{effect.name}.{name}": (first[name], last[name]) for name in single}
+    return found
 
 
-def notes(comparison: Comparison, parts: Split, there: Sequence[str]) -> tuple[str, ...]:
-    notes = list(comparison.notes)
+def notes(comparison: Comparison, parts: Split, there: Sequence[str], choice: Choice) -> tuple[str, ...]:
+    """What a reader must know."""
+    found = list(comparison.notes)
     if there:
-        notes.append(f"beside what the sensor model already had: {', '.join(there)}")
+        found.append(
+            f"beside what the sensor model already had: {', '.join(there)}, held as given; the judge scenes are "
+            "those of any other run on these frames: after several rounds, what they show is no longer new"
+        )
     if len(set(comparison.scenes)) == 1:
-        notes.append(
+        found.append(
             "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
             "independent than drives"
         )
-    if len(parts.find) < 8:
-        notes.append(f"{len(parts.find)} scenes to find with are few: weak effects cannot be told from none")
-    return tuple(notes)
+    for step in choice.steps:
+        if step.chosen.chance > LEVEL:
+            found.append(f"{step.chosen.effect.name}: a rare event; few scenes show it, without the test over scenes")
+    if len(parts.judge) < FEW_JUDGES:
+        found.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
+    return tuple(found)
+
+
+FEW_JUDGES = 5

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from jaxsim.discover.fit import Problem
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.likelihood import CHANNELS
 from jaxsim.discover.localise import Place, localise, p_value
-from jaxsim.discover.name import ALIKE, Choice
+from jaxsim.discover.name import ALIKE, Choice, with_steps
 from jaxsim.discover.residuals import standardised
-from jaxsim.discover.survey import clipped
+from jaxsim.discover.survey import Candidate, clipped
 from jaxsim.discover.unexplained import agreed, describe, free_curves
 from jaxsim.discover.verdict import Unexplained
 
@@ -23,22 +24,34 @@ SURELY = 10.0
 def decide(
     null: Problem, choice: Choice, places: list[Place], everyone: np.ndarray, unit: np.ndarray
 ) -> tuple[str, Choice, Unexplained | None]:
-    """The answer; what is named in it, nothing where free curves explain clearly more than what was chosen; and what a
-    free curve still finds. `places` are the null's dependences, `unit` the scene of each block."""
+    """The answer, what is named in it, and what a free curve still finds. `places` are the null's dependences, `unit`
+    the scene of each block.
+
+    Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
+    named: what is there is not in the catalogue. Effects of other channels stay.
+    """
     curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve)]
-    if curves:
-        place, curve = curves[0]
-        # In the curve's own channel: an effect may show in others besides.
-        k = CHANNELS.index(place.channel)
-        free = curve.gain[:, k]
-        named = sum((step.chosen.gain[:, k] for step in choice.steps), np.zeros(len(free)))
-        surplus = clipped(free - named)
-        much = clipped(free).sum() > BETTER * max(clipped(named).sum(), 0.0) + SURELY
-        if much and (not choice.steps or p_value(surplus) <= ALIKE):
+    outside = curves[0] if curves and outdone(choice, *curves[0]) else None
+    if outside:
+        kept = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
+        if not kept:
             empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last)
-            return "not_in_catalogue", empty, describe(null, place, curve)
+            return "not_in_catalogue", empty, describe(null, *outside)
+        if len(kept) < len(choice.steps):
+            choice = Choice(kept, with_steps(null, kept), choice.last)
     if not choice.steps:
         return "none", choice, None
     after = localise(*standardised(choice.problem, everyone), unit)
     left = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve)]
     return "named", choice, describe(choice.problem, *left[0]) if left else None
+
+
+def outdone(choice: Choice, place: Place, curve: Candidate) -> bool:
+    """Whether a free curve gains clearly more in its own channel (an effect may show in others besides) than the
+    effects that were chosen. What a lattice of readings gains does not count: it is no dependence on anything."""
+    k = CHANNELS.index(place.channel)
+    free = curve.gain[:, k]
+    steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
+    named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))
+    much = clipped(free).sum() > BETTER * max(clipped(named).sum(), 0.0) + SURELY
+    return bool(much and (not steps or p_value(clipped(free - named)) <= ALIKE))

@@ -57,6 +57,8 @@ class Evidence:
     returned: Bool[Array, "b c r"]
     range_m: Float[Array, "b c r"]
     log_intensity: Float[Array, "b c r"]
+    lowest: Float[Array, ""]
+    """ln of the weakest reading that is not 0: a 0 says that the intensity lies below it."""
     given_rad: Float[Array, "b c r"]
     """The simulator's own angle of incidence, which its intensity follows; noisy, it may be."""
     compared: Bool[Array, "b c r"]
@@ -181,6 +183,7 @@ def gather(
     values, seen = np.asarray(measured.intensity)[at], np.asarray(measured.valid)[at]
     step = lattice_step(values[seen], finest=FINEST["intensity_quantization"])
     classes = np.unique(np.asarray(scan.semantic)[at])
+    lowest = np.log(np.min(values, where=seen & (values > FLOOR), initial=1.0))
     return _gather(
         scan,
         measured,
@@ -188,7 +191,7 @@ def gather(
         at,
         (strip, surface, hold),
         unit.astype(np.int32),
-        np.float32(BLURRED * step),
+        (np.float32(BLURRED * step), np.float32(lowest)),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
     )
@@ -228,12 +231,12 @@ def _gather(
     at: Any,
     surfaces: Any,
     unit: Any,
-    least: Any,
+    limits: Any,
     *,
     classes: Any,
     units: int,
 ) -> Evidence:
-    rays = rays_at(scan, *at)
+    rays, (least, lowest) = rays_at(scan, *at), limits
     returned, range_m = measured.valid[at], measured.range_m[at]
     pose = pose_derivatives(scan, rays)
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
@@ -258,6 +261,7 @@ def _gather(
         returned=returned,
         range_m=range_m,
         log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
+        lowest=lowest,
         given_rad=given,
         compared=compared,
         edge=edge,

@@ -10,18 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.add import in_place
+from jaxsim.discover.add import in_place, refit
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.localise import COVARIATES
 from jaxsim.discover.name import Choice
-from jaxsim.discover.nuisance import weights
-from jaxsim.discover.null import first_residuals, left_over
+from jaxsim.discover.nuisance import Noise, weights
+from jaxsim.discover.null import first_residuals, fit_null, left_over
 from jaxsim.discover.result import CurveLine
 from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.survey import Candidate
 from jaxsim.discover.verdict import Gap, Interval
 from jaxsim.effects import Effect
+
+Added = Sequence[tuple[Effect, dict[str, Any]]]
+"""Effects and their z."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +44,16 @@ def judge(
     unit: np.ndarray,
     find: int,
     null: Problem,
-    noise: Any,
-    chain: list[tuple[Effect, Any]],
-    rival: Candidate | None,
+    noise: Noise,
+    chain: Added,
+    placebo: tuple[Added, Noise] | None,
 ) -> Judged:
-    """The gap with the effects of `chain` in place, which leave `noise`; `rival` is the placebo. The first `find` units
-    are find scenes, from which shared nuisances come."""
+    """The gap with the effects of `chain` in place, which leave `noise`; `placebo` is another chain with its own. The
+    first `find` units are find scenes, from which shared nuisances come."""
     fitted = (unit < find).astype(np.float32)
     judged = unit >= find
 
-    def problem_of(effects: Sequence[tuple[Effect, Any]], noise: Any) -> Problem:
+    def problem_of(effects: Added, noise: Noise) -> Problem:
         problem = in_place(Problem(scan, ev, null.weights, noise, null.clutter), effects, simulated=True)
         raw = weights(problem.ev, noise, *first_residuals(problem.ev))
         off = left_over(problem.ev, raw, jnp.asarray(fitted))
@@ -61,11 +64,11 @@ def judge(
         return by_scene(np.asarray(found)[judged], unit[judged])
 
     before, after = problem_of([], null.noise), problem_of(chain, noise)
-    placebo = problem_of([(rival.effect, rival.fits[0].z)], null.noise) if rival else before
+    instead = problem_of(*placebo) if placebo else before
     channels = {name for effect, _ in chain for name in effect.channels}
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
     floor = floors(before, fitted, judged, unit, distance(before), sorted(covariates))
-    gap, closure = gaps(distance(before), distance(after), distance(placebo), floor, sorted(channels))
+    gap, closure = gaps(distance(before), distance(after), distance(instead), floor, sorted(channels))
     return Judged(
         gap,
         closure,
@@ -76,10 +79,17 @@ def judge(
 
 
 def runner_up(choice: Choice) -> Candidate | None:
-    """The best candidate of the first step that is neither named nor a look-alike."""
+    """The best candidate of the first step that is nowhere named and no look-alike of what is."""
     if not choice.steps:
         return None
-    first = choice.steps[0]
-    taken = {first.chosen.effect.name, *(c.effect.name for c in first.alike)}
-    rest = [c for c in first.ranking if c.effect.name not in taken]
+    taken = {one.effect.name for step in choice.steps for one in (step.chosen, *step.alike)}
+    rest = [one for one in choice.steps[0].ranking if one.effect.name not in taken]
     return rest[0] if rest else None
+
+
+def placebo_of(null: Problem, rival: Candidate, everyone: Float[np.ndarray, " b"]) -> tuple[Added, Noise]:
+    """The runner-up fitted as the answer is: to all find scenes, and the noise that it leaves."""
+    [(effect, _, found)] = refit(null, [rival.effect], [rival.fits[0].z], everyone)
+    chain = [(effect, found.z)]
+    placed = in_place(null, chain)
+    return chain, fit_null(placed.scan, placed.ev, everyone, clutter=placed.clutter)[0].noise

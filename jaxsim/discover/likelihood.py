@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, pose_shift, range_variance, reflectance
-from jaxsim.effects.rays import CLUTTER_REACH_M, NEVER, Rays
+from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, NEVER, Rays
 from jaxsim.frame import Array
 
 CHANNELS = ("intensity", "range", "drop")
@@ -41,6 +41,14 @@ def log_student(d: Array, sd: Array) -> Array:
     return _T - 0.5 * (DEGREES + 1) * jnp.log1p((d / sd) ** 2 / DEGREES) - jnp.log(sd)
 
 
+def log_below(t: Array) -> Array:
+    """Logarithm of the probability that a Student-t of 4 degrees of freedom and scale 1 lies below t."""
+    square = t**2 / DEGREES
+    share = 0.5 + 0.375 * t / jnp.sqrt(1 + square) * (1 - t**2 / 12 / (1 + square))
+    # Far below 0 the sum cancels; the tail falls with the fourth power.
+    return jnp.log(jnp.where(t < -6, 3 / 16 / (1 + square) ** 2, jnp.maximum(share, 1e-4)))
+
+
 def log_cauchy(d: Array, scale: float) -> Array:
     return -jnp.log(np.pi * scale * (1 + (d / scale) ** 2))
 
@@ -54,10 +62,14 @@ def intensity_terms(
     left = residual - explained
     rounding = rays.intensity_step / np.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
     variance = intensity_variance(ev, noise) + rounding**2
-    density = log_student(left, jnp.sqrt(variance))
+    sd = jnp.sqrt(variance)
+    density = log_student(left, sd)
+    # A reading of 0 says no more than that the intensity lies below all others.
+    nothing = ev.log_intensity <= np.log(FLOOR) + 1e-3
+    density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - left)) / sd), density)
     # At the sensor's top: all that would be brighter piles up there.
     top = jnp.log(rays.intensity_top)
-    over = (ev.log_intensity - left - top) / jnp.sqrt(variance)
+    over = (ev.log_intensity - left - top) / sd
     gap = ev.log_intensity - top
     piled = jax.nn.log_sigmoid(1.6 * over) - np.log(2 * _PILE)
     clipped = rays.intensity_top < 0.9999

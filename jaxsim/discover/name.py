@@ -57,11 +57,20 @@ class Choice:
 def accepted(candidate: Candidate) -> bool:
     """Whether a candidate passes the bar, and the units agree that it should; of an effect of single beams, also on
     what its beams' numbers gain over a smooth change along the rows."""
-    if candidate.own is not None:
-        rough = clipped(candidate.own)
-        if rough.sum() <= BAR or p_value(rough) > LEVEL:
-            return False
-    return candidate.total > BAR and (candidate.chance <= LEVEL or candidate.sudden)
+    return not smooth_is_enough(candidate) and candidate.total > BAR and agreed(candidate)
+
+
+def agreed(candidate: Candidate) -> bool:
+    """Whether the units agree on its gain."""
+    return candidate.chance <= LEVEL or candidate.sudden
+
+
+def smooth_is_enough(candidate: Candidate) -> bool:
+    """Whether an effect of single beams gains no more, for certain, than a smooth change along the rows."""
+    if candidate.own is None:
+        return False
+    rough = clipped(candidate.own)
+    return bool(rough.sum() <= BAR or p_value(rough) > LEVEL)
 
 
 def worse(candidate: Candidate, best: Candidate) -> bool:
@@ -98,7 +107,7 @@ def choose(
         good = [candidate for candidate in ranking if accepted(candidate) and candidate.total >= least]
         if not good or len(steps) == most:
             kept = look_back(null, steps, say=say)
-            return Choice(kept, problem if len(kept) == len(steps) else _added(null, kept), tuple(ranking))
+            return Choice(kept, problem if len(kept) == len(steps) else with_steps(null, kept), tuple(ranking))
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
         values = tuple(to_values(best.effect, one.z) for one in best.fits)
@@ -118,15 +127,15 @@ def look_back(
     kept = list(steps)
     for step in steps[:-1]:
         others = [other for other in kept if other is not step]
-        [again] = survey(_added(null, others), [step.chosen.effect])
+        [again] = survey(with_steps(null, others), [step.chosen.effect])
         if not accepted(again):
             say(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             kept = others
     return tuple(kept)
 
 
-def _added(null: Problem, steps: Sequence[Step]) -> Problem:
-    """The null refitted on top of the effects of `steps`."""
+def with_steps(null: Problem, steps: Sequence[Step]) -> Problem:
+    """The null, refitted on top of the effects of `steps`."""
     problem = null
     for step in steps:
         problem = on_top(step.chosen.effect, problem, step.fitted.z)

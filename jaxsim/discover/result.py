@@ -25,7 +25,8 @@ class CurveLine:
     before: Float[np.ndarray, " k"]
     after: Float[np.ndarray, " k"]
     band: Float[np.ndarray, " k"]
-    """Half width of the 90 % interval of `before`, from the scatter between scenes."""
+    """Half width of the 90 % interval of `before`, from the scatter between scenes; NaN where fewer than two have a
+    value."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import CHANNELS, return_terms
 from jaxsim.discover.localise import CATEGORICAL, COVARIATES, RIDGE, curve_basis, values_of
 from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
+from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import CurveLine
 from jaxsim.discover.verdict import Gap, Interval
@@ -31,7 +32,6 @@ UNITS = {
     "range": "mean absolute error, m",
     "drop": "log loss of return, nats a ray",
 }
-DRAWS = 2000
 CLIP_M = 1.0
 
 
@@ -67,42 +67,28 @@ def gaps(
     floor: Float[np.ndarray, "u 3"],
     channels: Sequence[str],
 ) -> tuple[dict[str, Gap], Interval | None]:
-    """Gap by channel, and the closure (before - after) / (before - floor) of the named effects' channels together;
-    none where the scenes do not agree that the floor lies below.
+    """Gap by channel, and the closure (before - after) / (before - floor) of the named effects' channels together, each
+    channel's distances as shares of its own before; none where the scenes do not agree that the floor lies below.
 
-    Paired bootstrap over scenes.
+    Scenes are paired: intervals are those of a scene's own differences (`over_scenes`).
     """
-    rng = np.random.default_rng(0)
-    draws = rng.integers(0, len(before), (DRAWS, len(before)))
-    found, share = {}, np.zeros((DRAWS, 2))
-    whole = np.zeros(2)
+    found = {}
+    shrunk, room = before - after, before - floor
     for k, name in enumerate(CHANNELS):
-        shrunk = before[:, k] - after[:, k]
-        boot = np.nanmean(shrunk[draws], axis=1)
-        low, high = np.nanquantile(boot, [0.05, 0.95])
-        best = (
-            np.minimum(floor[:, k], after[:, k]) if np.nanmean(floor[:, k]) > np.nanmean(after[:, k]) else floor[:, k]
-        )
-        values = [float(np.nanmean(x)) for x in (before[:, k], after[:, k], best, placebo[:, k])]
-        found[name] = Gap(
-            values[0],
-            values[1],
-            float(low),
-            float(high),
-            UNITS[name],
-            values[2],
-            values[3],
-            float(np.nanmean(shrunk > 0)),
-        )
-        if name in channels and values[0] > 0:
-            room = before[:, k] - best
-            share += np.stack([boot, np.nanmean(room[draws], axis=1)], axis=1) / values[0]
-            whole += np.array([np.nanmean(shrunk), np.nanmean(room)]) / values[0]
-    if whole[1] <= 0 or np.quantile(share[:, 1], 0.05) <= 0:
+        values = [float(np.nanmean(x[:, k])) for x in (before, after, floor, placebo)]
+        low, high = mean_interval(shrunk[:, k])
+        win = float(np.nanmean(shrunk[:, k] > 0))
+        found[name] = Gap(values[0], values[1], low, high, UNITS[name], values[2], values[3], win)
+    used = [k for k, name in enumerate(CHANNELS) if name in channels and found[name].before > 0]
+    if not used:
+        return found, None
+    sizes = np.array([found[CHANNELS[k]].before for k in used])
+    top, bottom = (shrunk[:, used] / sizes).sum(1), (room[:, used] / sizes).sum(1)
+    if not mean_interval(bottom)[0] > 0:
         return found, None  # nothing that a black box could explain for certain
-    ratio = share[:, 0] / np.maximum(share[:, 1], 1e-9)
-    low, high = np.quantile(ratio, [0.05, 0.95])
-    return found, Interval(float(whole[0] / whole[1]), float(low), float(high), "share of what can be explained")
+    ends = ratio_interval(top, bottom)
+    both = np.isfinite(top) & np.isfinite(bottom)
+    return found, Interval(float(top[both].sum() / bottom[both].sum()), *ends, "share of what can be explained")
 
 
 MAP_COLUMNS = 32
@@ -171,8 +157,7 @@ def curves_along(
             k = np.bincount(place[own], minlength=size)
             total = np.bincount(place[own], old[channel][0][judged][counts][own], minlength=size)
             scenes.append(np.where(k > 0, total / np.maximum(k, 1), np.nan))
-        spread = np.nanstd(np.array(scenes), axis=0) / np.sqrt(max(len(scenes) - 1, 1))
-        centre, band = np.bincount(place, x, minlength=size) / n, 1.645 * np.nan_to_num(spread)
+        centre, band = np.bincount(place, x, minlength=size) / n, half_width(np.array(scenes))
         lines.append(CurveLine(channel, covariate, RESIDUAL_UNITS[channel], centre, means[0], means[1], band))
     return tuple(lines)
 
@@ -186,7 +171,7 @@ def floors(
     covariates: Sequence[str],
 ) -> Float[np.ndarray, "u 3"]:
     """Distances that a black box reaches: an additive model of free curves along `covariates`, fitted to the find
-    scenes' residuals."""
+    scenes' residuals (ranges within CLIP_M, for squares would follow a few far ones)."""
     result = before.copy()
     rays = jax.tree.map(np.asarray, problem.ev.rays)
     train = fitted > 0
@@ -195,7 +180,7 @@ def floors(
         off, _, counts = found[name]
         design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
-        y = off[counts]
+        y = np.clip(off[counts], -CLIP_M, CLIP_M) if name == "range" else off[counts]
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
         beta = np.linalg.solve(x[learn].T @ x[learn] + RIDGE * np.eye(x.shape[1]), x[learn].T @ y[learn])
         said = x @ beta

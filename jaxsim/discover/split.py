@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 JUDGE_SHARE = 1 / 3
-FEWEST = 6
-"""Units that a verdict needs: 4 to find with, 2 to judge on."""
+FEWEST = 10
+"""Units that a verdict needs: 7 to find with, for the signs of fewer cannot agree so well that chance is ruled out at
+the level that naming asks for (`name.LEVEL`, of the better of two tests: 2 x 2^-7), and 3 to judge on."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ def split(names: Sequence[str]) -> Split:
     names = list(dict.fromkeys(names))
     if len(names) < FEWEST:
         raise ValueError(
-            f"discover: {len(names)} independent scenes; a verdict needs {FEWEST} or more (12 to tell effects apart "
+            f"discover: {len(names)} independent scenes; a verdict needs {FEWEST} or more (16 to tell effects apart "
             "well). Frames of one drive count as one scene: give more drives, or one drive alone, which is cut into "
             "sectors of azimuth"
         )

@@ -24,7 +24,8 @@ PART = 0.25
 AGREE = 3
 """Units that must agree: no gain or loss counts for more than the third largest."""
 SUDDEN = 12.0
-"""Nats that each of AGREE units must gain, and next to none lose, where an event is rare: most scenes lack it."""
+"""Nats that each of AGREE units must gain, and the others next to nothing lose, to pass without the test over units: of
+a rare event (lost packets) most scenes say nothing."""
 
 
 def clipped(gain: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:

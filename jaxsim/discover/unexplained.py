@@ -10,6 +10,7 @@ from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.fit import Problem, to_values
 from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
 from jaxsim.discover.name import accepted
+from jaxsim.discover.over_scenes import fold_half_width
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
@@ -62,7 +63,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     grid = _grid(x, place.covariate)
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
     curves = heights @ basis.T
-    y, band = curves.mean(0), 1.645 * curves.std(0, ddof=1)
+    y, band = curves.mean(0), fold_half_width(curves)
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     character, formula = shape_of(grid, y, weight, place)
     name = NAMED.get(place.covariate, place.covariate)

@@ -11,6 +11,9 @@ import numpy as np
 
 from jaxsim.atomic import replacing
 
+WORSE = 0.01
+"""Share of its distance by which a channel may grow and still count as not worse."""
+
 
 @dataclass(frozen=True)
 class Interval:
@@ -71,7 +74,7 @@ class Gap:
     before: float
     after: float
     low: float
-    """90 % interval of `before - after`, by bootstrap over scenes."""
+    """90 % interval of `before - after`, from the scatter between scenes."""
     high: float
     unit: str
     floor: float
@@ -80,6 +83,11 @@ class Gap:
     """With the runner-up in place of the named effect."""
     win_rate: float
     """Share of judge scenes where it shrank."""
+
+    @property
+    def not_worse(self) -> bool:
+        """Whether the channel is shown (95 %, one-sided) to be worse by less than WORSE of its distance."""
+        return self.low > -WORSE * self.before
 
 
 @dataclass(frozen=True)
@@ -111,7 +119,8 @@ class Verdict:
     frames: int
     seconds: float
     moved: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Noise scales and rates before and after the effects were added."""
+    """Noise scales and rates before and after the effects were added; and, where several were, each one's parameters
+    (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
     ranking: tuple[Rank, ...] = ()
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
@@ -120,6 +129,8 @@ class Verdict:
         """The content of verdict.json (docs/discover.md)."""
         # A channel that was not compared (unpaired: all but the intensity) is null.
         gap: dict[str, Any] = {name: _plain(self.gap.get(name)) for name in ("intensity", "range", "drop")}
+        for name, one in self.gap.items():
+            gap[name]["not_worse"] = one.not_worse
         gap["closure"] = _plain(self.closure)
         return {
             "verdict": self.verdict,

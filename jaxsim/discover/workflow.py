@@ -20,7 +20,7 @@ from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import CLUTTER, to_z
 from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
-from jaxsim.discover.judge import judge, runner_up
+from jaxsim.discover.judge import judge, placebo_of, runner_up
 from jaxsim.discover.localise import NAMED, localise
 from jaxsim.discover.name import choose
 from jaxsim.discover.null import fit_null
@@ -73,7 +73,7 @@ def discover(
     parts = scenes.parts
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
-    say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on")
+    say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
     ev, unit = scenes.evidence(parts.find, known)
     everyone = np.ones(len(unit), np.float32)
     null, _ = fit_null(scenes.scan, ev, everyone, clutter=bool({*there} & {*CLUTTER}))
@@ -98,7 +98,8 @@ def discover(
     both, both_unit = scenes.evidence((*parts.find, *parts.judge), known)
     chain = [(e, found.z) for e, _, found in fitted]
     noise, rival = choice.problem.noise, runner_up(choice)
-    shown = judge(scenes.scan, both, both_unit, len(parts.find), null, noise, chain, rival)
+    placebo = placebo_of(null, rival, everyone) if rival else None
+    shown = judge(scenes.scan, both, both_unit, len(parts.find), null, noise, chain, placebo)
     verdict = Verdict(
         verdict=answer,
         effects=tuple(account.named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
@@ -115,9 +116,9 @@ def discover(
         sha256=parts.sha256,
         frames=len(comparison.names),
         seconds=time.monotonic() - begun,
-        moved=account.moved(null, choice.problem),
+        moved=account.moved(null, choice, [found.z for _, _, found in fitted]),
         ranking=account.ranking(choice),
-        notes=account.notes(comparison, parts, there),
+        notes=account.notes(comparison, parts, there, choice),
     )
     grid = comparison.scan.grid
     ranking = choice.steps[0].ranking if choice.steps else choice.last

@@ -75,7 +75,10 @@ def _facts(result: Result) -> list[tuple[str, str]]:
 
 def _scenes(verdict: Verdict) -> str:
     parts = [paragraph(f"Note: {note}.") for note in verdict.notes]
-    for word, names in (("To find and fit", verdict.find), ("To judge, never looked at before", verdict.judge)):
+    for word, names in (
+        ("To find and fit", verdict.find),
+        ("To judge", verdict.judge),
+    ):
         parts.append(f'<p class="names"><b>{word} ({len(names)}):</b> {escape(", ".join(names))}</p>')
     taken = "SHA-256 of this division, taken before anything was fitted"
     parts.append(f'<p class="names">{taken}: <code>{escape(verdict.sha256)}</code></p>')

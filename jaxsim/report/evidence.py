@@ -9,40 +9,30 @@ import numpy as np
 
 from jaxsim.discover.localise import CATEGORICAL
 from jaxsim.discover.result import CurveLine, Result
-from jaxsim.discover.verdict import Gap, Verdict, Where
+from jaxsim.discover.verdict import WORSE, Gap, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
 from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
-
-WEAK = 0.05
-"""Dependences of a larger p are shown in grey."""
-
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
 
 
 def where(places: Sequence[Where]) -> str:
-    """Channels and the covariates on which their residuals depend; what chance explains is grey."""
+    """Channels and the covariates on which their residuals depend."""
     title = "Where simulation and measurement disagree"
     if not places:
         text = "No dependence of the residuals on any covariate was found, once the nuisances are fitted."
         return section(title, paragraph(text))
-    rows = [_place(place) for place in places]
+    rows = [[*map(escape, (p.channel, p.covariate, probability(p.p_value), _share(p.share)))] for p in places]
     words = (
         "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
         "counts for what it adds to those above it in its channel, a pair (A x B) for what no single one explains. "
-        "Share: of the residual variance on held-out scenes. "
+        "p: that the strongest of all covariates, or pairs, of all channels agrees so well by chance. "
+        "Share: of the residual variance on held-out scenes."
     )
-    if any(place.p_value > WEAK for place in places):
-        words += f"Grey: p above {WEAK}, as chance alone would give."
     return section(title, paragraph(words) + table(["channel", "covariate", "p", "share"], rows, text=2))
-
-
-def _place(place: Where) -> list[str]:
-    cells = [*map(escape, (place.channel, place.covariate, probability(place.p_value), _share(place.share)))]
-    return [f'<span class="weak">{cell}</span>' for cell in cells] if place.p_value > WEAK else cells
 
 
 def _share(share: float) -> str:
@@ -126,7 +116,10 @@ def gap(verdict: Verdict) -> str:
         "Floor: what a free additive model reaches with the same data."
     )
     if added:
-        words += " Placebo: with the runner-up added instead. Intervals: paired bootstrap over scenes."
+        words += (
+            " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
+            f"each held against itself. Not worse: at 95 %, the distance grew by less than {percent(WORSE)}."
+        )
     closure = ""
     if verdict.closure:
         c = verdict.closure
@@ -142,7 +135,8 @@ def _change(gap: Gap) -> str:
     if not (np.isfinite(gap.low) and np.isfinite(gap.high)):
         return "not compared"
     small = max(abs(gap.low), abs(gap.high)) < SMALL * gap.before
-    word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else "no clear change"
+    unclear = "not worse" if gap.not_worse else "may be worse"
+    word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else unclear
     return f"{number(gap.low)} to {number(gap.high)}<br><small>{word}</small>"
 
 
@@ -154,7 +148,10 @@ def moved(verdict: Verdict) -> str:
         [escape(NUISANCES.get(name, (name, ""))[0]), nuisance(name, before), nuisance(name, after)]
         for name, (before, after) in verdict.moved.items()
     ]
-    words = "Noise scales and rates of the null model, fitted without the effects and again with them."
+    words = (
+        "Noise scales and rates of the null model, fitted without the effects and again with them; of several effects "
+        "also their parameters, as fitted when each was added and with the others in place."
+    )
     return section(
         "What moved when the effects were added", paragraph(words) + table(["", "before", "after"], rows, text=1)
     )

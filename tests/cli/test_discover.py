@@ -180,7 +180,7 @@ def test_too_few_scenes_says_how_many_it_needs(folders: Folders, tmp_path: Path)
         (folders[0] / f"drive{k}.npz").unlink()
     text = complaint(folders, tmp_path / "out")
     assert "3 independent scenes" in text
-    assert "needs 6" in text
+    assert "needs 10" in text
 
 
 def test_frames_of_one_drive_count_as_one_scene(folders: Folders, tmp_path: Path):

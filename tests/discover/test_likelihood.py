@@ -5,8 +5,9 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
-from jaxsim.discover.likelihood import intensity_terms, log_likelihood, return_terms
+from jaxsim.discover.likelihood import intensity_terms, log_below, log_likelihood, return_terms
 from jaxsim.discover.nuisance import START, weights
 
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
@@ -74,3 +75,21 @@ def test_channels_that_are_not_asked_for_are_zero(evidence):
     found = np.asarray(log_likelihood(evidence.rays, evidence, START, w, jnp.ones(6), channels=("intensity",)))
     assert (found[:, 1:] == 0).all()
     assert (found[:, 0] != 0).all()
+
+
+def test_a_reading_of_nothing_has_the_probability_of_all_that_is_weaker():
+    t = np.concatenate([-np.geomspace(1e3, 1e-2, 60), [0.0], np.geomspace(1e-2, 50, 30)])
+    np.testing.assert_allclose(log_below(jnp.asarray(t, jnp.float32)), student.logcdf(t, 4), atol=0.06)
+
+
+def test_a_zero_costs_little_where_the_simulation_is_as_dark_as_the_sensor_can_tell(evidence):
+    zero = jnp.zeros(evidence.edge.shape)
+    w, fitted = weights(evidence, START, zero, zero), jnp.zeros(6)
+    dark = replace(evidence, log_intensity=jnp.full_like(evidence.log_intensity, float(np.log(1e-4))))
+    dim = replace(evidence.rays, log_intensity=zero + evidence.lowest - 0.5)
+    bright = replace(evidence.rays, log_intensity=zero - 0.5)
+    w = w.replace(intensity=w.intensity * 0)
+    near, far = (intensity_terms(rays, dark, START, w, fitted)[0] for rays in (dim, bright))
+    counted = np.asarray(evidence.compared)
+    assert np.asarray(near)[counted].min() > -1
+    assert np.asarray(far)[counted].max() < -3

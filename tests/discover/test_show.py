@@ -1,6 +1,7 @@
 """The order of channels is fixed, and a black box of the right covariate reaches the noise."""
 
 import numpy as np
+import pytest
 
 from jaxsim.discover.likelihood import CHANNELS
 from jaxsim.discover.null import fit_null
@@ -44,3 +45,23 @@ def test_closure_is_the_share_of_what_can_be_explained():
         [gap["intensity"].before, gap["intensity"].after, gap["intensity"].win_rate], [0.2, 0.12, 1]
     )
     assert gap["range"].win_rate == 0
+
+
+def test_a_floor_that_lies_above_what_the_effects_reach_is_given_as_it_is():
+    rng = np.random.default_rng(1)
+    before, noise = np.full((5, 3), 0.2), rng.normal(0, 0.002, (5, 3))
+    gap, closure = gaps(before, 0.1 + noise, before, 0.12 + noise, ["intensity"])
+    np.testing.assert_allclose(gap["intensity"].floor, 0.12, atol=0.003)
+    assert closure.low > 1
+    assert closure.low < closure.value < closure.high
+    assert gaps(before, 0.1 + noise, before, 0.2 + 10 * noise, ["intensity"])[1] is None
+
+
+@pytest.mark.parametrize("grown", [0.0, 0.03])
+def test_a_channel_is_not_worse_only_where_the_scenes_show_it(grown):
+    before = np.full((5, 3), 0.2)
+    after = before * (1 + grown) + np.array([-1, 0, 1, 0, 0])[:, None] * 1e-4
+    gap, _ = gaps(before, after, before, before, ["intensity"])
+    assert gap["drop"].not_worse is (grown == 0)
+    unsure = before + np.array([-1, 0, 1, 0, 0])[:, None] * 0.02
+    assert not gaps(before, unsure, before, before, ["intensity"])[0]["drop"].not_worse

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.columns import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks
-from jaxsim.discover.split import folds, split
+from jaxsim.discover.localise import p_value
+from jaxsim.discover.name import LEVEL
+from jaxsim.discover.split import FEWEST, folds, split
 
 NAMES = [f"drive {k}" for k in range(16)]
 
@@ -24,8 +26,8 @@ def test_the_hash_changes_with_the_division():
 
 
 def test_too_few_scenes_are_an_error_that_says_how_many_are_needed():
-    with pytest.raises(ValueError, match=r"5 independent scenes; a verdict needs 6"):
-        split(NAMES[:5])
+    with pytest.raises(ValueError, match=r"9 independent scenes; a verdict needs 10"):
+        split(NAMES[:9])
 
 
 def test_frames_of_a_scene_are_fitted_or_held_out_together():
@@ -65,3 +67,12 @@ def test_frames_of_one_drive_are_cut_into_the_same_sectors(frames):
 
 def test_frames_of_several_drives_keep_their_drives():
     assert blocks(["a", "a", "b"], 44, 372).unit == ("a", "a", "b")
+
+
+def test_the_fewest_scenes_are_those_with_which_naming_can_pass_its_test():
+    def best(scenes):
+        find = np.ones(len(split(NAMES[:scenes]).find))
+        return 2 * p_value(find)  # the better of two tests
+
+    assert best(FEWEST) <= LEVEL
+    assert 2 * p_value(np.ones(FEWEST - 1 - round((FEWEST - 1) / 3))) > LEVEL

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.localise import CATEGORICAL
+from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
 from jaxsim.discover.result import CurveLine
 from jaxsim.discover.unpaired.choose import Step
 from jaxsim.discover.unpaired.conditional import Conditional
@@ -23,7 +24,6 @@ from jaxsim.discover.verdict import Gap, Interval
 from jaxsim.effects import EFFECTS
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"
-DRAWS = 2000
 MAP_COLUMNS = 32
 BINS = 16
 
@@ -83,32 +83,21 @@ def _residual(problem: Conditional, eq: Equations, change: np.ndarray | float) -
 def _runner_up(steps: Sequence[Step]) -> Block | None:
     if not steps:
         return None
-    first = steps[0]
-    taken = {first.chosen.candidate.name, *(one.candidate.name for one in first.alike)}
-    rest = [one for one in first.ranking if one.candidate.name not in taken]
+    taken = {one.candidate.name for step in steps for one in (step.chosen, *step.alike)}
+    rest = [one for one in steps[0].ranking if one.candidate.name not in taken]
     return rest[0].candidate.block if rest else None
 
 
 def _gap(
     before: np.ndarray, after: np.ndarray, floor: np.ndarray, placebo: np.ndarray, named: bool
 ) -> tuple[Gap, Interval | None]:
-    rng = np.random.default_rng(0)
-    draws = rng.integers(0, len(before), (DRAWS, len(before)))
-    shrunk = before - after
-    low, high = np.quantile(shrunk[draws].mean(1), [0.05, 0.95])
-    best = float(min(floor.mean(), after.mean()))
-    win = float((shrunk > 0).mean())
-    gap = Gap(
-        float(before.mean()), float(after.mean()), float(low), float(high), UNIT, best, float(placebo.mean()), win
-    )
-    if not named or before.mean() <= best:
+    shrunk, room = before - after, before - floor
+    values = [float(x.mean()) for x in (before, after, floor, placebo)]
+    gap = Gap(values[0], values[1], *mean_interval(shrunk), UNIT, values[2], values[3], float((shrunk > 0).mean()))
+    if not named or not mean_interval(room)[0] > 0:
         return gap, None
-    room = np.minimum(floor, after) if floor.mean() > after.mean() else floor
-    room = room[draws].mean(1)
-    ratio = shrunk[draws].mean(1) / np.maximum(before[draws].mean(1) - room, 1e-9)
-    ends = np.quantile(ratio, [0.05, 0.95])
-    value = float(shrunk.mean() / (before.mean() - best))
-    return gap, Interval(value, float(ends[0]), float(ends[1]), "share of what can be explained")
+    ends = ratio_interval(shrunk, room)
+    return gap, Interval(float(shrunk.mean() / room.mean()), *ends, "share of what can be explained")
 
 
 def _map(problem: Conditional, off: np.ndarray, keep: np.ndarray) -> Float[np.ndarray, "r c"]:
@@ -141,7 +130,7 @@ def _curves(
             k = np.bincount(place[own], minlength=size)
             total = np.bincount(place[own], before[keep][own], size)
             scenes.append(np.where(k > 0, total / np.maximum(k, 1), means[0]))
-        band = 1.645 * np.std(scenes, axis=0) / np.sqrt(max(len(scenes) - 1, 1))
+        band = half_width(np.array(scenes))
         centre = np.bincount(place, x, size) / count
         lines.append(
             CurveLine("intensity", name, "ln I, measured minus the law of both sides", centre, means[0], means[1], band)
