@@ -116,7 +116,8 @@ def methods_of(weights: Path, gains: Sequence[float]) -> dict[str, Method]:
 
 def name_of(path: Path) -> str:
     """model_state_small_sigma_25_bw.npz is LIDIA small 25."""
-    return f"LIDIA {path.stem.removeprefix('model_state_').removesuffix('_bw').replace('sigma_', '')}"
+    stem = path.stem.removeprefix("model_state_").removesuffix("_bw")
+    return f"LIDIA {stem.replace('sigma_', '').replace('_', ' ')}"
 
 
 def both_ways(name: str, network: Lidia, *, gain: float = 1.0) -> dict[str, Method]:
@@ -150,9 +151,12 @@ def picture(methods: dict[str, Method], truth: np.ndarray, noisy: np.ndarray, va
     for names in SHOWN:
         panels = []
         for name in names:
-            clean = truth if name == "without noise" else methods[name](noisy, valid)
-            title = name.removesuffix(", gain 1").replace("non-local means, strength", "non-local, strength")
-            title += "" if clean is truth else f": {psnr(clean, truth, valid):.1f} dB"
+            if name == "without noise":
+                clean, title = truth, f"{name} (grey: no return)"
+            else:
+                clean = methods[name](noisy, valid)
+                title = name.removesuffix(", gain 1").replace("non-local means, strength", "non-local, strength")
+                title += f": {psnr(clean, truth, valid):.1f} dB"
             panel = intensity_panel(clean[:, CROP], valid[:, CROP]).repeat(6, 0).repeat(4, 1)
             panels.append(strip([(title, panel)], width=panel.shape[1]))
         rows.append(beside(panels))
@@ -174,7 +178,7 @@ def main(
 
     def note(name: str, row: dict[str, float]) -> None:
         results[name] = row
-        print(f"{name:<44}" + "  ".join(f"{key} {value:.4f}" for key, value in row.items()), flush=True)
+        print(f"{name:<60}" + "  ".join(f"{key} {value:.4f}" for key, value in row.items()), flush=True)
         with replacing(file) as temporary:
             temporary.write_text(json.dumps(results, indent=2))
 
