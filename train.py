@@ -207,7 +207,7 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
         return scores
 
     # Loop: a resumed run sees the batches that an uninterrupted one would.
-    begun, scores, told = time.monotonic(), {}, {}
+    begun, scores, left_out, told = time.monotonic(), {}, detect.LeftOut(), False
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = tqdm(total=training.steps, initial=start, disable=not devices.is_first(), **shown)
     try:
@@ -216,17 +216,15 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
             if not bool(metrics["finite"]):
                 scribe.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
             state, step, last = updated, k + 1, k + 1 == training.steps
+            left_out.see(metrics)
             if step % settings.log_every == 0 or last:
                 values = {name: float(value) for name, value in metrics.items() if name != "finite"}
-                scribe.write(step, values)
+                scribe.write(step, values | left_out.take())
                 losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
                 bar.set_postfix(losses, refresh=False)
-                lost = {name[8:]: int(n) for name, n in values.items() if name.startswith("dropped/") and n}
-                if lost and not told:
-                    bar.write(
-                        f"step {step}: no room for all of a scene (--voxels.max-points, growth); left out: {lost}"
-                    )
-                told = told or lost
+                if (words := left_out.words()) and (last or not told):
+                    bar.write(f"step {step}: {words}")
+                    told = True
             bar.update()
             if step % training.judge_every == 0 or last:
                 scores = judge()
@@ -235,7 +233,8 @@ def main(experiment: Experiment | DetectorExperiment, description: str) -> None:
     except KeyboardInterrupt:
         bar.close()
         save()
-        sys.exit(f"stopped after step {step}, saved in {folder}; the same command resumes")
+        lost = f"; {words}" if (words := left_out.words()) else ""
+        sys.exit(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}")
     bar.close()
 
     # Card: what the run is and what it scored.

@@ -1,6 +1,7 @@
 """Voxel R-CNN (Deng et al., AAAI 2021), in OpenPCDet's form: boxes from a point cloud. Knows nothing of who made it."""
 
 from jaxsim.detect.batches import SceneBatches, ahead
+from jaxsim.detect.left_out import LeftOut
 from jaxsim.detect.network import Detections, VoxelRcnn
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, View, scene_of
@@ -10,6 +11,7 @@ from jaxsim.detect.steps import make_detect, make_train_step
 __all__ = [
     "Detections",
     "Found",
+    "LeftOut",
     "Network",
     "Scene",
     "SceneBatches",

@@ -1,0 +1,107 @@
+"""What training leaves out is counted at every step, told, and comes with the flag that helps."""
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.detect import LeftOut
+from jaxsim.detect.backbone3d import DOWN
+from jaxsim.detect.left_out import REMEDIES
+from jaxsim.metrics import Score
+from jaxsim.simulate import DetectorRun
+from tests.detect.tiny import EXPERIMENT
+
+sys.path.append(str(Path(__file__).parents[2]))
+import train
+
+
+def lost(**counts):
+    return {"loss/total": jnp.array(1.0), **{f"dropped/{name}": jnp.array(n) for name, n in counts.items()}}
+
+
+def test_the_most_since_the_last_line_is_kept_and_the_most_of_all():
+    left_out = LeftOut()
+    for voxels, points in ((0, 0), (7, 0), (3, 0)):
+        left_out.see(lost(voxels=voxels, points=points))
+    assert left_out.take() == {"dropped/voxels": 7, "dropped/points": 0}
+    left_out.see(lost(voxels=2, points=5))
+    assert left_out.take() == {"dropped/voxels": 2, "dropped/points": 5}
+    said = left_out.words()
+    assert "in 3 of 4 steps; most left out: 5 of points, 7 of voxels" in said
+    assert said.endswith("raise --voxels.max-points, --voxels.max-voxels-train")
+
+
+def test_sites_of_later_stages_need_growth():
+    left_out = LeftOut()
+    left_out.see(lost(conv3=4, out=2, voxels=0))
+    assert left_out.words().endswith("4 of conv3, 2 of out; raise --voxels.growth")
+
+
+def test_nothing_is_said_where_nothing_was_lost():
+    left_out = LeftOut()
+    left_out.see(lost(voxels=0))
+    left_out.see({"loss/total": jnp.array(1.0)})  # an intensity network drops nothing
+    assert left_out.words() == ""
+
+
+@dataclass(frozen=True)
+class Counter:
+    step: int
+
+
+def training(drops, card):
+    """Four steps, of which each drops so many voxels; nothing is learned."""
+
+    def step(state, batch):
+        return Counter(state.step + 1), {"finite": jnp.array(True), **lost(voxels=drops[batch], conv2=0)}
+
+    return train.Training(
+        run=DetectorRun(EXPERIMENT, len(drops), 8),
+        steps=len(drops),
+        save_every=100,
+        judge_every=100,
+        state=Counter(0),
+        batches=lambda a, b: range(a, b),
+        step=step,
+        name="network",
+        used=lambda state: {"step": np.int32(state.step)},
+        judge=lambda used, title: ({"AP": Score(0.0, "%", 1)}, np.zeros((8, 8, 3), np.uint8)),
+        card=card,
+        hint="",
+    )
+
+
+@pytest.mark.parametrize(("drops", "steps"), [((0, 9, 0, 0), 1), ((0, 0, 0, 0), 0)])
+def test_a_step_that_is_not_logged_is_counted_and_told(tmp_path, monkeypatch, capsys, drops, steps):
+    monkeypatch.setattr(train, "detector", lambda experiment, mesh: training(drops, lambda *a, **k: None))
+    monkeypatch.setattr(train, "Checkpoints", Kept)
+    monkeypatch.setattr(train.devices, "everywhere", lambda mesh, state: state)
+    settings = replace(EXPERIMENT.run, name="short", out=tmp_path, log_every=4)
+    train.main(replace(EXPERIMENT, run=settings), "")
+    lines = [json.loads(line) for line in (tmp_path / "short" / "metrics.jsonl").read_text().splitlines()]
+    assert [line["dropped/voxels"] for line in lines if "loss/total" in line] == [max(drops)]
+    said = capsys.readouterr()
+    told = f"no room for all of a scene in {steps} of 4 steps; most left out: 9 of voxels; raise --voxels.max-voxels"
+    assert (told in said.out + said.err) == bool(steps)
+
+
+class Kept:
+    """Checkpoints that keep nothing."""
+
+    latest = None
+
+    def __init__(self, folder, keep):
+        pass
+
+    def save(self, step, **trees):
+        pass
+
+
+def test_whatever_a_step_counts_has_its_remedy():
+    """A stage without one would end a training at its first line."""
+    assert set(REMEDIES) == {"points", "voxels", *DOWN}
