@@ -43,8 +43,8 @@ def draw_above(
     uv = np.floor(pixels(points[:, :2])).astype(int)
     inside = ((uv >= 0) & (uv < [picture.shape[1], height])).all(axis=1)
     shade = np.clip((points[inside, 2] - z0) / (z1 - z0), 0, 1)
-    colours = cv2.applyColorMap((40 + 200 * shade).astype(np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
-    picture[uv[inside, 1], uv[inside, 0]] = colours
+    colours = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
+    picture[uv[inside, 1], uv[inside, 0]] = colours[(40 + 200 * shade).astype(np.uint8)]
     for boxes, colour in ((labelled, LABEL), (found, FOUND)):
         for k, box in enumerate(boxes if boxes is not None else ()):
             corners = pixels(corners_of(box[None])[0, :4, :2])
