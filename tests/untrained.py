@@ -1,17 +1,18 @@
-"""Runs that never trained: their folder, and a random generator. For tests of the way, not of the answer."""
+"""Runs that never trained: their folder, and a random network. For tests of the way, not of the answer."""
 
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from jaxsim.config import Experiment
+from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data.synthetic import kitti_camera
+from jaxsim.detect import network_shapes
 from jaxsim.frame import CameraFrame
 from jaxsim.geometry import preset
 from jaxsim.pix2pix import ema_generator, state_shapes
 from jaxsim.prepare import input_channels
-from jaxsim.simulate import Checkpoints, describe, start_run
+from jaxsim.simulate import Checkpoints, DetectorRun, describe, start_run
 
 
 def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Path:
@@ -22,4 +23,19 @@ def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Pat
     rng = np.random.default_rng(seed)
     weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
     Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)
+    return folder
+
+
+def untrained_detector(folder: Path, experiment: DetectorExperiment, *, seed: int = 0) -> Path:
+    """Makes the folder of a detector; variances are 1."""
+    start_run(folder, DetectorRun(experiment, 1, 1))
+    rng = np.random.default_rng(seed)
+
+    def draw(path, leaf):
+        if "variance" in jax.tree_util.keystr(path):
+            return np.ones(leaf.shape, leaf.dtype)
+        return rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype)
+
+    network = jax.tree_util.tree_map_with_path(draw, network_shapes(experiment))
+    Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, network=network)
     return folder

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import tyro
 from pydantic import TypeAdapter, ValidationError
 from tqdm import tqdm
@@ -21,7 +22,8 @@ from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
-from jaxsim.report.loop import draw_loop, loop_tables, write_loop
+from jaxsim.report.clouds import check_text, checked_kinds, write_checks
+from jaxsim.report.loop import draw_kinds, draw_loop, loop_tables, write_loop
 from jaxsim.simulate import Checkpoints, experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.simulate.lock import hold
 from jaxsim.simulate.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
@@ -126,7 +128,9 @@ class Stages:
     """The stages of one loop, in their order; each leaves out what is done."""
 
     def __init__(self, loop: Loop, script: Path):
-        self.loop, self.script, self.scenes_of = loop, script, {}
+        self.loop, self.script = loop, script
+        self.scenes_of: dict[tuple[str, str], Scenes] = {}
+        self.counts_of: dict[str, CloudCounts] = {}
 
     def all(self) -> None:
         """Runs all that is missing, and writes tables and page after each seed."""
@@ -138,6 +142,8 @@ class Stages:
             self.discover()
         self.say(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
         self.export()
+        self.say("the clouds themselves: points on objects, histograms, directions without a return")
+        self.checks()
         for seed in loop.config.seeds:
             for kind in loop.trained:
                 self.say(f"seed {seed}: a detector of {kind} clouds")
@@ -216,12 +222,24 @@ class Stages:
 
     def counted(self, kind: str) -> CloudCounts:
         """What the training clouds of a kind hold, inside the detector's range."""
-        voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
-        named = (
-            (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
-            for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
-        )
-        return count_clouds(named)
+        if kind not in self.counts_of:
+            voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
+            named = (
+                (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
+                for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
+            )
+            self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))
+        return self.counts_of[kind]
+
+    def checks(self) -> None:
+        """Writes and prints what tells the kinds of clouds apart short of a detector, unless that is done."""
+        loop, kinds = self.loop, (REAL, *self.loop.config.kinds)
+        if checked_kinds(loop.out) == kinds:
+            return
+        counts = {kind: self.counted(kind) for kind in kinds}
+        drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
+        write_checks(loop.out, counts, loop.target, drawn)
+        print(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
 
     def report(self) -> None:
         """Writes and prints all that was scored."""

@@ -16,7 +16,7 @@ from scipy.stats import wasserstein_distance
 
 from jaxsim.geometry.boxes import points_in_boxes
 
-DISTANCES_M = ((0.0, 15.0), (15.0, 30.0), (30.0, 45.0))
+DISTANCES_M = ((0.0, 15.0), (15.0, 30.0), (30.0, 45.0), (45.0, 80.0))
 """Bands of an object's distance in which its points are counted."""
 EDGES: dict[str, Float[np.ndarray, " n"]] = {
     "range": np.linspace(0, 80, 81),
@@ -43,14 +43,28 @@ class CloudCounts:
     returns: np.ndarray = field(default_factory=lambda: np.zeros((len(ELEVATION_DEG) - 1, len(AZIMUTH_DEG) - 1)))
     """Scenes with a return in each cell of elevation and azimuth."""
 
-    def add(self, points: Float[np.ndarray, "n 4"], boxes: Float[np.ndarray, "g 7"], kinds: Sequence[str]) -> None:
-        """Counts one scene: x, y, z (m, `velo`), intensity 0..1; its objects' boxes in `velo` and classes."""
+    def add(
+        self,
+        points: Float[np.ndarray, "n 4"],
+        boxes: Float[np.ndarray, "g 7"],
+        kinds: Sequence[str],
+        *,
+        range_m: Float[np.ndarray, " 6"] | None = None,
+    ) -> None:
+        """Counts one scene: x, y, z (m, `velo`), intensity 0..1; its objects' boxes in `velo` and classes.
+
+        `range_m` (x, y, z from, then to) is what the points were cut to: an object whose middle lies outside it is not
+        counted as one with few points.
+        """
         self.scenes += 1
         self.points += len(points)
         inside = _inside(points, boxes)
         distance = np.linalg.norm(boxes[:, :2], axis=1)
+        whole = np.ones(len(boxes), bool)
+        if range_m is not None:
+            whole = np.asarray(((boxes[:, :3] >= range_m[:3]) & (boxes[:, :3] <= range_m[3:])).all(axis=1))
         for k, kind in enumerate(kinds):
-            for band in DISTANCES_M:
+            for band in DISTANCES_M if whole[k] else ():
                 if band[0] <= distance[k] < band[1]:
                     self.on_objects.setdefault(kind, {}).setdefault(band, []).append(int(inside[:, k].sum()))
         names = np.array([*kinds, REST])
@@ -81,12 +95,29 @@ def _inside(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
 
 def count_clouds(
     scenes: Iterable[tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "g 7"], Sequence[str]]],
+    *,
+    range_m: Float[np.ndarray, " 6"] | None = None,
 ) -> CloudCounts:
-    """Counts scenes of (points, boxes, classes)."""
+    """Counts scenes of (points, boxes, classes), as `CloudCounts.add`."""
     counts = CloudCounts()
     for points, boxes, kinds in scenes:
-        counts.add(points, boxes, kinds)
+        counts.add(points, boxes, kinds, range_m=range_m)
     return counts
+
+
+def objects_of(counts: CloudCounts, kind: str) -> int:
+    """Objects of a class that were counted."""
+    return sum(len(points) for points in counts.on_objects.get(kind, {}).values())
+
+
+def classes_in(counts: Mapping[str, CloudCounts], first: str) -> tuple[str, ...]:
+    """Classes of which some cloud holds an object: `first`, then the others from the most frequent on."""
+    number = {
+        kind: sum(objects_of(own, kind) for own in counts.values())
+        for own in counts.values()
+        for kind in own.on_objects
+    }
+    return (first, *sorted(number.keys() - {first}, key=lambda kind: (-number[kind], kind)))
 
 
 def distribution_distance(real: CloudCounts, other: CloudCounts, kind: str, quantity: str) -> float:
@@ -103,19 +134,25 @@ def drop_map(counts: CloudCounts) -> Float[np.ndarray, "rows columns"]:
     return 1.0 - counts.returns / max(counts.scenes, 1)
 
 
+def band_name(band: tuple[float, float]) -> str:
+    """`points_0_15` and so on."""
+    return f"points_{band[0]:g}_{band[1]:g}"
+
+
 def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: str) -> dict[str, dict[str, float]]:
     """Kind of cloud (`real` first) -> measure -> value, for one class of object.
 
-    `points` a scene; `points_0_15` ...: median on an object of the class at that distance in metres; `range_m`,
-    `height_m`, `intensity` and, for all that is on no object, `rest_intensity`: Wasserstein distance to real; `empty`:
-    share of the directions without a return, and `empty_off`: mean absolute difference of that share to real's.
+    `points` a scene; `objects` of the class; `points_0_15` ...: median on an object of the class at that distance in
+    metres; `range_m`, `height_m`, `intensity` and, for all that is on no object, `rest_intensity`: Wasserstein distance
+    to real; `empty`: share of the directions without a return, and `empty_off`: mean absolute difference of that share
+    to real's.
     """
     table = {}
     for name, counts in {"real": real, **others}.items():
-        row = {"points": counts.points / max(counts.scenes, 1)}
+        row = {"points": counts.points / max(counts.scenes, 1), "objects": float(objects_of(counts, kind))}
         for band in DISTANCES_M:
             found = counts.on_objects.get(kind, {}).get(band, [])
-            row[f"points_{band[0]:g}_{band[1]:g}"] = float(np.median(found)) if found else float("nan")
+            row[band_name(band)] = float(np.median(found)) if found else float("nan")
         row |= {
             "range_m": distribution_distance(real, counts, kind, "range"),
             "height_m": distribution_distance(real, counts, kind, "height"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -12,13 +11,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxsim.atomic import replacing
+from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.effects.chain import SensorModel
-from jaxsim.metrics.cloud_checks import CloudCounts, compare_clouds
+from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import data_uri
-from jaxsim.report.loop_charts import drop_picture, epochs_chart, intensity_chart
+from jaxsim.report.clouds import WORDS, check_tables, check_text, plain_rows, write_checks
+from jaxsim.report.loop_charts import epochs_chart
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import beside, save_picture
@@ -29,18 +30,6 @@ Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]
 Paper = Mapping[str, Mapping[str, Sequence[float]]]
 HEADS = ("3D@0.7", "BEV@0.7", "3D@0.5", "BEV@0.5", "2D@0.7", "AOS@0.7")
-MEASURES = {
-    "points": "points a scene",
-    "points_0_15": "points a car, 0-15 m",
-    "points_15_30": "15-30 m",
-    "points_30_45": "30-45 m",
-    "range_m": "range on cars, off by (m)",
-    "height_m": "height on cars (m)",
-    "intensity": "intensity on cars",
-    "rest_intensity": "intensity elsewhere",
-    "empty": "share of directions empty",
-    "empty_off": "off by",
-}
 PANEL = 620
 """Height of a cloud from above, pixels."""
 
@@ -99,14 +88,6 @@ def _score_cells(loop: Loop, *, of_real: bool) -> list[list[str]]:
     return lines
 
 
-def _check_cells(counts: Counts) -> list[list[str]]:
-    others = {kind: own for kind, own in counts.items() if kind != REAL}
-    return [
-        [kind, *("-" if math.isnan(row[name]) else f"{row[name]:.4g}" for name in MEASURES)]
-        for kind, row in compare_clouds(counts[REAL], others, "Car").items()
-    ]
-
-
 def loop_tables(loop: Loop, counts: Counts) -> str:
     """Markdown: both tables of scores, ours (the paper's), and the checks of the clouds."""
     on, of = (_score_cells(loop, of_real=flag) for flag in (False, True))
@@ -114,47 +95,51 @@ def loop_tables(loop: Loop, counts: Counts) -> str:
         [
             answer(loop),
             f"The sensor was found to lack: {found_effects(loop)}.",
-            "Trained on a kind of cloud, scored on real ones; AP R40 of Car, mean of the last epochs (the paper's):",
+            f"Trained on a kind of cloud, scored on real ones; AP R40 of {loop.target}, last epochs (the paper's):",
             markdown_table(("trained on", "difficulty", "labels", *HEADS), on),
             "Trained on real clouds, scored on each kind:",
             markdown_table(("scored on", "difficulty", "labels", *HEADS), of),
-            "The clouds themselves, training scenes; medians of points, and distances of distributions to real:",
-            markdown_table(("clouds", *MEASURES.values()), _check_cells(counts)),
+            check_text(counts, loop.target),
         ]
     )
 
 
-def draw_loop(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
-    """One frame of the renderer as each kind of cloud, and one real frame with what each detector finds in it."""
-    detector, kinds = loop.config.detector, loop.config.kinds
-    span, nothing = detector.voxels.range_m, np.zeros((0, 7))
+def draw_kinds(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
+    """One frame of the renderer as each kind of cloud, labelled; nothing where no frame is in all of them."""
+    kinds, span = loop.config.kinds, loop.config.detector.voxels.range_m
     shared = set.intersection(*({scene.name for scene in scenes[kind]} for kind in kinds))
-    pictures = {}
-    if shared:
-        name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=_objects).name
-        panels = []
-        for kind in kinds:
-            scene = next(s for s in scenes[kind] if s.name == name)
-            labelled = scene.boxes[scene.target]
-            title = f"{kind}: {len(scene.points)} points"
-            panels.append(
-                draw_above(
-                    scene.points, span, found=nothing, score=np.zeros(0), labelled=labelled, title=title, height=PANEL
-                )
-            )
-        pictures["clouds"] = _grid(panels)
-    real = max(scenes[REAL], key=_objects)
-    find, panels, seed = make_find(detector), [], loop.config.seeds[0]
+    if not shared:
+        return {}
+    name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=_objects).name
+    panels = []
+    for kind in kinds:
+        scene = next(s for s in scenes[kind] if s.name == name)
+        title = f"{kind}: {len(scene.points)} points"
+        nothing = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
+        panels.append(_panel(scene, span, nothing, title=title))
+    return {"clouds": _grid(panels)}
+
+
+def draw_found(loop: Loop, scenes: Scenes) -> dict[str, Rgb]:
+    """The real frame with most labels, and what each detector of the first seed finds in it."""
+    detector, real, panels = loop.config.detector, max(scenes, key=_objects), []
+    find, seed = make_find(detector), loop.config.seeds[0]
     for kind in loop.trained:
         found, _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
-        labelled, title = real.boxes[real.target], f"trained on {kind}"
-        panels.append(
-            draw_above(
-                real.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title, height=PANEL
-            )
-        )
-    pictures["found"] = _grid(panels)
-    return pictures
+        panels.append(_panel(real, detector.voxels.range_m, found, title=f"trained on {kind}"))
+    return {"found": _grid(panels)}
+
+
+def draw_loop(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
+    """Both pictures, of validation scenes by kind of cloud."""
+    return draw_kinds(loop, scenes) | draw_found(loop, scenes[REAL])
+
+
+def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -> Rgb:
+    labelled = scene.boxes[scene.target]
+    return draw_above(
+        scene.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title, height=PANEL
+    )
 
 
 def _grid(panels: Sequence[Rgb], *, across: int = 3) -> Rgb:
@@ -169,18 +154,17 @@ def _objects(scene: Scene) -> int:
 
 
 def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
-    """Writes real2sim2real.json, .md and .html (self-contained), and the pictures as files; gives the page."""
-    charts = {"drops": drop_picture(counts), "intensity": intensity_chart(counts).pixels()}
+    """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page."""
+    pictures = write_checks(loop.out, counts, loop.target, pictures)
     if epochs := epochs_chart(loop):
-        charts["epochs"] = epochs.pixels()
-    for name, picture in {**pictures, **charts}.items():
-        save_picture(loop.out / "pictures" / f"{name}.png", picture)
+        pictures["epochs"] = epochs.pixels()
+        save_picture(loop.out / "pictures" / "epochs.png", pictures["epochs"])
     with replacing(loop.out / "real2sim2real.json") as path:
         path.write_text(json.dumps(_plain(loop, counts), indent=1))
     with replacing(loop.out / "real2sim2real.md") as path:
         path.write_text(loop_tables(loop, counts) + "\n")
     with replacing(loop.out / "real2sim2real.html") as path:
-        path.write_text(_page(loop, counts, {**pictures, **charts}))
+        path.write_text(_page(loop, counts, pictures))
     return loop.out / "real2sim2real.html"
 
 
@@ -199,12 +183,12 @@ def _plain(loop: Loop, counts: Counts) -> dict[str, object]:
             for kind, difficulty, cells in score_rows(loop, of_real=of_real)
         ]
 
-    others = {kind: own for kind, own in counts.items() if kind != REAL}
-    checks = {
-        kind: {name: None if math.isnan(value) else value for name, value in row.items()}
-        for kind, row in compare_clouds(counts[REAL], others, "Car").items()
+    return {
+        "answer": answer(loop),
+        "on_real": scores(False),
+        "of_real": scores(True),
+        "clouds": plain_rows(counts, loop.target),
     }
-    return {"answer": answer(loop), "on_real": scores(False), "of_real": scores(True), "clouds": checks}
 
 
 def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
@@ -216,6 +200,13 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
             return ""
         image = f'<img src="{data_uri(pictures[name])}" style="width:100%" alt="{escape(words)}">'
         return f"<figure>{image}<figcaption>{escape(words)}</figcaption></figure>"
+
+    checks = check_tables(counts, loop.target)
+
+    def check(title: str) -> str:
+        heads, rows = checks[title]
+        shown = figure(f"on_{title.lower()}", f"Points on a {title.lower()}: range, height and intensity")
+        return f"<h3>{escape(title)}</h3>" + table(heads, escaped(rows), text=1) + shown
 
     on, of = (_score_cells(loop, of_real=flag) for flag in (False, True))
     known = "".join(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in loop.config.kinds)
@@ -233,7 +224,9 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
         sections=[
             section(
                 "Trained on simulated clouds, scored on real ones",
-                paragraph("AP R40 of cars, percent, mean of the last epochs; in brackets the paper's, on KITTI.")
+                paragraph(
+                    f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI."
+                )
                 + table(("trained on", "difficulty", "labels", *HEADS), escaped(on), text=2)
                 + figure("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
@@ -246,9 +239,10 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
             ),
             section(
                 "Why",
-                paragraph("Medians of points on a car at its distance; distances of distributions to the real clouds'.")
-                + table(("clouds", *MEASURES.values()), escaped(_check_cells(counts)), text=1)
+                paragraph(WORDS)
+                + "".join(check(title) for title in checks)
                 + figure("intensity", "Intensity of the points, logarithmic")
+                + figure("elsewhere", "Points on no object: range, height and intensity")
                 + figure("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
             section("One real frame", figure("found", "What each detector finds (orange); labelled cars in green")),

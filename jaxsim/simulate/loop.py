@@ -129,6 +129,11 @@ class Loop:
         """The effects that it lacks."""
         return self.out / "discovered" / "sensor.json"
 
+    @property
+    def target(self) -> str:
+        """The class that the detectors find."""
+        return self.config.detector.detector.anchors.kind
+
     def tree(self, kind: str) -> Path:
         return self.out / "trees" / kind
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.metrics.cloud_checks import compare_clouds, count_clouds, distribution_distance, drop_map
+from jaxsim.metrics.cloud_checks import classes_in, compare_clouds, count_clouds, distribution_distance, drop_map
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.3]])
 
@@ -66,3 +66,26 @@ def test_a_scene_without_objects_counts_as_rest():
     assert table["real"]["points"] == 40
     assert np.isnan(table["real"]["points_0_15"])
     assert table["real"]["rest_intensity"] == 0
+
+
+def test_objects_beyond_45_m_are_counted_too_but_not_those_that_the_range_cut():
+    far = np.array([[60.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.3], [30.0, 30.0, -1.0, 4.0, 2.0, 1.5, 0.3]])
+    rng = np.random.default_rng(0)
+    points = np.concatenate([box[:3] + rng.uniform(-0.5, 0.5, (12, 3)) for box in far])
+    points = np.column_stack([points, np.full(24, 0.5)]).astype(np.float32)
+    scene = points, far, ("Car", "Car")
+    whole = compare_clouds(count_clouds([scene]), {}, "Car")["real"]
+    assert (whole["objects"], whole["points_45_80"], whole["points_30_45"]) == (2, 12, 12)
+    cut = points[points[:, 1] < 20], far, ("Car", "Car")
+    row = compare_clouds(count_clouds([cut], range_m=np.array([0.0, -20, -3, 70, 20, 1])), {}, "Car")["real"]
+    assert (row["objects"], row["points_45_80"]) == (1, 12)
+    assert np.isnan(row["points_30_45"])
+
+
+def test_classes_are_those_of_any_cloud_the_asked_one_first():
+    def one(*kinds):
+        return count_clouds([(cloud(5, 5, intensity=0.5), np.repeat(CAR, len(kinds), axis=0), kinds)])
+
+    clouds = {"real": one("Van", "Pedestrian", "Pedestrian"), "raw": one("Car", "Cyclist", "Cyclist", "Cyclist")}
+    assert classes_in(clouds, "Car") == ("Car", "Cyclist", "Pedestrian", "Van")
+    assert classes_in({"real": one("Van")}, "Car") == ("Car", "Van")

@@ -1,0 +1,152 @@
+"""Charts of what kinds of clouds hold: range, height and intensity of a class's points, directions without a return."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil, floor, log10
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from jaxsim.metrics.cloud_checks import EDGES, REST, CloudCounts, drop_map
+from jaxsim.report.canvas import FAINT, INK, RULE, Canvas
+from jaxsim.report.pictures import colour_scalar, strip
+
+Rgb = UInt8[np.ndarray, "h w 3"]
+Counts = Mapping[str, CloudCounts]
+COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
+"""Of real, then of the kinds in their order."""
+_LEFT, _TOP, _WIDTH, _HEIGHT, _GAP, _KEY = 60, 40, 380, 230, 70, 130
+_DECADES = 4
+"""Of a logarithmic panel, from 1 down."""
+_STEP = {"range": 10.0, "height": 1.0, "intensity": 0.25}
+"""Between two marks of an axis."""
+
+
+class _Panel(NamedTuple):
+    """One histogram of all kinds of clouds."""
+
+    kind: str
+    quantity: str
+    together: int
+    """Bins of EDGES that make one of the chart."""
+    words: str
+    logarithmic: bool = False
+
+
+def intensity_chart(counts: Counts, kind: str = "Car") -> Canvas:
+    """Distribution of intensity on a class of object and elsewhere, a line each kind of cloud."""
+    on, rest = (
+        _Panel(kind, "intensity", 5, f"intensity on {_name(kind)}", True),
+        _rest("intensity", 5, "intensity", True),
+    )
+    return _chart(counts, (on, rest))
+
+
+def class_chart(counts: Counts, kind: str) -> Canvas:
+    """Distributions of range, height and intensity of the points on a class of object, or of REST."""
+    on = "elsewhere" if kind == REST else f"on {_name(kind)}"
+    return _chart(
+        counts,
+        (
+            _Panel(kind, "range", 2, f"range {on}, m"),
+            _Panel(kind, "height", 2, f"height above the LiDAR {on}, m"),
+            _Panel(kind, "intensity", 5, f"intensity {on}", True),
+        ),
+    )
+
+
+def drop_picture(counts: Counts) -> Rgb:
+    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud."""
+    panels = []
+    for kind, own in counts.items():
+        empty = drop_map(own)
+        panels.append(
+            (f"{kind}: share without a return", colour_scalar(empty, np.ones(empty.shape, bool), low=0, high=1))
+        )
+    return strip(panels, width=900)
+
+
+def colour_key(canvas: Canvas, kinds: Sequence[str], *, left: float, step: float) -> None:
+    """A line and a name for each kind of cloud, along the top."""
+    for k, kind in enumerate(kinds):
+        x = left + k * step
+        canvas.line([(x, 14), (x + 20, 14)], colour=COLOURS[k], width=2)
+        canvas.text(x + 25, 18, kind, size=12)
+
+
+def _name(kind: str) -> str:
+    return f"{kind.lower()}s"
+
+
+def _rest(quantity: str, together: int, words: str, logarithmic: bool) -> _Panel:
+    return _Panel(REST, quantity, together, f"{words} elsewhere", logarithmic)
+
+
+def _shares(counts: Counts, panel: _Panel) -> dict[str, Float[np.ndarray, " n"]]:
+    """Each kind of cloud's share of points in each bin of the chart, where it has any."""
+    shares = {}
+    for name, own in counts.items():
+        histogram = own.histograms.get(panel.kind, {}).get(panel.quantity)
+        if histogram is not None and histogram.sum():
+            shares[name] = histogram.reshape(-1, panel.together).sum(1) / histogram.sum()
+    return shares
+
+
+def _chart(counts: Counts, panels: Sequence[_Panel]) -> Canvas:
+    width = max(len(panels) * (_WIDTH + _GAP) - _GAP + _LEFT + 20, _LEFT + _KEY * len(counts))
+    canvas = Canvas(width, _TOP + _HEIGHT + 50)
+    colour_key(canvas, tuple(counts), left=_LEFT, step=_KEY)
+    for k, panel in enumerate(panels):
+        _draw(canvas, counts, panel, _LEFT + k * (_WIDTH + _GAP))
+    canvas.text(14, _TOP + _HEIGHT / 2, "share of the points", anchor="middle", size=12, turned=True)
+    return canvas
+
+
+def _draw(canvas: Canvas, counts: Counts, panel: _Panel, x0: float) -> None:
+    shares, edges = _shares(counts, panel), EDGES[panel.quantity][:: panel.together]
+    middles = (edges[1:] + edges[:-1]) / 2
+    first, last = _span(shares, edges, _STEP[panel.quantity])
+    most = max((float(share.max()) for share in shares.values()), default=0.0)
+    top = 1.0 if panel.logarithmic else _round_up(most)
+
+    def x_of(value: float) -> float:
+        return x0 + (value - first) / (last - first) * _WIDTH
+
+    def y_of(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        level = np.log10(np.maximum(share, 1e-9)) / _DECADES + 1 if panel.logarithmic else share / top
+        return _TOP + _HEIGHT * (1 - np.clip(level, 0, 1))
+
+    for part in range(5):
+        y = _TOP + _HEIGHT * (1 - part / 4)
+        canvas.line([(x0, y), (x0 + _WIDTH, y)], colour=RULE, width=0.5)
+        mark = 10.0 ** (part - _DECADES) if panel.logarithmic else top * part / 4
+        canvas.text(x0 - 6, y + 4, f"{mark:g}", anchor="end", size=11, colour=FAINT)
+    for value in np.arange(first, last + 1e-9, _STEP[panel.quantity]):
+        canvas.text(x_of(value), _TOP + _HEIGHT + 16, f"{value:g}", anchor="middle", size=11, colour=FAINT)
+    canvas.text(x0 + _WIDTH / 2, _TOP + _HEIGHT + 36, panel.words, anchor="middle", size=12, colour=INK)
+    for k, name in enumerate(counts):
+        if name in shares:
+            seen = (middles > first) & (middles < last)
+            points = [(x_of(float(m)), float(y)) for m, y in zip(middles[seen], y_of(shares[name][seen]), strict=True)]
+            canvas.line(points, colour=COLOURS[k], width=1.8)
+            for x, y in points:
+                canvas.dot(x, y, colour=COLOURS[k], radius=1.5)
+
+
+def _span(
+    shares: Mapping[str, Float[np.ndarray, " n"]], edges: Float[np.ndarray, " m"], step: float
+) -> tuple[float, float]:
+    """The part of the axis that holds points, in whole steps; all of it where none does."""
+    filled = sum((share for share in shares.values()), np.zeros(len(edges) - 1)) > 0
+    low, high = (edges[:-1][filled].min(), edges[1:][filled].max()) if filled.any() else (edges[0], edges[-1])
+    return floor(low / step + 1e-6) * step, ceil(high / step - 1e-6) * step
+
+
+def _round_up(value: float) -> float:
+    """To 1, 2, 4 or 8 times a power of ten."""
+    if value <= 0:
+        return 1.0
+    power = 10.0 ** (ceil(log10(value)) - 1)
+    return next(step * power for step in (1, 2, 4, 8, 10) if step * power >= value * (1 - 1e-9))
