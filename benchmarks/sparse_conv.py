@@ -1,10 +1,12 @@
-"""A sparse convolution's forward pass against spconv's CPU wheel; the backward pass and the tables alone.
+"""A sparse convolution's forward pass, and a whole stage with its neighbours, against spconv's CPU wheel; the backward
+pass and the tables alone.
 
     python benchmarks/sparse_conv.py [VELODYNE.bin]
 
 Sites are the voxels of a KITTI scan ahead of the car (or, without a file, of a made-up street of the same density),
 0.05 x 0.05 x 0.1 m, at most 16000. spconv (`pip install spconv`, and torch) has no backward pass on a CPU, and its
-forward pass has a data race there with more than one thread (218 of 30000 rows wrong): it runs on one.
+forward pass has a data race there with more than one thread (218 of 30000 rows wrong): it runs on one. The stage is
+the backbone's second: a strided convolution and two submanifold ones with ReLU, neighbours found anew on both sides.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ from jaxsim.detect.voxelize import voxelize
 
 CONFIG, CAP = VoxelConfig(), 16000
 FORM = ((3, 3, 3), (2, 2, 2), (1, 1, 1))
+STAGE = (16, 32)
+"""Channels before and after the strided convolution."""
 
 
 def street(rng: np.random.Generator) -> np.ndarray:
@@ -67,6 +71,72 @@ def in_spconv(sites: Sites, features: np.ndarray, kernel: np.ndarray):
     return run
 
 
+def stage(sites: Sites, features: jax.Array, kernels: list[jax.Array], capacity: int) -> tuple[Sites, jax.Array]:
+    """A strided convolution and two submanifold ones, each with ReLU, and the tables that they need."""
+    out, _ = strided_sites(sites, *FORM, capacity=capacity)
+    x = jax.nn.relu(sparse_conv(features, kernels[0], strided_tables(sites, out, *FORM)))
+    same = submanifold_tables(out, FORM[0])
+    for kernel in kernels[1:]:
+        x = jax.nn.relu(sparse_conv(x, kernel, same))
+    return out, x
+
+
+def stage_in_spconv(sites: Sites, features: np.ndarray, kernels: list[np.ndarray]):
+    """The same stage of the same numbers in spconv: gives keys of its sites and features. None where not installed."""
+    try:
+        import spconv.pytorch as spconv
+        import torch
+    except ModuleNotFoundError:
+        return None  # in_spconv said so
+    torch.set_num_threads(1)
+    (size, stride, padding), (low, high) = FORM, STAGE
+    layers = [
+        spconv.SparseConv3d(low, high, size, stride=stride, padding=padding, bias=False),
+        spconv.SubMConv3d(high, high, size, bias=False, indice_key="same"),
+        spconv.SubMConv3d(high, high, size, bias=False, indice_key="same"),
+    ]
+    for layer, kernel in zip(layers, kernels, strict=True):
+        layer.weight.data = torch.from_numpy(np.moveaxis(kernel, -1, 0).copy())
+    used = np.asarray(sites.valid)
+    places = np.column_stack([np.zeros(used.sum()), np.asarray(sites.zyx)[used]]).astype(np.int32)
+    rows, indices = torch.from_numpy(features[used]), torch.from_numpy(places)
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        x = spconv.SparseConvTensor(rows, indices, list(sites.shape), 1)
+        with torch.no_grad():
+            for layer in layers:
+                x = layer(x)
+                x = x.replace_feature(torch.relu(x.features))
+        return x.indices.numpy()[:, 1:], x.features.numpy()
+
+    return run
+
+
+def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
+    """Times both, after checking that sites and features are the same."""
+    low, high = STAGE
+    capacity = round(CONFIG.growth[0] * CAP)
+    features = rng.standard_normal((CAP, low)).astype(np.float32)
+    widths = (low, high, high)
+    kernels = [(rng.standard_normal((3, 3, 3, c, high)) / (27 * c) ** 0.5).astype(np.float32) for c in widths]
+    x, w = jnp.asarray(features), [jnp.asarray(kernel) for kernel in kernels]
+    ours = jax.jit(lambda s, x, w: stage(s, x, w, capacity))
+    peers = {"jaxsim": lambda: jax.block_until_ready(ours(sites, x, w))}
+    theirs = stage_in_spconv(sites, features, kernels)
+    if theirs is not None:
+        places, values = theirs()
+        out, found = ours(sites, x, w)
+        used = np.asarray(out.valid)
+        order = np.lexsort(places.T[::-1])
+        if not np.array_equal(np.asarray(out.zyx)[used], places[order]):
+            raise SystemExit(f"the stages have other sites: {used.sum()} and {len(places)}")
+        print(
+            f"stage: {used.sum()} sites; largest difference {np.abs(np.asarray(found)[used] - values[order]).max():.2g}"
+        )
+        peers["spconv"] = theirs
+    interleave(f"a stage with its tables: strided {low} to {high}, two submanifold, forward", peers)
+
+
 def main() -> None:
     rng = np.random.default_rng(0)
     points = ahead(Path(sys.argv[1])) if len(sys.argv) > 1 else street(rng)
@@ -108,6 +178,7 @@ def main() -> None:
             print(f"largest difference to spconv: {off:.2g}")
             peers["spconv forward"] = theirs
         interleave(f"submanifold 3 x 3 x 3, {channels} to {channels} channels", peers)
+    compare_stages(sites, rng)
 
 
 if __name__ == "__main__":
