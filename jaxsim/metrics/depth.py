@@ -1,7 +1,11 @@
-"""Scores of dense depth, as KITTI's depth completion benchmark defines them (devkit `evaluate_depth.cpp`).
+"""Scores of dense depth: those of KITTI's depth completion benchmark, over the pixels that its rule or ours takes.
 
 d guessed, t true depth in metres. RMSE and MAE of d - t in millimetres; iRMSE and iMAE of 1/d - 1/t in 1/km. Each is
 taken over the pixels of an image, then its mean over the images.
+
+`benchmark_errors` is the benchmark's rule (devkit `evaluate_depth.cpp`, `io_depth.h`): holes in the guess are filled by
+`interpolate_background`, and every pixel of known truth counts. `depth_errors` leaves holes out, to compare methods on
+pixels that all of them fill: its figures are not the benchmark's where there are holes.
 """
 
 from __future__ import annotations
@@ -50,8 +54,58 @@ def depth_errors(
     }
 
 
+def interpolate_background(
+    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"]
+) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    """Depth with its holes filled as KITTI's devkit fills them (`DepthImage::interpolateBackground`), and where there
+    is any then.
+
+    A hole takes the nearer of the two valid depths beside it in its row; at a row's ends, the last one. Rows above the
+    first that has any take that one's, rows below the last that one's; an empty row between others stays empty.
+    """
+    (h, w), columns, rows = valid.shape, np.arange(valid.shape[1]), np.arange(valid.shape[0])
+    before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
+    behind = np.minimum.accumulate(np.where(valid, columns, w)[:, ::-1], axis=1)[:, ::-1]
+    beside = [
+        np.where(inside, depth_m[rows[:, None], place.clip(0, w - 1)], np.inf)
+        for place, inside in ((before, before >= 0), (behind, behind < w))
+    ]
+    some = np.flatnonzero(valid.any(axis=1))
+    if not some.size:
+        return np.zeros_like(depth_m), np.zeros_like(valid)
+    source = rows.clip(some[0], some[-1])
+    known = np.broadcast_to(np.isin(source, some)[:, None], (h, w)).copy()
+    return np.where(known, np.minimum(*beside)[source], 0).astype(depth_m.dtype), known
+
+
+def benchmark_errors(
+    guess_m: Float[Array, "h w"],
+    guessed: Bool[Array, "h w"],
+    truth_m: Float[Array, "h w"],
+    known: Bool[Array, "h w"],
+) -> dict[str, float]:
+    """rmse, mae (mm), irmse, imae (1/km) of one image by the benchmark's rule: over all known pixels, the guess's holes
+    interpolated; `filled` is the share of the known ones that needed no interpolation. The devkit reads 16-bit PNG, so
+    it also has depth in steps of 1/256 m; this does not round.
+
+    Raises ValueError where the rule leaves a known pixel without depth (the devkit would take -1 m), where no pixel is
+    known, or a depth is not positive.
+    """
+    dense_m, filled = interpolate_background(guess_m, guessed)
+    if (known & ~filled).any():
+        raise ValueError(
+            f"depth: {(known & ~filled).sum()} known pixels lie in rows where nothing is guessed, which the benchmark "
+            "does not interpolate; complete them, or compare guessed pixels alone (depth_errors)"
+        )
+    errors = depth_errors(dense_m, filled, truth_m, known)
+    return errors | {"filled": float((known & guessed).sum() / known.sum())}
+
+
 def depth_scores(images: Sequence[Mapping[str, float]]) -> dict[str, Score]:
-    """Means over images of `depth_errors`; the count is that of images. Raises ValueError where there is none."""
+    """Means over images of `benchmark_errors` or `depth_errors`; the count is that of images.
+
+    Raises ValueError where there is none.
+    """
     if not images:
         raise ValueError("depth: no image to score")
     return {name: Score(float(np.mean([image[name] for image in images])), UNITS[name], len(images)) for name in UNITS}
