@@ -6,9 +6,10 @@ the end weights.npz for `--prepare.depth penet --prepare.depth-weights`. The sam
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 
 import jax
 import jax.numpy as jnp
@@ -16,24 +17,27 @@ import numpy as np
 from pydantic import TypeAdapter
 from tqdm import tqdm
 
+from jaxsim import devices
 from jaxsim.atomic import replacing
 from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.data.pair_settings import differences
+from jaxsim.detect import ahead
 from jaxsim.frame import DepthFrame
-from jaxsim.metrics.depth import depth_errors, depth_scores
+from jaxsim.metrics import Score
+from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
 from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
+    Batches,
     DepthExperiment,
     Part,
-    batch_of,
     begin_stage,
     branch_weight,
+    check_sizes,
     create_state,
     predict,
     rate,
-    steps_of,
     train_step,
 )
 from jaxsim.report import depth_picture, save_picture
@@ -42,34 +46,45 @@ from jaxsim.simulate.lock import hold
 from jaxsim.simulate.run import FREE
 
 SETTINGS = TypeAdapter(DepthExperiment)
+THREADS = 4
 SHOWN = 4
 """Validation frames that are scored between the stages' ends; all are at the end."""
 
 
-class Frames(Sequence[DepthFrame]):
-    """Training frames by position, each made once and kept in memory."""
+class Rendered(Sequence[DepthFrame]):
+    """Frames of a renderer by position, each made once and kept in memory: a few hundred, 6 MB each."""
 
-    def __init__(self, make, positions: list[int]):
-        self.make, self.positions, self.kept = make, positions, {}
+    def __init__(self, make: Callable[[int], DepthFrame], positions: Sequence[int]):
+        self.make, self.positions, self.kept, self.lock = make, positions, {}, Lock()
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __getitem__(self, i):
-        if i not in self.kept:
-            self.kept[i] = self.make(self.positions[i])
-        return self.kept[i]
+        with self.lock:
+            if i not in self.kept:
+                self.kept[i] = self.make(self.positions[i])
+            return self.kept[i]
 
 
-def frames_of(experiment: DepthExperiment) -> tuple[Frames, Frames]:
-    """Training and validation frames. Raises ValueError where the data set has no true depth."""
-    data, crop = experiment.data, experiment.image_crop
+def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequence[DepthFrame]]:
+    """Training and validation frames; KITTI's are read whenever they are asked for, as 92 750 do not fit into memory.
+
+    Raises ValueError where the data set has no true depth, or a part of it is missing.
+    """
+    data, crop, judged = experiment.data, experiment.image_crop, experiment.depth_validation
     if experiment.depth_root is not None:
-        parts = [KittiDepth(experiment.depth_root, data.root, part=part, crop=crop) for part in ("train", "val")]
-        return tuple(Frames(part.__getitem__, list(range(len(part)))) for part in parts)  # type: ignore[return-value]
+        train = KittiDepth(experiment.depth_root, data.root, part="train", crop=crop)
+        return train, KittiDepth(judged or experiment.depth_root, data.root, part="val", crop=crop)
+    if judged is not None:
+        raise ValueError(
+            f"penet: --depth-validation {judged} goes with --depth-root, the folder of KITTI's depth completion set "
+            "that holds train/; other data are chosen by --data.validation"
+        )
     dataset = open_dataset(data)
     make = lambda i: where_backed(depth_frame(dataset[i], crop))  # noqa: E731
-    return Frames(make, list(select(data.train, dataset))), Frames(make, list(select(data.validation, dataset)))
+    train, validation = (list(select(part, dataset)) for part in (data.train, data.validation))
+    return Rendered(make, train), Rendered(make, validation)
 
 
 def start(folder: Path, experiment: DepthExperiment) -> None:
@@ -91,11 +106,17 @@ def start(folder: Path, experiment: DepthExperiment) -> None:
 def main(experiment: DepthExperiment, description: str) -> None:
     config, settings = experiment.penet, experiment.run
     folder = Path(settings.out) / settings.name
+    check_sizes(experiment)
+
+    # Devices: all of this process share each batch; stages differ in batch.
+    if settings.distributed:
+        raise ValueError("penet: depth completion is trained by one process, on all its devices: no --run.distributed")
+    meshes = [devices.data_mesh(stage.batch) for stage in config.stages]
 
     # Data: the crop of each frame, its sparse depth and its truth.
     train, validation = frames_of(experiment)
-    lengths = [stage.epochs * steps_of(stage, len(train)) for stage in config.stages]
-    ends = np.cumsum(lengths)
+    batches = Batches(train, config, settings.seed)
+    last = len(batches)
 
     # Run: a new folder, or the one that the same command began.
     start(folder, experiment)
@@ -104,37 +125,48 @@ def main(experiment: DepthExperiment, description: str) -> None:
     if checkpoints.latest is not None:
         state = checkpoints.restore("state", state)
         print(f"resuming {folder} at step {checkpoints.latest}")
-    scribe = Scribe(folder, int(state.step))
+    begun, start_step = time.monotonic(), int(state.step)
+    scribe = Scribe(folder, start_step)
 
     def save() -> None:
         checkpoints.save(int(state.step), state=state, network=state.values)
 
-    def judge(part: Part, shown: int) -> dict:
-        """Scores of the first validation frames, and a picture of the very first."""
-        errors = []
-        for i in range(min(shown, len(validation))):
-            frame = jax.tree.map(lambda x: np.asarray(x)[None], validation[i])
-            guess = np.asarray(predict(state.values, frame, config=config, part=part))[0]
-            errors.append(depth_errors(guess, guess > NEAREST_M, frame.truth_m[0], frame.known[0]))
+    def judge(part: Part, shown: int) -> dict[str, Score]:
+        """KITTI's scores of the first validation frames, and a picture of the very first."""
+        step, values, errors, count = int(state.step), devices.nearby(state.values), [], min(shown, len(validation))
+        for i in tqdm(range(count), desc="validation", unit="image", leave=False, disable=count <= SHOWN):
+            frame = validation[i]
+            batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
+            guess = np.asarray(predict(values, batch, config=config, part=part))[0]
+            guessed = np.isfinite(guess) & (guess > NEAREST_M)
+            guess = np.where(guessed, guess, np.float32(0))
             if i == 0:
-                picture = depth_picture(validation[i], [(f"step {int(state.step)}", guess, guess > NEAREST_M)])
-                save_picture(folder / "figures" / f"step_{int(state.step):06d}.png", picture)
-        return depth_scores(errors)
+                picture = depth_picture(frame, [(f"step {step}", guess, guessed)])
+                save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
+            if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
+                errors.append(benchmark_errors(guess, guessed, frame.truth_m, frame.known))
+        if len(errors) < count:
+            bar.write(
+                f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "
+                f"where no depth exceeds {NEAREST_M} m"
+            )
+        return depth_scores(errors) if errors else {}
 
-    # Loop: batch k depends on (seed, k) alone, so a resumed run sees what an uninterrupted one would.
-    begun, last = time.monotonic(), int(ends[-1])
-    bar = tqdm(total=last, initial=int(state.step), desc=settings.name, unit="step", smoothing=0.1, mininterval=1.0)
+    # Loop: a resumed run sees the batches that an uninterrupted one would; threads read and crop ahead.
+    bar = tqdm(total=last, initial=start_step, desc=settings.name, unit="step", smoothing=0.1, mininterval=1.0)
     try:
-        for k in range(int(state.step), last):
-            number = int(np.searchsorted(ends, k, side="right"))
-            stage = config.stages[number]
-            within = k - int(ends[number] - lengths[number])
-            epoch, place = divmod(within, steps_of(stage, len(train)))
-            if within == 0 and k:
+        for k, batch in enumerate(ahead(batches, start_step, last, threads=THREADS), start_step):
+            number, epoch, place = batches.place(k)
+            stage, mesh = config.stages[number], meshes[number]
+            begins = epoch == place == 0
+            if begins and k:
                 state = begin_stage(state, config)
-            batch = batch_of(train, stage, config, seed=settings.seed, number=number, epoch=epoch, place=place)
+            if begins or k == start_step:
+                state = devices.everywhere(mesh, devices.nearby(state))
             lr, weight = (jnp.float32(x) for x in (rate(config, stage, epoch), branch_weight(epoch)))
-            state, metrics = train_step(state, batch, lr, weight, config=config, part=stage.part, norms=stage.norms)
+            state, metrics = train_step(
+                state, devices.cut(mesh, batch), lr, weight, config=config, part=stage.part, norms=stage.norms
+            )
             step = k + 1
             if not bool(metrics["finite"]):
                 arrays = {name: np.asarray(getattr(batch, name)) for name in ("rgb", "sparse_m", "truth_m")}
@@ -143,12 +175,12 @@ def main(experiment: DepthExperiment, description: str) -> None:
                 scribe.write(step, {n: float(v) for n, v in metrics.items() if n != "finite"})
                 bar.set_postfix(stage=stage.part, rmse=f"{float(metrics['rmse_m']):.2f} m", refresh=False)
             bar.update()
-            if step % settings.picture_every == 0 or step in ends:
+            if step % settings.save_every == 0 or step in batches.ends:
+                save()
+            if step % settings.picture_every == 0 or step in batches.ends:
                 scores = judge(stage.part, SHOWN)
                 scribe.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
                 bar.write(f"step {step} ({stage.part}): " + ", ".join(f"{n} {s.value:.4g}" for n, s in scores.items()))
-            if step % settings.save_every == 0 or step in ends:
-                save()
     except KeyboardInterrupt:
         bar.close()
         save()
@@ -156,11 +188,13 @@ def main(experiment: DepthExperiment, description: str) -> None:
     bar.close()
 
     # Weights for preparation, and a card that says what they are and scored.
-    save_penet(folder / "weights.npz", jax.tree.map(np.asarray, state.values))
+    save_penet(folder / "weights.npz", devices.to_host(state.values))
     scores = judge(config.stages[-1].part, len(validation))
     lines = "\n".join(
-        f"- {name}: {score.value:.4g} {score.unit} ({score.count} images)" for name, score in scores.items()
+        f"- {name}: {score.value:.4g} {score.unit} ({score.count} of {len(validation)} images)"
+        for name, score in scores.items()
     )
+    lines = lines or "- not one validation image could be scored"
     with replacing(folder / "card.md") as path:
         path.write_text(
             f"# {folder.name}\n\n{description.splitlines()[0] if description else 'A depth completion network.'}\n\n"

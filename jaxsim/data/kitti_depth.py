@@ -1,9 +1,9 @@
 """KITTI's depth completion set (Uhrig et al., 3DV 2017): sparse and accumulated depth of the raw drives' images.
 
-    ROOT/{train,val}/DRIVE_sync/proj_depth/{velodyne_raw,groundtruth}/image_02/NUMBER.png
-    RAW/DATE/DRIVE_sync/image_02/data/NUMBER.png     RAW/DATE/calib_*.txt
+    ROOT/{train,val}/DRIVE_sync/proj_depth/{velodyne_raw,groundtruth}/image_0{2,3}/NUMBER.png
+    RAW/DATE/DRIVE_sync/image_0{2,3}/data/NUMBER.png     RAW/DATE/calib_*.txt
 
-or the selected validation images, already cropped to 352 x 1216:
+of both colour cameras (85 898 + 6852 frames), or 1000 selected validation images, already cropped to 352 x 1216:
 
     ROOT/{image,velodyne_raw,groundtruth_depth,intrinsics}/...
 
@@ -12,8 +12,10 @@ Depth is 16-bit PNG, metres times 256, 0 where there is none.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,22 +52,34 @@ class _Files:
     image: Path
     sparse: Path
     truth: Path
-    camera: Path
+    calibration: Path
     """Folder of a date's calibration, or a text of nine numbers."""
+    camera: int = 2
+    """Of a raw drive: 2 left, 3 right."""
 
 
-class KittiDepth:
-    """Frames of depth completion, cropped: bottom rows, middle columns."""
+class KittiDepth(Sequence[DepthFrame]):
+    """Frames of depth completion, cropped: bottom rows, middle columns; read from disk when asked for."""
 
     name = "kitti_depth"
 
     def __init__(
         self, root: Path, raw: Path | None = None, *, part: str = "train", crop: tuple[int, int] = (352, 1216)
     ):
+        """Lists the frames of a part; `raw` holds the raw drives (2011_09_26/ ...), for images and cameras.
+
+        Raises ValueError where there are none, where drives have no images, and where the selected validation images
+        are asked for a training.
+        """
         self.crop = crop
         if part not in PARTS:
             raise ValueError(f"kitti_depth: no part {part!r}; known: {', '.join(PARTS)}")
         selected = all((root / name).is_dir() for name in SELECTED)
+        if selected and part == "train":
+            raise ValueError(
+                f"kitti_depth: {root} holds the selected validation images, not to be trained on; give the folder that "
+                "holds train/ and val/ as --depth-root, and this one as --depth-validation"
+            )
         self.files = _selected(root) if selected else _drives(root, raw, part)
         if not self.files:
             raise ValueError(
@@ -79,10 +93,15 @@ class KittiDepth:
     def name_of(self, index: int) -> str:
         """Drive, camera and number, as the truth's file has them."""
         path = self.files[index].truth
-        return path.stem if len(path.parts) < 5 or "_sync" not in path.parts[-5] else f"{path.parts[-5]}-{path.stem}"
+        if len(path.parts) < 5 or "_sync" not in path.parts[-5]:
+            return path.stem
+        return f"{path.parts[-5]}-{path.parts[-2]}-{path.stem}"
 
-    def __getitem__(self, index: int) -> DepthFrame:
-        """Raises ValueError that names the file where rasters differ in size or are smaller than the crop."""
+    def __getitem__(self, index: Any) -> Any:
+        """One `DepthFrame`.
+
+        Raises ValueError that names the file where rasters differ in size or are smaller than the crop.
+        """
         files = self.files[index]
         rgb = read_image(files.image)
         sparse_m, given = read_depth(files.sparse)
@@ -97,10 +116,11 @@ class KittiDepth:
             raise ValueError(
                 f"kitti_depth: {files.image} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
             )
-        if files.camera.is_dir():
-            intrinsics = np.array(raw_camera(files.camera, (h, w)).intrinsics, np.float32)
+        if files.calibration.is_dir():
+            camera = raw_camera(files.calibration, (h, w), camera=files.camera)
+            intrinsics = np.array(camera.intrinsics, np.float32)
         else:
-            intrinsics = np.array(files.camera.read_text().split(), np.float32).reshape(3, 3)
+            intrinsics = np.array(files.calibration.read_text().split(), np.float32).reshape(3, 3)
         top, left = h - rows, round((w - columns) / 2)
         intrinsics[:2, 2] -= left, top
         view = np.s_[top:, left : left + columns]
@@ -109,13 +129,18 @@ class KittiDepth:
 
 def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
     files = []
-    for truth in sorted((root / part).glob("*_sync/proj_depth/groundtruth/image_02/*.png")):
-        drive = truth.parents[3].name
+    for truth in sorted((root / part).glob("*_sync/proj_depth/groundtruth/image_0[23]/*.png")):
+        drive, camera = truth.parents[3].name, truth.parent.name
         if raw is None:
             raise ValueError(f"kitti_depth: {drive}'s images are in the raw drives; name their folder with --data.root")
         date = raw / drive[:10]
-        sparse = truth.parents[2] / "velodyne_raw" / "image_02" / truth.name
-        files.append(_Files(date / drive / "image_02" / "data" / truth.name, sparse, truth, date))
+        sparse = truth.parents[2] / "velodyne_raw" / camera / truth.name
+        files.append(_Files(date / drive / camera / "data" / truth.name, sparse, truth, date, int(camera[-2:])))
+    if missing := [folder for folder in sorted({one.image.parent for one in files}) if not folder.is_dir()]:
+        raise ValueError(
+            f"kitti_depth: no {missing[0]}, and {len(missing) - 1} more such folders; --data.root must hold the synced "
+            f"raw drives of all {len({one.truth.parents[3] for one in files})} drives of {root / part}"
+        )
     return files
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import train_depth
 from jaxsim.config import DataConfig, RunConfig
+from jaxsim.frame import DepthFrame
 from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
 
 CROP = (32, 64)
@@ -31,6 +32,48 @@ def standard_promotion():
 
 def lines(folder) -> list[dict]:
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def test_an_image_without_a_guess_ends_no_training(tmp_path, monkeypatch):
+    experiment = replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path, save_every=100))
+    near, saved, everywhere = [], [], np.ones((64, 128), bool)
+    wall = np.full(everywhere.shape, 12, np.float32)
+    frame = DepthFrame(
+        np.zeros((64, 128, 3), np.uint8), wall, everywhere, wall, everywhere, np.eye(3, dtype=np.float32)
+    )
+
+    def learn(state, batch, lr, weight, **more):
+        return state.replace(step=state.step + 1), {"finite": True, "rmse_m": lr, "loss/depth": lr}
+
+    def guess(values, batch, **more):
+        saved.append([path.name for path in (tmp_path / "depth" / "checkpoints").iterdir()])
+        return np.full(batch.truth_m.shape, near.pop(0), np.float32)
+
+    monkeypatch.setattr(train_depth, "frames_of", lambda experiment: ([frame] * 2, [frame] * 2))
+    monkeypatch.setattr(train_depth, "train_step", learn)
+    monkeypatch.setattr(train_depth, "predict", guess)
+    near += [0.0, 5.0, np.nan, np.inf, 0.0, 5.0]
+    train_depth.main(experiment, "No guess.")
+    scored = [line for line in lines(tmp_path / "depth") if "validation/rmse" in line]
+    assert [line["step"] for line in scored] == [4]  # of step 8's not one image could be scored
+    assert "4" in saved[0]  # what was trained is saved before it is judged
+    assert "- rmse: " in (tmp_path / "depth" / "card.md").read_text()
+    assert "(1 of 2 images)" in (tmp_path / "depth" / "card.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "flag"),
+    [
+        ({"image_crop": (60, 128)}, "--image-crop 32 128"),
+        ({"penet": PenetConfig(stages=(EXPERIMENT.penet.stages[0], Stage("joint", 1, 1, (32, 70), ())))},
+         r"--penet\.stages\.1\.crop 32 64"),
+        ({"penet": PenetConfig(stages=(Stage("joint", 1, 1, (96, 64), ()),))}, r"lower --penet\.stages\.0\.crop"),
+    ],
+)  # fmt: skip
+def test_sizes_of_all_stages_are_checked_before_the_first(tmp_path, change, flag):
+    with pytest.raises(ValueError, match=flag):
+        train_depth.main(replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path), **change), "Wrong.")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path, monkeypatch):

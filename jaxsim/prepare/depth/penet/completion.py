@@ -76,14 +76,14 @@ class Penet:
         return np.where(known, dense, np.float32(0)), known
 
 
-def check_crop(size: tuple[int, int]) -> None:
-    """Raises ValueError where rows or columns are no multiples of 32."""
+def check_crop(size: tuple[int, int], flag: str = "--prepare.image-crop") -> None:
+    """Raises ValueError where rows or columns, which `flag` sets, are no multiples of 32."""
     rows, columns = size
     if rows % MULTIPLE or columns % MULTIPLE or not rows * columns:
         least = [max(side - side % MULTIPLE, MULTIPLE) for side in size]
         raise ValueError(
-            f"penet: the image has {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
-            f"--prepare.image-crop {least[0]} {least[1]}"
+            f"penet: the network is given {rows} x {columns} pixels; both must be multiples of {MULTIPLE}: "
+            f"{flag} {least[0]} {least[1]}"
         )
 
 

@@ -23,7 +23,9 @@ from jaxtyping import Float
 
 from jaxsim.config import DataConfig, RunConfig
 from jaxsim.frame import DepthFrame
+from jaxsim.prepare.depth.penet.completion import check_crop
 from jaxsim.prepare.depth.penet.layers import Mode
+from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
 Array = Any
@@ -90,10 +92,27 @@ class DepthExperiment:
     depth_root: Path | None = None
     """KITTI's depth completion set: the folder that holds `train/` and `val/`; `data.root` is then that of the raw
     drives, for their images. None: the frames of `data`, which must come with true depth (renderers)."""
+    depth_validation: Path | None = None
+    """Judged by instead of `val/`: `val_selection_cropped`, the 1000 selected images by which the published program
+    judges (`--val select`)."""
     image_crop: tuple[int, int] = (352, 1216)
     """Rows and columns of the image that are used: bottom and middle."""
     penet: PenetConfig = field(default_factory=PenetConfig)
     run: RunConfig = field(default_factory=RunConfig)
+
+
+def check_sizes(experiment: DepthExperiment) -> None:
+    """Raises ValueError where the network cannot take a crop, or a stage's is larger than the image's: of any stage,
+    before the first begins."""
+    check_crop(experiment.image_crop, "--image-crop")
+    for number, stage in enumerate(experiment.penet.stages):
+        flag = f"--penet.stages.{number}.crop"
+        check_crop(stage.crop, flag)
+        if stage.crop[0] > experiment.image_crop[0] or stage.crop[1] > experiment.image_crop[1]:
+            raise ValueError(
+                f"penet: the {stage.part} stage cuts {stage.crop[0]} x {stage.crop[1]} pixels out of images of "
+                f"{experiment.image_crop[0]} x {experiment.image_crop[1]}; lower {flag}, or raise --image-crop"
+            )
 
 
 @struct.dataclass
@@ -148,6 +167,12 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "hub
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
+def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, loss: Literal["square", "huber"]) -> Array:
+    """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
+    colour, depth, fused = (masked_error(guess, batch, loss) for guess in (seen.colour, seen.depth, seen.fused))
+    return (1 - 2 * weight) * fused + weight * (colour + depth)
+
+
 @partial(jax.jit, static_argnames=("config", "part", "norms"), donate_argnames="state")
 def train_step(
     state: PenetState,
@@ -159,7 +184,11 @@ def train_step(
     part: Part,
     norms: Norms = "batch",
 ) -> tuple[PenetState, dict[str, Array]]:
-    """One update at this rate; `weight` is that of each branch's own loss (in `branches` alone)."""
+    """One update at this rate; `weight` is that of each branch's own loss (in `branches` alone).
+
+    A batch that is cut over devices is one batch all the same: its loss and its norms' statistics are those of all
+    its items (the published program, in `DataParallel`, has each device's own statistics).
+    """
     frozen = definition(config.width, "exact")
     train: Mode = {"batch": True, "renorm": "renorm", "stored": False}[norms]
 
@@ -167,13 +196,12 @@ def train_step(
         network = nnx.merge(frozen, values)
         rgb = batch.rgb.astype(jnp.float32)
         seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=train)
-        off = partial(masked_error, batch=batch, loss=config.loss)
         if part == "branches":
             guess = seen.fused
-            loss = (1 - 2 * weight) * off(guess) + weight * (off(seen.colour) + off(seen.depth))
+            loss = branches_error(seen, batch, weight, config.loss)
         else:
             guess = network.refine(seen, batch.sparse_m, batch.given, train=train)
-            loss = off(guess)
+            loss = masked_error(guess, batch, config.loss)
         return loss, (nnx.to_pure_dict(nnx.state(network)), masked_error(guess, batch))
 
     (loss, (after, square)), gradient = jax.value_and_grad(loss_of, has_aux=True)(state.values)
@@ -245,6 +273,31 @@ def steps_of(stage: Stage, frames: int) -> int:
     if frames < stage.batch:
         raise ValueError(f"penet: {frames} training frames do not fill the {stage.part} stage's batch of {stage.batch}")
     return frames // stage.batch
+
+
+class Batches:
+    """All batches of a training, stage after stage: batch k depends on (seed, k) alone, so a resumed run sees what an
+    uninterrupted one would."""
+
+    def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
+        """Raises ValueError where the frames do not fill a batch of some stage."""
+        self.frames, self.config, self.seed = frames, config, seed
+        self.steps = [steps_of(stage, len(frames)) for stage in config.stages]
+        self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def place(self, k: int) -> tuple[int, int, int]:
+        """Number of the stage that batch k belongs to, epoch of the stage, and place in the epoch; from 0."""
+        number = int(np.searchsorted(self.ends, k, side="right"))
+        within = k - (int(self.ends[number - 1]) if number else 0)
+        return number, *divmod(within, self.steps[number])
+
+    def __getitem__(self, k: int) -> DepthFrame:
+        number, epoch, place = self.place(k)
+        stage = self.config.stages[number]
+        return batch_of(self.frames, stage, self.config, seed=self.seed, number=number, epoch=epoch, place=place)
 
 
 def batch_of(
