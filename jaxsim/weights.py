@@ -125,10 +125,18 @@ def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
 
 
 def convert(kind: str, converter: Converter, source: Path, out: Path) -> Weights:
-    """Reads a published state dict, checks it and writes `out`. Raises ValueError for weights of another network."""
+    """Reads a published state dict, checks it and writes `out`.
+
+    Raises ValueError for files that are no state dict and for weights of another network; it says what to fetch.
+    """
     if out.suffix != ".npz":
         raise ValueError(f"convert: --out {out} must end in .npz")
-    arrays = read_state_dict(source, converter.files)
+    try:
+        arrays = read_state_dict(source, converter.files)
+    except ValueError as error:
+        raise ValueError(
+            f"convert: {source} cannot be read as {converter.title}. Fetch {converter.fetch}\n({error})"
+        ) from error
     try:
         kept = converter.convert(arrays)
     except ValueError as error:

@@ -1,10 +1,12 @@
 """Published weights to files of our own, and what is said of wrong ones."""
 
+import argparse
 import hashlib
 
 import numpy as np
 import pytest
 
+from jaxsim.prepare.depth.penet import CONVERTERS as PENET
 from jaxsim.weights import Converter, convert, fingerprint, fit, kind_of, load_weights, read_state_dict
 
 SHAPES = {"stem.weight": (4, 3, 3, 3), "stem.bias": (4,)}
@@ -96,3 +98,23 @@ def test_pytorch_files_are_read_as_plain_tensors_alone(tmp_path):
     torch.save({"a": Converter}, tmp_path / "code.pth")
     with pytest.raises(ValueError, match="no PyTorch checkpoint of plain tensors"):
         read_state_dict(tmp_path / "code.pth")
+
+
+def test_a_checkpoint_that_holds_more_than_tensors_says_what_to_do(tmp_path):
+    """As PENet's, which holds the settings of its training."""
+    torch = pytest.importorskip("torch")
+    content = {"model": {"stem.bias": torch.zeros(4)}, "args": argparse.Namespace(lr=1e-3)}
+    torch.save(content, tmp_path / "pe.pth.tar")
+    with pytest.raises(ValueError, match=r"^convert: .*pe\.pth\.tar cannot be read as PENet") as raised:
+        convert("penet", PENET["penet"], tmp_path / "pe.pth.tar", tmp_path / "out.npz")
+    message = str(raised.value)
+    assert "weights_only=False" in message
+    assert "only if you trust the file" in message
+    assert "argparse.Namespace was not an allowed global" in message
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_a_file_that_is_no_archive_says_what_to_fetch(tmp_path):
+    (tmp_path / "state.npz").write_bytes(b"PK nonsense")
+    with pytest.raises(ValueError, match=r"cannot be read as the tiny network of nobody\. Fetch https://example\.org"):
+        convert("tiny", TINY, tmp_path / "state.npz", tmp_path / "out.npz")

@@ -6,6 +6,8 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
 from jaxsim.pix2pix.vgg import BLOCKS, load_vgg
+from jaxsim.prepare.depth.penet import completion, open_penet, published_shapes
+from jaxsim.prepare.depth.penet.published import STEM
 
 
 @pytest.fixture
@@ -30,6 +32,24 @@ def test_the_perceptual_loss_reads_what_convert_writes(vgg, tmp_path, capsys):
     weights = load_vgg(tmp_path / "out.npz")
     assert weights["features.28.weight"].shape == (3, 3, 512, 512)
     assert weights["features.28.bias"][0] == -28
+
+
+@pytest.mark.slow
+def test_preparation_opens_the_penet_that_convert_writes(tmp_path, capsys):
+    """Half a gigabyte of zeros, of which only the first layer is told apart."""
+    arrays = {f"model.{name}": np.broadcast_to(np.float32(0), shape) for name, shape in published_shapes().items()}
+    stem = np.random.default_rng(0).standard_normal(published_shapes()[STEM]).astype(np.float32)
+    np.savez_compressed(tmp_path / "state.npz", **arrays | {f"model.{STEM}": stem})
+    try:
+        main(["convert", "penet", str(tmp_path / "state.npz"), "--out", str(tmp_path / "penet.npz")])
+        network = open_penet(tmp_path / "penet.npz")
+    finally:
+        (tmp_path / "penet.npz").unlink(missing_ok=True)
+        completion._open.cache_clear()
+    assert f"{len(arrays)} arrays of PENet (C2, dilation 2)" in capsys.readouterr().out
+    assert (network.convention, network.width) == ("published", 32)
+    kernel = np.asarray(network.values["backbone"]["rgb_conv_init"]["conv"]["kernel"])
+    np.testing.assert_array_equal(kernel, stem.transpose(2, 3, 1, 0))
 
 
 def test_weights_of_another_network_stop_the_command(vgg, tmp_path):

@@ -70,11 +70,16 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
             "guide3_sub": network.iter_guide_layer3(seen.fine, train=False)[:, ::8, ::16],
             "guide5_s2_sub": network.iter_guide_layer5_s2(seen.coarse, train=False)[:, ::4, ::8],
         }
+        geo, b = coordinates(sparse, given, intrinsics, scales=6, convention="published"), network.backbone
+        x = b.rgb_conv_init(jnp.concatenate([rgb, sparse[..., None]], -1), train=False)
+        for k in range(5):
+            x = getattr(b, f"rgb_encoder_layer{2 * k + 1}")(x, geo[k], geo[k + 1], train=False)
+            x = getattr(b, f"rgb_encoder_layer{2 * k + 2}")(x, geo[k + 1], geo[k + 1], train=False)
         half = twice(from_neighbours(network.iter_guide_layer3_s2(seen.coarse, train=False)))
         first = step(jnp.unstack(half, axis=-1), seen.fused, seen.fused, 2)
-        return seen, guides, first, network.refine(seen, sparse, given, train=False)
+        return seen, guides, first, network.refine(seen, sparse, given, train=False), x
 
-    seen, guides, first, final = jax.tree.map(np.asarray, run(values))
+    seen, guides, first, final, encoded = jax.tree.map(np.asarray, run(values))
 
     def close(ours, name):
         expected = vectors[name]
@@ -82,6 +87,7 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
 
     close(np.stack([seen.colour, seen.logits[..., 0]], 1), "colour_branch_out")
     close(np.stack([seen.depth, seen.logits[..., 1]], 1), "depth_branch_out")
+    close(encoded[..., ::8].transpose(0, 3, 1, 2), "colour_encoder10")
     close(seen.fused[:, None], "coarse")
     close(final[:, None], "final")
     close(seen.fine[:, ::8, ::16, ::4].transpose(0, 3, 1, 2), "feature_s1_sub")
@@ -212,6 +218,10 @@ def test_convert_takes_the_published_network_alone():
     assert len(kept) == len(published_shapes())
     with pytest.raises(ValueError, match="it is ENet or PENet_C1; take PENet_C2"):
         CONVERTERS["penet"].convert({n: a for n, a in blank.items() if "_s2." not in n})
+    bare = {n.removeprefix("model.module."): a for n, a in blank.items()}
+    enet = {n.removeprefix("backbone."): a for n, a in bare.items() if n.startswith("backbone.")}
+    with pytest.raises(ValueError, match="it is ENet or PENet_C1; take PENet_C2"):
+        CONVERTERS["penet"].convert({f"model.{n}": a for n, a in enet.items()})
     with pytest.raises(ValueError, match=r"decoder_layer1\.0\.weight is \(64, 32, 5, 5\), not \(1024, 512, 5, 5\)"):
         CONVERTERS["penet"].convert({n: np.zeros(s, np.float32) for n, s in published_shapes(2).items()})
     with pytest.raises(ValueError, match="it is no PENet"):

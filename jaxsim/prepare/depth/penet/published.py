@@ -109,7 +109,8 @@ def _bare(arrays: Arrays) -> Arrays:
 
 def _published(arrays: Arrays) -> Arrays:
     bare = _bare(arrays)
-    if not any(name.startswith("iter_guide_layer3_s2.") for name in bare) and STEM in bare:
+    backbone = STEM in bare or STEM.removeprefix("backbone.") in bare  # ENet alone lacks the prefix
+    if backbone and not any(name.startswith("iter_guide_layer3_s2.") for name in bare):
         raise ValueError("it has no half-size guides: it is ENet or PENet_C1; take PENet_C2 (pe.pth.tar).")
     return fit(bare, published_shapes())
 
@@ -121,9 +122,11 @@ def _trained(arrays: Arrays) -> Arrays:
 CONVERTERS = {
     "penet": Converter(
         "PENet (C2, dilation 2)",
-        "pe.pth.tar, linked in the README of github.com/JUGGHM/PENet_ICRA2021 (it also holds the training's settings, "
-        "which weights_only refuses: where it runs, save the state dict alone, `torch.save(torch.load(FILE)['model'], "
-        "OUT)`)",
+        "pe.pth.tar, linked in the README of github.com/JUGGHM/PENet_ICRA2021. It also holds objects of its training "
+        "(argparse.Namespace, metrics.Result), which weights_only=True refuses: once, in a clone of that repository "
+        "(for its metrics.py), and only if you trust the file, since loading it so can run any code in it, save the "
+        "state dict alone: python -c \"import torch; torch.save(torch.load('pe.pth.tar', map_location='cpu', "
+        "weights_only=False)['model'], 'penet.pt')\", then `jaxsim convert penet penet.pt --out penet.npz`",
         _published,
     ),
 }
