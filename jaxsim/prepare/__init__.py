@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jaxsim.prepare.channels import CHANNELS, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.depth import complete_depth
+from jaxsim.prepare.depth import complete_depth, complete_view
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.edges import edge_map
 from jaxsim.prepare.occlusion import surface_depth
@@ -25,6 +25,7 @@ __all__ = [
     "check_networks",
     "check_view",
     "complete_depth",
+    "complete_view",
     "crop_image",
     "denoise",
     "dense_view",

@@ -10,6 +10,8 @@ from jaxsim.geometry import polar_to_points, preset, window_grid
 from jaxsim.prepare import crop_image, denoise, prepare_frame
 from jaxsim.prepare.denoise.lidia import Variant, from_published, save_lidia
 from jaxsim.prepare.denoise.lidia.published import published_shapes
+from jaxsim.prepare.depth.penet import save_penet
+from jaxsim.prepare.depth.penet.training import PenetConfig, create_state
 from tests.prepare.lidia_oracle import random_state
 
 SPEC = preset("hdl64e")
@@ -37,6 +39,19 @@ def frame():
     points = polar_to_points(PolarImage(r, line.astype(np.float32), np.ones(r.shape, bool)), grid)
     cloud = Cloud(*(np.asarray(a) for a in (points.xyz_m, points.intensity, points.valid, points.row)))
     return Frame(name="street-7", scene="street", camera=view, cloud=cloud)
+
+
+def test_a_trained_penet_s_depth_is_what_is_painted(tmp_path):
+    save_penet(tmp_path / "weights.npz", create_state(PenetConfig(width=2, start_m=10.0), seed=0).values)
+    given = replace(CONFIG, image_crop=(64, 288), columns=88)
+    learned = replace(given, depth="penet", depth_weights=tmp_path / "weights.npz")
+    (pair, grid), (rendered, same) = (prepare_frame(frame(), SPEC, config) for config in (learned, given))
+    np.testing.assert_array_equal(grid.azimuth_rad, same.azimuth_rad)
+    assert pair.painted.valid.any()
+    both = pair.painted.valid & rendered.painted.valid
+    # Near the sweep's points even an untrained network keeps what they say; elsewhere its depth is its own.
+    assert (np.abs(pair.painted.range_m - rendered.painted.range_m)[both] > 0.1).mean() > 0.25
+    np.testing.assert_array_equal(pair.target, rendered.target)  # what was measured is what it was
 
 
 def test_camera_and_lidar_agree_and_every_line_keeps_its_row():

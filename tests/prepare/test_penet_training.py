@@ -1,18 +1,22 @@
 """PENet's stages, its frames, and the weights that preparation then uses."""
 
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxsim import devices
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
+from jaxsim.prepare import dense_view, depth
 from jaxsim.prepare.depth import complete_depth, complete_view
 from jaxsim.prepare.depth.frames import depth_frame, where_backed
-from jaxsim.prepare.depth.penet import open_penet, save_penet
+from jaxsim.prepare.depth.penet import completion, open_penet, save_penet
+from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
     PUBLISHED_STAGES,
     PenetConfig,
@@ -20,6 +24,7 @@ from jaxsim.prepare.depth.penet.training import (
     augment,
     batch_of,
     branch_weight,
+    branches_error,
     create_state,
     masked_error,
     predict,
@@ -78,6 +83,54 @@ def test_the_refinement_leaves_the_branches_parameters_alone():
             np.testing.assert_array_equal(new, old)
         elif path[-1].key == "kernel":
             assert (new != old).any()
+
+
+@pytest.mark.slow
+def test_the_joint_stage_moves_the_branches_by_a_tenth_and_leaves_stored_statistics_alone():
+    """Adam's first update is the rate itself wherever a gradient is; so the largest move of a part is its share."""
+    state = create_state(replace(CONFIG, start_m=10.0), seed=0)
+    before = jax.tree.map(np.asarray, state.values)
+    args = (jnp.float32(1e-2), jnp.float32(0.0))
+    state, metrics = train_step(state, batch(), *args, config=CONFIG, part="joint", norms="stored")
+    assert bool(metrics["finite"])
+    moved = jax.tree.map(lambda new, old: float(np.abs(np.asarray(new) - old).max()), state.values, before)
+    most = {"branches": 0.0, "refinement": 0.0}
+    for path, change in jax.tree.leaves_with_path(moved):
+        if path[-1].key.startswith("running"):
+            assert change == 0, path
+        else:
+            part = "branches" if path[0].key == "backbone" else "refinement"
+            most[part] = max(most[part], change)
+    assert most == pytest.approx({"branches": 1e-3, "refinement": 1e-2}, rel=1e-3)
+
+
+def test_the_branches_loss_weighs_each_branch_and_what_both_leave_the_fused_depth():
+    frame = jax.tree.map(lambda x: jnp.asarray(x)[None], replace(plane(0), known=np.indices((48, 96))[1] % 3 == 0))
+    guesses = [frame.truth_m + off for off in (1.0, -2.0, 3.0)]
+    seen = Backbone(*guesses, *(jnp.zeros((1, 1, 1, 1)),) * 3)
+    for weight in (0.0, 0.05, 0.2):
+        expected = weight * (1 + 4) + (1 - 2 * weight) * 9
+        assert float(branches_error(seen, frame, jnp.float32(weight), "square")) == pytest.approx(expected, rel=1e-4)
+        expected = weight * (1 + 3) + (1 - 2 * weight) * 5
+        assert float(branches_error(seen, frame, jnp.float32(weight), "huber")) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_two_devices_learn_what_one_learns():
+    mesh = devices.data_mesh(2)
+    if mesh is None:
+        pytest.skip("one device")
+    args = (jnp.float32(1e-3), jnp.float32(0.2))
+    run = partial(train_step, config=CONFIG, part="branches")
+    alone, one = run(create_state(CONFIG, seed=0), batch(), *args)
+    shared, two = run(devices.everywhere(mesh, create_state(CONFIG, seed=0)), devices.cut(mesh, batch()), *args)
+    assert float(two["loss/depth"]) == pytest.approx(float(one["loss/depth"]), rel=1e-4)
+    assert float(two["grad_norm"]) == pytest.approx(float(one["grad_norm"]), rel=1e-3)
+    for (path, ours), theirs in zip(
+        jax.tree.leaves_with_path(shared.values), jax.tree.leaves(alone.values), strict=True
+    ):
+        if path[-1].key.startswith("running"):
+            np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=1e-3, atol=1e-4, err_msg=str(path))
 
 
 @pytest.fixture(autouse=True)
@@ -179,8 +232,6 @@ def test_trained_weights_complete_a_view(tmp_path):
 
 
 def test_published_weights_are_told_half_of_the_cut_rows(monkeypatch):
-    from jaxsim.prepare.depth.penet import completion
-
     seen = []
 
     def spy(values, rgb, sparse, valid, intrinsics, *, width, convention):
@@ -196,6 +247,32 @@ def test_published_weights_are_told_half_of_the_cut_rows(monkeypatch):
     assert camera.depth_m is None
 
 
+@pytest.mark.parametrize(("convention", "rows"), [("exact", 23.0), ("published", 11.5)])
+def test_a_kitti_frame_s_crop_moves_the_principal_point(monkeypatch, convention, rows):
+    """375 rows, 352 of them used: the published weights alone are told half of what is cut."""
+    seen = []
+
+    def spy(values, rgb, sparse, valid, intrinsics, *, width, convention):
+        seen.append(intrinsics[0])
+        return jnp.full(valid.shape, 10.0)
+
+    monkeypatch.setattr(completion, "complete", spy)
+    monkeypatch.setattr(depth, "open_penet", lambda path: completion.Penet(2, convention, {}))
+    intrinsics = np.array([[721.5, 0, 609.6], [0, 721.5, 172.9], [0, 0, 1]], np.float32)
+    rng = np.random.default_rng(0)
+    z = rng.uniform(5, 40, 500)
+    places = rng.uniform([20, 100], [1220, 370], (500, 2))
+    xyz = np.column_stack([(places - intrinsics[:2, 2]) / 721.5 * z[:, None], z]).astype(np.float32)
+    camera = CameraFrame(np.zeros((375, 1242, 3), np.uint8), Camera(intrinsics, np.eye(4, dtype=np.float32)))
+    frame = Frame("one", "drive", camera, Cloud(xyz, np.ones(500, np.float32), np.ones(500, bool)))
+    view = dense_view(frame, PrepareConfig(inputs=("rgb", "depth"), depth="penet"))
+    np.testing.assert_allclose(seen[0][:2, 2], [609.6 - 13, 172.9 - rows], atol=1e-3)
+    # What is painted with is where the pixels are, whatever the network was told.
+    np.testing.assert_allclose(view.camera.intrinsics[:2, 2], [609.6 - 13, 172.9 - 23], atol=1e-3)
+    assert view.depth_m.shape == (352, 1216)
+    assert (view.depth_m[view.depth_valid] == 10).all()
+
+
 def test_bad_input_says_what_to_do(tmp_path):
     camera, frame = view()
     with pytest.raises(ValueError, match=r"penet needs its weights.*--prepare\.depth-weights"):
@@ -206,7 +283,7 @@ def test_bad_input_says_what_to_do(tmp_path):
     network = open_penet(tmp_path / "weights.npz")
     with pytest.raises(ValueError, match="not one pixel has depth"):
         network(frame.rgb, frame.sparse_m, np.zeros((64, 96), bool), INTRINSICS)
-    with pytest.raises(ValueError, match=r"60 x 96 pixels; both must be multiples of 32: --prepare.image-crop 32 96"):
+    with pytest.raises(ValueError, match=r"60 x 96 pixels; both must be multiples of 32: --prepare\.image-crop 32 96"):
         network(frame.rgb[:60], frame.sparse_m[:60], frame.given[:60], INTRINSICS)
     with pytest.raises(ValueError, match="penet also takes the image"):
         complete_depth(frame.sparse_m, frame.given, "penet")

@@ -74,17 +74,4 @@ def twice(x: Float[Array, "b h w *c"]) -> Float[Array, "b _h _w *c"]:
     return jnp.repeat(jnp.repeat(x, 2, 1), 2, 2)
 
 
-def crop_intrinsics(
-    intrinsics: Float[np.ndarray, "3 3"], top: int, left: int, convention: Convention
-) -> Float[np.ndarray, "3 3"]:
-    """Intrinsics of the part of an image that begins at row `top` and column `left`.
-
-    The published loader takes half of `top` off the principal point, as if it cropped around the middle.
-    """
-    moved = np.array(intrinsics, np.float32)
-    moved[0, 2] -= left
-    moved[1, 2] -= top if convention == "exact" else top / 2
-    return moved
-
-
-__all__ = ["PUBLISHED_SIZE", "Convention", "coordinates", "crop_intrinsics", "nearest_of_four", "twice"]
+__all__ = ["PUBLISHED_SIZE", "Convention", "coordinates", "nearest_of_four", "twice"]
