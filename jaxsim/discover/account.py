@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.name import BAR, CLEAR, LEVEL, Choice, Step, agreed, padded, smooth_is_enough
+from jaxsim.discover.nuisance import gain_and_classes
 from jaxsim.discover.over_scenes import mean_interval
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.split import Split
@@ -70,10 +73,15 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
 
 
 def moved(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
-    """Noise scales and rates without the effects and with them; and of several effects (`fitted` is z of each) the
-    parameters when each was added, and in the end."""
+    """Noise scales, rates, gain and reflectances without the effects and with them; and of several effects (`fitted` is
+    z of each) the parameters when each was added, and in the end."""
+    problems = (null, choice.problem)
     names = null.noise.__dataclass_fields__
     found = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
+    everyone = np.ones(len(null.ev.unit), np.float32)
+    levels = [np.asarray(gain_and_classes(one.ev, one.weights, everyone)).tolist() for one in problems]
+    classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
+    found |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:
         for step, z in zip(choice.steps, fitted, strict=True):
             effect = step.chosen.effect

@@ -151,18 +151,9 @@ def reflectance(
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
     """What class, gain, curvature and surface explain of `residual`, nats (the first three from `fitted` blocks), and
     what the surfaces' share costs each block, nats of log-likelihood."""
-    weighted = jnp.where(ev.compared, residual, 0) * w.intensity
     strips, surfaces, blocks = w.strips, w.surfaces, len(ev.unit)
-    of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
-    left = strips.hold * strips.share
-    of_surface = jax.ops.segment_sum(of_strip * left, ev.surface, len(ev.hold))
-    rhs = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
-    rhs = rhs - strips.known(of_strip, blocks) - surfaces.known(of_surface, blocks)
-    gram = w.gram - w.gram @ w.street @ w.gram
-    shared = fitted @ (rhs - jnp.einsum("bpq,bqs,bs->bp", w.gram, w.street, rhs))
-    shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
-    classes = jnp.clip(shared[1:-OTHERS], -CLASS_MOST, CLASS_MOST)
-    shared = jnp.concatenate([shared[:1], classes, shared[-OTHERS:]])
+    of_strip, of_surface, rhs = _sums(ev, w, residual)
+    shared = _shared(ev, w, fitted, rhs)
     here = jnp.einsum("bpq,bq->bp", w.street, rhs - jnp.einsum("bpq,q->bp", w.gram, shared))
     levels = shared[None] + here
     surface = (of_surface - jnp.sum(surfaces.features * levels[surfaces.block], axis=-1)) * surfaces.share
@@ -174,6 +165,32 @@ def reflectance(
     level = (strip + surface[ev.surface])[ev.strip.reshape(-1)].reshape(residual.shape)
     explained = jnp.einsum("bcrp,bp->bcr", ev.features, levels) + level
     return jnp.where(ev.compared, explained, 0), cost
+
+
+def _sums(ev: Evidence, w: Weights, residual: Float[Array, "b c r"]) -> tuple[Array, Array, Array]:
+    """Weighted residuals of each strip and surface, and of each block's features with the former taken out."""
+    strips, surfaces, blocks = w.strips, w.surfaces, len(ev.unit)
+    weighted = jnp.where(ev.compared, residual, 0) * w.intensity
+    of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
+    of_surface = jax.ops.segment_sum(of_strip * strips.hold * strips.share, ev.surface, len(ev.hold))
+    rhs = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
+    return of_strip, of_surface, rhs - strips.known(of_strip, blocks) - surfaces.known(of_surface, blocks)
+
+
+def _shared(ev: Evidence, w: Weights, fitted: Float[Array, " b"], rhs: Float[Array, "b p"]) -> Float[Array, " p"]:
+    """What the features count for in the `fitted` blocks together."""
+    gram = w.gram - w.gram @ w.street @ w.gram
+    shared = fitted @ (rhs - jnp.einsum("bpq,bqs,bs->bp", w.gram, w.street, rhs))
+    shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
+    classes = jnp.clip(shared[1:-OTHERS], -CLASS_MOST, CLASS_MOST)
+    return jnp.concatenate([shared[:1], classes, shared[-OTHERS:]])
+
+
+@jax.jit
+def gain_and_classes(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, " k"]:
+    """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
+    residual = ev.log_intensity - ev.rays.log_intensity
+    return _shared(ev, w, fitted, _sums(ev, w, residual)[2])[:-OTHERS]
 
 
 def pose_shift(

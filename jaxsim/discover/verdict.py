@@ -119,7 +119,8 @@ class Verdict:
     frames: int
     seconds: float
     moved: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """Noise scales and rates before and after the effects were added; and, where several were, each one's parameters
+    """Noise scales and rates before and after the effects were added; ln of the overall `gain` and of each class's
+    reflectance over the simulator's (`class ID`); and, where several were added, each one's parameters
     (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
     ranking: tuple[Rank, ...] = ()
     notes: tuple[str, ...] = ()

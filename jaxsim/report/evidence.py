@@ -149,8 +149,9 @@ def moved(verdict: Verdict) -> str:
         for name, (before, after) in verdict.moved.items()
     ]
     words = (
-        "Noise scales and rates of the null model, fitted without the effects and again with them; of several effects "
-        "also their parameters, as fitted when each was added and with the others in place."
+        "Noise scales and rates of the null model, and natural logarithms of the overall gain and of each class's "
+        "reflectance over the simulator's, fitted without the effects and again with them; of several effects also "
+        "their parameters, as fitted when each was added and with the others in place."
     )
     return section(
         "What moved when the effects were added", paragraph(words) + table(["", "before", "after"], rows, text=1)

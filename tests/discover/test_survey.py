@@ -71,7 +71,7 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
         beside.append([one.chosen.effect.name for one in steps])
         return null
 
-    monkeypatch.setattr(name, "_added", added)
+    monkeypatch.setattr(name, "with_steps", added)
     monkeypatch.setattr(name, "survey", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects])
     said = []
     kept = name.look_back(None, [step(n) for n in ("gamma_response", "range_falloff", "beam_gain")], say=said.append)  # pyright: ignore

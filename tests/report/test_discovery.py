@@ -62,13 +62,20 @@ def test_the_page_tells_the_look_alike_and_what_would_separate_it(tmp_path: Path
     assert "Runner-up, look-alikes left out: range_falloff" in text
 
 
-def test_a_dependence_that_chance_explains_is_grey(tmp_path: Path):
+def test_a_small_share_is_told_as_such(tmp_path: Path):
     result = results.named()
-    places = (*result.verdict.where, replace(result.verdict.where[0], covariate="rgb", p_value=0.3, share=0.001))
-    text = page(tmp_path, replace(result, verdict=replace(result.verdict, where=places)))
-    assert '<span class="weak">rgb</span>' in text
-    assert '<span class="weak">row</span>' not in text
-    assert "&lt; 1 %" in text
+    places = (*result.verdict.where, replace(result.verdict.where[0], covariate="rgb", share=0.001))
+    assert "&lt; 1 %" in page(tmp_path, replace(result, verdict=replace(result.verdict, where=places)))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"),
+    [(-0.0001, 0.02, "not worse"), (-0.02, 0.02, "may be worse"), (0.001, 0.02, "shrank"), (-0.02, -0.01, "grew")],
+)
+def test_the_page_says_whether_a_channel_is_worse(tmp_path: Path, low: float, high: float, word: str):
+    result = results.named()
+    gap = {name: replace(one, before=0.1, low=low, high=high) for name, one in result.verdict.gap.items()}
+    assert f"<small>{word}</small>" in page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
 
 
 def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_path: Path):
