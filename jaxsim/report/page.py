@@ -31,7 +31,7 @@ th { font-weight: 600; color: #6b6b6b; border-bottom: 1px solid #222; }
 td { border-bottom: 1px solid #e6e6e6; vertical-align: top; }
 th, td { text-align: right; padding: 0.3rem 0 0.3rem 1.2rem; white-space: nowrap; }
 th.t, td.t { text-align: left; white-space: normal; } th:first-child, td:first-child { padding-left: 0; }
-td small, .weak { color: #767676; }
+td small { color: #767676; }
 figure { margin: 1rem 0 1.6rem; }
 figure svg { display: block; width: 100%; height: auto; }
 figcaption { font: 0.85rem/1.4 system-ui, Arial, sans-serif; color: #444; margin-top: 0.2rem; }
