@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.atomic import replacing
+from jaxsim.data.polar_checks import angles_of, check_about, check_arrays, origin_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 REQUIRED = ("range", "intensity")
@@ -32,7 +33,11 @@ def write_grid(folder: Path | str, grid: PolarGrid, *, frames: dict[str, dict[st
 
 
 def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:
-    """The grid of a folder and what it says of its frames. Raises ValueError where the file is not a grid."""
+    """The grid of a folder and what it says of its frames.
+
+    Raises ValueError where the file is not a grid, angles do not fall (from left to right, from the top beam down: the
+    effects that cast rays again look their cell up in them), or an entry of a frame cannot be right.
+    """
     path = Path(folder) / "grid.json"
     if not path.is_file():
         raise ValueError(f"polar frames: no grid.json in {folder}; a folder of polar frames has one beside NAME.npz")
@@ -47,29 +52,11 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
-    azimuth, elevation = (_angles(path, name, content[name]) for name in ("azimuth", "elevation"))
-    if (np.diff(azimuth) >= 0).any():
-        raise ValueError(
-            f"polar frames: {path}: azimuth must fall from column to column, from left to right as the camera sees the "
-            "scene (atan2(y, x), x forward, y left; add 2 pi left of a window across the rear)"
-        )
-    origin = np.asarray(content.get("origin", np.zeros(len(elevation))), np.float32)
-    grid = PolarGrid(azimuth, elevation, origin)
-    return grid, content.get("frames", {})
-
-
-def _angles(path: Path, name: str, given: Any) -> np.ndarray:
-    try:
-        angles = np.asarray(given, np.float32)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"polar frames: {path}: {name} must be a list of numbers in radians") from error
-    if angles.ndim != 1 or angles.size < 2 or not np.isfinite(angles).all():
-        raise ValueError(f"polar frames: {path}: {name} must be a list of two or more finite angles in radians")
-    if np.abs(angles).max() > 4 * np.pi:
-        raise ValueError(
-            f"polar frames: {path}: {name} spans {angles.min():g}..{angles.max():g}; it must be in radians, not degrees"
-        )
-    return angles
+    azimuth, elevation = (angles_of(path, name, content[name]) for name in ("azimuth", "elevation"))
+    origin = origin_of(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
+    frames = content.get("frames", {})
+    check_about(path, frames)
+    return PolarGrid(azimuth, elevation, origin), frames
 
 
 def frame_names(folder: Path | str) -> list[str]:
@@ -92,7 +79,7 @@ def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -
 
 
 def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
-    """One frame and its further rasters. Raises ValueError on missing arrays, wrong shapes or wrong units."""
+    """One frame and its further rasters. Raises ValueError on missing arrays, wrong types, shapes or units."""
     path = Path(folder) / f"{name}.npz"
     try:
         with path.open("rb") as file, np.load(file) as archive:
@@ -102,17 +89,6 @@ def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
+    check_arrays(path, arrays)
     range_m, intensity = (np.asarray(arrays.pop(key), np.float32) for key in REQUIRED)
-    if range_m.shape != intensity.shape:
-        raise ValueError(
-            f"polar frames: {path}: range is {range_m.shape}, intensity {intensity.shape}; both must be (rows, columns)"
-        )
-    if not np.isfinite(range_m).all() or (range_m < 0).any():
-        raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
-    if not np.isfinite(intensity).all() or intensity.min(initial=0) < 0 or intensity.max(initial=0) > 1:
-        low, high = intensity.min(), intensity.max()
-        raise ValueError(
-            f"polar frames: {path}: intensity spans {low:g}..{high:g}; it must lie in 0..1 "
-            "(divide by your sensor's scale)"
-        )
     return PolarImage(range_m, intensity, range_m > 0), arrays

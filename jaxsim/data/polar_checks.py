@@ -1,0 +1,163 @@
+"""What a folder of polar frames may hold: each check names the file and the key, says what came and what is right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.data.cityscapes import IDS
+
+SEE = "see docs/polar-frames.md"
+CLASSES = len(IDS)
+LOW_ORIGIN_M = 10.0
+"""Beams' origins lie within this of the cloud's: more is millimetres."""
+TURNS_RAD = 4 * np.pi
+"""A heading or a beam's angle beyond it is in degrees."""
+
+SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
+"""Dimensions of each raster of the format; rgb's third is its three channels."""
+WHOLE = ("semantic", "instance")
+"""Rasters of ids."""
+
+
+def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
+    """`azimuth` or `elevation` of a grid.json. Raises ValueError where they cannot be that."""
+    try:
+        angles = np.asarray(given, np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"polar frames: {path}: {name} must be a list of numbers in radians") from error
+    if angles.ndim != 1 or angles.size < 2 or not np.isfinite(angles).all():
+        raise ValueError(f"polar frames: {path}: {name} must be a list of two or more finite angles in radians")
+    if np.abs(angles).max() > TURNS_RAD:
+        raise ValueError(
+            f"polar frames: {path}: {name} spans {angles.min():g}..{angles.max():g}; it must be in radians, not degrees"
+        )
+    rising = np.flatnonzero(np.diff(angles) >= 0)
+    if rising.size and name == "azimuth":
+        raise ValueError(
+            f"polar frames: {path}: azimuth must fall from column to column, from left to right as the camera sees the "
+            "scene (atan2(y, x), x forward, y left; add 2 pi left of a window across the rear)"
+        )
+    if rising.size:
+        k = int(rising[0])
+        raise ValueError(
+            f"polar frames: {path}: elevation must fall from row to row, top beam first, but row {k + 1} "
+            f"({angles[k + 1]:.5f} rad) does not lie below row {k} ({angles[k]:.5f} rad); sort the beams by elevation, "
+            "and the rows of every array with them"
+        )
+    return angles
+
+
+def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
+    """`origin` of a grid.json. Raises ValueError where it is not one height a row."""
+    right = f"it must be a list of {rows} heights in metres, one a row, or be left out for 0"
+    try:
+        origin = np.asarray(given, np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"polar frames: {path}: origin is {shown(given)}; {right}") from error
+    if origin.shape != (rows,):
+        came = f"a list of {origin.size} numbers" if origin.ndim == 1 else shown(given)
+        raise ValueError(f"polar frames: {path}: origin is {came}; {right}")
+    if not np.isfinite(origin).all() or np.abs(origin).max() > LOW_ORIGIN_M:
+        raise ValueError(
+            f"polar frames: {path}: origin spans {origin.min():g}..{origin.max():g}; {right} (finite, within "
+            f"{LOW_ORIGIN_M:g} m of the cloud's origin)"
+        )
+    return origin
+
+
+def check_about(path: Path, frames: dict[str, Any]) -> None:
+    """Raises ValueError where `frames` of a grid.json says of a frame what cannot be."""
+    for name, entry in frames.items():
+        if not isinstance(entry, dict):
+            raise ValueError(
+                f"polar frames: {path}: frames[{name!r}] is {shown(entry)}; it must be an object with any of scene, "
+                f"time, speed and heading; {SEE}"
+            )
+        scene = entry.get("scene", "")
+        if not isinstance(scene, str | int) or isinstance(scene, bool):
+            raise ValueError(
+                f"polar frames: {path}: the scene of {name!r} is {shown(scene)}; it must be a drive's name"
+            )
+        for key, unit in (("time", "seconds"), ("speed", "m/s"), ("heading", "radians")):
+            value = entry.get(key, 0.0)
+            if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
+                raise ValueError(
+                    f"polar frames: {path}: the {key} of {name!r} is {shown(value)}; it must be a finite number in "
+                    f"{unit}, or be left out"
+                )
+        if abs(entry.get("heading", 0.0)) > TURNS_RAD:
+            raise ValueError(
+                f"polar frames: {path}: the heading of {name!r} is {entry['heading']:g}; it must be in radians, not "
+                "degrees, within -pi..pi"
+            )
+
+
+def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Raises ValueError where an array of a frame's .npz has not the type, the shape or the values of its raster.
+
+    `arrays` holds range and intensity, and any others; names that the format does not know are not looked at.
+    """
+    for name in [name for name in SHAPES if name in arrays]:
+        array = arrays[name]
+        if array.dtype.kind not in "iufb":
+            raise ValueError(f"polar frames: {path}: {name} holds {array.dtype}; it must hold real numbers; {SEE}")
+        if array.ndim != SHAPES[name] or (name == "rgb" and array.shape[-1] != 3):
+            right = "(rows, columns, 3), red, green, blue" if name == "rgb" else "(rows, columns)"
+            raise ValueError(f"polar frames: {path}: {name} is {array.shape}; it must be {right}")
+    range_m, intensity = arrays["range"], arrays["intensity"]
+    if range_m.shape != intensity.shape:
+        raise ValueError(
+            f"polar frames: {path}: range is {range_m.shape}, intensity {intensity.shape}; both must be (rows, columns)"
+        )
+    for name in [name for name in SHAPES if name in arrays]:
+        if arrays[name].shape[:2] != range_m.shape:
+            raise ValueError(
+                f"polar frames: {path}: {name} is {arrays[name].shape}, range {range_m.shape}; their rows and columns "
+                "must be the same"
+            )
+    if not np.isfinite(range_m).all() or (range_m < 0).any():
+        raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
+    if not within(intensity, 0, 1):
+        raise ValueError(
+            f"polar frames: {path}: intensity spans {span(intensity)}; it must lie in 0..1 "
+            "(divide by your sensor's scale)"
+        )
+    for name in [name for name in WHOLE if name in arrays]:
+        if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
+            raise ValueError(
+                f"polar frames: {path}: {name} spans {span(arrays[name])}; it must hold whole numbers (ids)"
+            )
+    if "semantic" in arrays and not within(arrays["semantic"], 0, CLASSES - 1):
+        raise ValueError(
+            f"polar frames: {path}: semantic spans {span(arrays['semantic'])}; it must hold Cityscapes ids "
+            f"0..{CLASSES - 1}, 0 where the class is not known"
+        )
+    if "incidence" in arrays and not within(arrays["incidence"][range_m > 0], 0, np.pi / 2 + 1e-3):
+        raise ValueError(
+            f"polar frames: {path}: incidence spans {span(arrays['incidence'][range_m > 0])} where the ray hits; it "
+            "must be the angle between ray and surface normal in radians, 0 head on to pi/2"
+        )
+    if "rgb" in arrays:
+        rgb = arrays["rgb"]
+        if not within(rgb, 0, 255) or (rgb.dtype.kind == "f" and 0 < rgb.max(initial=0) <= 1):
+            raise ValueError(f"polar frames: {path}: rgb spans {span(rgb)}; it must lie in 0..255")
+
+
+def within(values: np.ndarray, low: int | float, high: int | float) -> bool:
+    """Whether all values are finite and in the interval."""
+    return bool(np.isfinite(values).all() and values.min(initial=low) >= low and values.max(initial=high) <= high)
+
+
+def span(values: np.ndarray) -> str:
+    """From least to largest; NaN where one is."""
+    return f"{values.min():g}..{values.max():g}" if values.size else "nothing"
+
+
+def shown(value: Any) -> str:
+    """A value for a message, cut off."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
