@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.discover.evidence import Measured
+from jaxsim.discover.pairing import check_pairs
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
+
+RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
+"""What the simulated side may have besides range and intensity."""
+CONSECUTIVE_S = 2.0
+"""Frames nearer in time than this show the same street."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,8 @@ def same_grid(ours: PolarGrid, theirs: PolarGrid, simulated: Path, measured: Pat
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
     """Reads the frames that two folders of polar frames share.
 
-    Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty, or
-    both folders hold the same readings.
+    Raises ValueError where the grids differ, no names are shared, values have wrong units, frames are empty or do not
+    show the same street, rasters are given for some frames only, or both folders hold the same readings.
     """
     simulated, measured = Path(simulated), Path(measured)
     grid, about = read_grid(simulated)
@@ -82,8 +90,9 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         raise ValueError(
             f"discover: {simulated} and {measured} hold the same readings; compare a simulation with a sensor"
         )
-    alone = len(set(here) ^ set(there))
-    notes = (f"{alone} frames have no partner of the same name in the other folder and are left out",) if alone else ()
+    check_pairs(names, images, sensed)
+    all_or_none(simulated, names, extra)
+    notes = [*unpartnered(here, there), *flat(images, sensed)]
     facts = []
     for name in names:
         ours, theirs = about.get(name, {}), about_measured.get(name, {})
@@ -100,8 +109,66 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         ),
         names=tuple(names),
         scenes=tuple(str(fact.get("scene", name)) for name, fact in zip(names, facts, strict=True)),
-        notes=notes,
+        notes=(*notes, *sceneless(names, facts)),
     )
+
+
+def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:
+    """Raises ValueError where some frames of a folder have a raster that others lack."""
+    for key in RASTERS:
+        lacking = [name for name, rasters in zip(names, extra, strict=True) if key not in rasters]
+        if 0 < len(lacking) < len(names):
+            raise ValueError(
+                f"discover: {len(lacking)} of {len(names)} frames of {folder} lack {key} ({', '.join(lacking[:3])}"
+                f"{' ...' if len(lacking) > 3 else ''}) and the others have it; give it for all or none"
+            )
+
+
+def unpartnered(here: Sequence[str], there: Sequence[str]) -> list[str]:
+    """A note on frames that only one folder has."""
+    alone = len({*here} ^ {*there})
+    return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
+
+
+def flat(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+    """A note where the simulated intensity is the same everywhere. Raises ValueError where the measured one is."""
+    levels = [_levels(side) for side in (measured, simulated)]
+    if levels[0][0] == levels[0][1]:
+        raise ValueError(
+            f"discover: measured intensity is {levels[0][0]:g} everywhere; a sensor that reports none cannot be "
+            "compared: give what it measures (reflectivity, signal or intensity of its driver)"
+        )
+    if levels[1][0] == levels[1][1]:
+        return [
+            f"simulated intensity is {levels[1][0]:g} everywhere: what differs between surfaces counts as noise or as "
+            "reflectances, and effects on intensity are told less surely"
+        ]
+    return []
+
+
+def _levels(side: Sequence[PolarImage]) -> tuple[float, float]:
+    """Least and largest intensity of all returns."""
+    values = [np.asarray(image.intensity)[np.asarray(image.valid)] for image in side]
+    return min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+
+
+def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
+    without = [fact for fact in facts if "scene" not in fact]
+    if not without:
+        return []
+    note = (
+        f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
+        "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
+    )
+    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    if step < CONSECUTIVE_S:
+        note += (
+            f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
+            "intervals of this answer"
+        )
+    return [note]
 
 
 def plausible(name: str, image: PolarImage, side: str) -> None:
@@ -116,6 +183,11 @@ def plausible(name: str, image: PolarImage, side: str) -> None:
         raise ValueError(
             f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
             "millimetres by 1000, centimetres by 100"
+        )
+    if np.median(range_m) < 0.3:
+        raise ValueError(
+            f"discover: {side} frame {name} has a median range of {np.median(range_m):.3g}; ranges are metres: "
+            "multiply kilometres by 1000"
         )
     if not intensity.any():
         raise ValueError(f"discover: {side} frame {name} has intensity 0 everywhere; there is nothing to compare")

@@ -24,10 +24,11 @@ def folders(tmp_path: Path) -> Folders:
     azimuth = np.linspace(0.6, -0.6, COLUMNS).astype(np.float32)
     grid = PolarGrid(azimuth, np.linspace(0.0, -0.3, ROWS).astype(np.float32), np.zeros(ROWS, np.float32))
     measured, simulated = tmp_path / "measured", tmp_path / "simulated"
+    streets_m = rng.uniform(3, 60, (8, ROWS, COLUMNS))
     for folder in (measured, simulated):
         write_grid(folder, grid)
-        for k in range(8):
-            range_m = rng.uniform(3, 60, (ROWS, COLUMNS)).astype(np.float32)
+        for k, street_m in enumerate(streets_m):
+            range_m = (street_m + rng.normal(0, 0.02, street_m.shape)).astype(np.float32)
             intensity = rng.uniform(0.05, 0.9, (ROWS, COLUMNS)).astype(np.float32)
             write_frame(folder, f"drive{k}", PolarImage(range_m, intensity, range_m > 0))
     return measured, simulated
@@ -135,6 +136,20 @@ def test_ranges_in_millimetres(folders: Folders, tmp_path: Path, side: int, word
     assert "millimetres" in text
     assert f"{word} frame drive0" in text
     assert "millimetres by 1000" in text
+
+
+@pytest.mark.parametrize(("factor", "words"), [(10.0, "10 times"), (0.1, "0.1 times"), (0.3048, "0.3048 times")])
+def test_measured_ranges_in_other_units(folders: Folders, tmp_path: Path, factor: float, words: str):
+    change(folders[0], range_m=factor)
+    text = complaint(folders, tmp_path / "out")
+    assert words in text
+    assert "metres on both sides" in text
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_ranges_in_kilometres(folders: Folders, tmp_path: Path, side: int):
+    change(folders[side], range_m=0.001)
+    assert "kilometres by 1000" in complaint(folders, tmp_path / "out")
 
 
 @pytest.mark.parametrize("side", [0, 1])

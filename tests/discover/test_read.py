@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarGrid, PolarImage
 
@@ -18,10 +18,11 @@ GRID = PolarGrid(
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[Path, Path]:
     rng = np.random.default_rng(0)
+    streets_m = rng.uniform(3, 60, (3, 6, 12))
     for side in ("simulated", "measured"):
-        for k in range(3):
+        for k, street_m in enumerate(streets_m):
             image = PolarImage(
-                rng.uniform(3, 60, (6, 12)).astype(np.float32),
+                (street_m + rng.normal(0, 0.02, street_m.shape)).astype(np.float32),
                 rng.uniform(0.1, 0.6, (6, 12)).astype(np.float32),
                 np.ones((6, 12), bool),
             )
@@ -56,6 +57,7 @@ def test_frames_without_a_partner_are_left_out_and_told(folders):
         ({"azimuth": np.linspace(-1, 1, 12).tolist()}, "must fall from column to column"),
         ({"azimuth": np.linspace(60, -60, 12).tolist()}, "radians, not degrees"),
         ({"azimuth": [float("nan")] * 12}, "finite angles"),
+        ({"elevation": np.linspace(-0.3, 0, 6).tolist()}, "must fall from row to row, top beam first"),
         ({"frames": ["f0"]}, "NAME"),
         ({"frames": {"f0": {"scene": "other"}}}, "must be a pair"),
     ],
@@ -89,3 +91,41 @@ def test_a_frame_without_returns_and_one_without_light(folders):
     write_frame(folders[1], "f0", dark)
     with pytest.raises(ValueError, match="intensity 0 everywhere"):
         read_comparison(*folders)
+
+
+def rewrite(folder: Path, name: str, **more) -> None:
+    """Gives a frame further rasters."""
+    image, _ = read_frame(folder, name)
+    write_frame(folder, name, image, **more)
+
+
+@pytest.mark.parametrize("key", ["semantic", "instance", "incidence", "rgb", "time"])
+def test_a_raster_of_some_frames_only(folders, key):
+    rewrite(folders[0], "f1", **{key: np.ones((6, 12, 3) if key == "rgb" else (6, 12), np.uint8)})
+    with pytest.raises(ValueError, match=rf"2 of 3 frames of .*simulated lack {key} \(f0, f2\)"):
+        read_comparison(*folders)
+
+
+def test_an_intensity_that_is_the_same_everywhere_is_refused_measured_and_told_simulated(folders):
+    def level(folder):
+        for name in ("f0", "f1", "f2"):
+            image, _ = read_frame(folder, name)
+            write_frame(folder, name, image.replace(intensity=np.full((6, 12), 0.5, np.float32)))
+
+    level(folders[0])
+    assert "simulated intensity is 0.5 everywhere" in read_comparison(*folders).notes[0]
+    level(folders[1])
+    with pytest.raises(ValueError, match=r"measured intensity is 0\.5 everywhere"):
+        read_comparison(*folders)
+
+
+@pytest.mark.parametrize(("step_s", "told"), [(0.1, True), (2.0, False), (None, False)])
+def test_frames_without_a_scene_are_told_and_more_so_where_they_are_consecutive(folders, step_s, told):
+    about = {f"f{k}": {} if step_s is None else {"time": step_s * k} for k in range(3)}
+    for folder in folders:
+        change_grid(folder, frames=about)
+    found = read_comparison(*folders)
+    assert found.scenes == ("f0", "f1", "f2")
+    (note,) = found.notes
+    assert "3 of 3 frames have no scene" in note
+    assert ("0.1 s apart" in note and "Do not trust" in note) == told

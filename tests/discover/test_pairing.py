@@ -1,0 +1,91 @@
+"""Frames of the same name that do not show the same street. The streets are the generator's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import frame_names, read_frame
+from jaxsim.discover.pairing import agreement, check_pairs
+from tests.hidden.case import make_case
+
+SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
+
+
+def sides(folder: Path):
+    """(names, simulated, measured) frames of a case."""
+    names = frame_names(folder / "simulated")
+    return names, *([read_frame(folder / side, name)[0] for name in names] for side in ("simulated", "measured"))
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("streets") / "case"
+    make_case(folder, effect="none", **SMALL)
+    return sides(folder)
+
+
+def test_pairs_of_one_street_pass(case):
+    check_pairs(*case)
+
+
+@pytest.mark.parametrize("effect", ["extrinsic_rotation", "motion_distortion", "precipitation_clutter", "range_scale"])
+def test_strong_effects_pass(tmp_path, effect):
+    make_case(tmp_path / "case", effect=effect, severity=4.0, **SMALL)
+    check_pairs(*sides(tmp_path / "case"))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_dense_fog_passes(case, share):
+    names, ours, theirs = case
+    rng = np.random.default_rng(0)
+    foggy = []
+    for image in theirs:
+        early = rng.random(image.valid.shape) < share
+        fog_m = rng.uniform(0.5, 3, image.valid.shape).astype(np.float32)
+        foggy.append(image.replace(range_m=np.where(early, np.minimum(fog_m, image.range_m), image.range_m)))
+    check_pairs(names, ours, foggy)
+
+
+@pytest.mark.parametrize("by", [1, 2, 5])
+def test_measured_frames_under_each_others_names(case, by):
+    names, ours, theirs = case
+    with pytest.raises(ValueError, match=r"do not show the same street.*--unpaired"):
+        check_pairs(names, ours, theirs[by:] + theirs[:by])
+
+
+def test_streets_that_share_much_road_are_told_by_their_true_partners(case):
+    names, ours, theirs = case
+    # A window of which nine rows in ten are road, the same in all frames.
+    road = np.linspace(30, 4, 160, dtype=np.float32)[:, None] * np.ones((1, 96), np.float32)
+
+    def widened(image):
+        whole = {"range_m": road, "intensity": np.full_like(road, 0.2), "valid": np.ones(road.shape, bool)}
+        return image.replace(**{key: np.concatenate([getattr(image, key), more]) for key, more in whole.items()})
+
+    ours, theirs = ([widened(image) for image in side] for side in (ours, theirs))
+    check_pairs(names, ours, theirs)
+    # Too little of the image tells: nothing is claimed.
+    check_pairs(names, ours, theirs[1:] + theirs[:1])
+    ours, theirs = ([image.replace(**{k: getattr(image, k)[:40] for k in ("range_m", "intensity", "valid")})
+                     for image in side] for side in (ours, theirs))  # fmt: skip
+    with pytest.raises(ValueError, match="agrees with simulated"):
+        check_pairs(names, ours, theirs[1:] + theirs[:1])
+
+
+def test_no_common_rays(case):
+    names, ours, theirs = case
+    left = np.arange(96)[None, :] < 48
+    halves = [
+        [image.replace(valid=image.valid & keep) for image in side] for side, keep in ((ours, left), (theirs, ~left))
+    ]
+    with pytest.raises(ValueError, match="only 0 on the same rays"):
+        check_pairs(names, *halves)
+
+
+def test_agreement_is_half_a_metre_or_a_twentieth():
+    ours = np.array([4.0, 4.0, 40.0, 40.0, 40.0, 9.0], np.float32)
+    theirs = np.array([4.4, 4.6, 41.9, 42.1, 30.0, 90.0], np.float32)
+    found = agreement(ours, theirs, np.array([True] * 5 + [False]))
+    assert found.near == pytest.approx(0.4)
+    assert found.beyond == pytest.approx(0.4)
