@@ -66,7 +66,7 @@ def _answer(job: Job, settings: Row, folder: Path) -> Row:
     about = {"effect": job.effect, "severity": job.severity, "seed": seed, "nuisance": job.nuisance}
     make_unpaired(case, **about, scenes=settings["scenes"])
     begun = time.process_time()
-    result = discover_unpaired(case / "simulated", case / "measured")
+    result = discover_unpaired(simulated=case / "simulated", measured=case / "measured")
     spent = time.process_time() - begun
     result.verdict.save(case / "out")
     scored = score_case(case)

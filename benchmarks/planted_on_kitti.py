@@ -117,7 +117,7 @@ def run_case(
             image = PolarImage(range_m.astype(np.float32), intensity.astype(np.float32), range_m > 0)
             write_frame(folder / part, name, image)
     began = time.monotonic()
-    verdict = discover_folders(folder / "simulated", folder / "measured").verdict
+    verdict = discover_folders(simulated=folder / "simulated", measured=folder / "measured").verdict
     verdict.save(folder / "out")
     closure = verdict.closure.value if verdict.closure else None
     for part in ("simulated", "measured"):

@@ -112,7 +112,7 @@ def _join(folders: Sequence[tuple[Path, Path]], case: Path) -> None:
 
 def answer(case: Path) -> Verdict:
     """Discovers, writes the report, and prints the verdict as docs/discover.md has it."""
-    result = discover_folders(case / "simulated", case / "measured")
+    result = discover_folders(simulated=case / "simulated", measured=case / "measured")
     result.sensor.save(case / "sensor.json")
     write_report(case, result)
     verdict = result.verdict

@@ -78,9 +78,9 @@ class Discover:
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
         if self.unpaired:
-            result = discover_unpaired(simulated, measured, say=say)
+            result = discover_unpaired(simulated=simulated, measured=measured, say=say)
         else:
-            result = discover_folders(simulated, measured, known=self.known(simulated), say=say)
+            result = discover_folders(simulated=simulated, measured=measured, known=self.known(simulated), say=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)

@@ -42,9 +42,9 @@ NOTHING_YET = SensorModel()
 
 
 def discover_folders(
+    *,
     simulated: Path,
     measured: Path,
-    *,
     effects: Iterable[str] = tuple(EFFECTS),
     known: SensorModel = NOTHING_YET,
     say: Say = lambda line: None,

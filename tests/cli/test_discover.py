@@ -55,7 +55,7 @@ def complaint(folders: Folders, out: Path) -> str:
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(simulated, measured, *, known, say):
+    def answer(*, simulated, measured, known, say):
         seen.extend([measured, simulated])
         assert known == SensorModel()
         say("fitting")

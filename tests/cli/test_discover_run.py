@@ -106,7 +106,7 @@ def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
 def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
     seen = []
 
-    def answer(simulated, measured, *, known, say):
+    def answer(*, simulated, measured, known, say):
         assert not known.effects
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])
         return results.none()
@@ -154,7 +154,9 @@ def test_another_gain_for_every_beam_is_found_beside_a_run(run: Path, tmp_path: 
         bright = np.clip(0.5 * image.intensity * np.exp(gain[:, None] + noise), 0, 1).astype(np.float32)
         write_frame(tmp_path / "measured", name, image.replace(intensity=bright))
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        result = discover_folders(tmp_path / "simulated", tmp_path / "measured", effects=("beam_gain", "range_falloff"))
+        result = discover_folders(
+            simulated=tmp_path / "simulated", measured=tmp_path / "measured", effects=("beam_gain", "range_falloff")
+        )
     assert [effect.name for effect in result.verdict.effects] == ["beam_gain"]
     found = np.asarray(dict(result.sensor.effects)["beam_gain"]["gain"])
     assert np.corrcoef(found, gain)[0, 1] > 0.9

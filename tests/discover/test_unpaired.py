@@ -24,13 +24,13 @@ RAYS = 1000
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("streets") / "case"
     key = make_unpaired(folder, effect="beam_gain", severity=4.0, seed=5, **SMALL)
-    return key, folder, discover_unpaired(folder / "simulated", folder / "measured", per_scene=RAYS)
+    return key, folder, discover_unpaired(simulated=folder / "simulated", measured=folder / "measured", per_scene=RAYS)
 
 
 def answer(tmp_path, **case):
     folder = tmp_path / "case"
     make_unpaired(folder, **case, **SMALL)
-    return discover_unpaired(folder / "simulated", folder / "measured", per_scene=RAYS)
+    return discover_unpaired(simulated=folder / "simulated", measured=folder / "measured", per_scene=RAYS)
 
 
 def test_hidden_beam_gains_are_named_and_measured(gains):
@@ -58,7 +58,7 @@ def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
 
 def test_the_command_writes_a_report_that_says_so(gains, tmp_path, monkeypatch):
     _, folder, result = gains
-    monkeypatch.setattr(command, "discover_unpaired", lambda simulated, measured, *, say: result)
+    monkeypatch.setattr(command, "discover_unpaired", lambda *, simulated, measured, say: result)
     command.Discover(
         measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
     )()

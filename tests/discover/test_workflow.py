@@ -19,7 +19,7 @@ SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("hidden") / "case"
     key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
-    return key, discover_folders(folder / "simulated", folder / "measured", effects=FEW), folder
+    return key, discover_folders(simulated=folder / "simulated", measured=folder / "measured", effects=FEW), folder
 
 
 def test_a_hidden_beam_gain_is_named_first(gains):
@@ -56,7 +56,9 @@ def test_what_moved_lists_noise_gain_and_reflectances(gains):
 
 def test_with_the_answer_fed_back_there_is_nothing_more(gains):
     _, first, folder = gains
-    again = discover_folders(folder / "simulated", folder / "measured", effects=FEW, known=first.sensor)
+    again = discover_folders(
+        simulated=folder / "simulated", measured=folder / "measured", effects=FEW, known=first.sensor
+    )
     assert again.verdict.verdict == "none"
     assert again.sensor == first.sensor
     assert any(note.startswith("beside what the sensor model already had: beam_gain,") for note in again.verdict.notes)
@@ -81,7 +83,9 @@ def test_the_verdict_is_plain_json(gains):
 @pytest.mark.parametrize("effects", [FEW, pytest.param(tuple(EFFECTS), marks=pytest.mark.slow)], ids=["few", "all"])
 def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, effects):
     key = make_case(tmp_path / "case", effect="none", seed=12, **SMALL)
-    result = discover_folders(tmp_path / "case" / "simulated", tmp_path / "case" / "measured", effects=effects)
+    result = discover_folders(
+        simulated=tmp_path / "case" / "simulated", measured=tmp_path / "case" / "measured", effects=effects
+    )
     assert score(key, result.verdict.to_json())["right"]
     assert result.sensor.effects == ()
 
@@ -89,4 +93,6 @@ def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, 
 def test_an_unknown_candidate_is_an_error_that_lists_the_known(tmp_path, standard_promotion):
     make_case(tmp_path / "case", effect="none", seed=13, **SMALL | {"scenes": 6})
     with pytest.raises(ValueError, match="no effect named 'beam_gian'; known: extrinsic_rotation"):
-        discover_folders(tmp_path / "case" / "simulated", tmp_path / "case" / "measured", effects=("beam_gian",))
+        discover_folders(
+            simulated=tmp_path / "case" / "simulated", measured=tmp_path / "case" / "measured", effects=("beam_gian",)
+        )

@@ -45,7 +45,7 @@ Say = Callable[[str], None]
 
 
 def discover_unpaired(
-    simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, say: Say = lambda line: None
+    *, simulated: Path, measured: Path, per_scene: int = PER_SCENE, say: Say = lambda line: None
 ) -> Result:
     """Which effects of those that different streets can tell the simulation lacks.
 
