@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.add import in_place, refit
+from jaxsim.discover.add import in_place
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.fit import Problem
+from jaxsim.discover.fit import Problem, fit, to_values
+from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import COVARIATES
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
@@ -88,8 +89,11 @@ def runner_up(choice: Choice) -> Candidate | None:
 
 
 def placebo_of(null: Problem, rival: Candidate, everyone: Float[np.ndarray, " b"]) -> tuple[Added, Noise]:
-    """The runner-up fitted as the answer is: to all find scenes, and the noise that it leaves."""
-    [(effect, _, found)] = refit(null, [rival.effect], [rival.fits[0].z], everyone)
+    """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
+    it leaves."""
+    effect = rival.effect
+    starts = tuple({n: np.asarray(v) for n, v in to_values(effect, one.z).items()} for one in rival.fits)
+    found = fit(effect, null, everyone, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, found.z)]
     placed = in_place(null, chain)
     return chain, fit_null(placed.scan, placed.ev, everyone, clutter=placed.clutter)[0].noise
