@@ -9,12 +9,14 @@ import numpy as np
 import jaxsim
 from jaxsim.cloud import points_of
 from jaxsim.data import open_dataset
+from jaxsim.detect.batches import inside
+from jaxsim.detect.scenes import scene_of
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
-from jaxsim.report import beside, draw_cloud, pair_picture, save_picture, strip
+from jaxsim.report import beside, draw_above, draw_cloud, draw_on_image, pair_picture, save_picture, strip
 from jaxsim.report.frames import intensity_panel
-from jaxsim.simulate import make_predict
+from jaxsim.simulate import load_detector, make_find, make_predict
 
 PICTURES = Path(__file__).parent / "pictures"
 RUN = Path("runs/synthetic")
@@ -75,6 +77,23 @@ def real2sim2real() -> None:
     for file, width in (("found.jpg", 1400), ("epochs.png", 1420), ("intensity.png", 1240)):
         picture = cv2.imread(str(pictures / f"{Path(file).stem}.png"))[..., ::-1]
         save_picture(PICTURES / f"real2sim2real_{file}", shrunk(picture, width))
+
+
+def detections() -> None:
+    """What the detector of real clouds finds in a street of the embedded world (after `jaxsim real2sim2real`)."""
+    detector = load_detector(Path("runs/real2sim2real/detectors/seed0/real"))
+    experiment, world = detector.experiment, open_dataset(detector.experiment.data)
+    frame = world[2008]  # of those that validate: ten cars
+    scene = scene_of(frame, experiment.detector.anchors.kind, in_image=experiment.in_image)
+    found, _ = make_find(experiment)(detector.network, scene.points)
+    # What lies beyond the range was neither looked for nor scored.
+    labelled = scene.boxes[scene.target & inside(scene.boxes, experiment.voxels)]
+    boxes = {"found": found.boxes, "score": found.score, "labelled": labelled}
+    on_image = draw_on_image(np.asarray(frame.camera.rgb), scene.view, **boxes)
+    x0, _, z0, x1, _, z1 = experiment.voxels.range_m
+    above = draw_above(scene.points, (x0, -11.2, z0, x1, 11.2, z1), **boxes, height=562)
+    larger = cv2.resize(on_image, (1863, 562), interpolation=cv2.INTER_CUBIC)
+    save_picture(PICTURES / "detections.jpg", shrunk(beside([larger, above]), 1600))
 
 
 if __name__ == "__main__":
