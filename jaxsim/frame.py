@@ -161,6 +161,10 @@ class Frame:
     cloud: Cloud | None
     """What the LiDAR measured; None where there was none, as in a renderer's data set."""
     time_s: float | None = None
+    speed_mps: float | None = None
+    """Forward, of the car; None where it is not known."""
+    heading_rad: float | None = None
+    """Of the car's x axis in the drive's world, counter-clockwise seen from above, -pi..pi."""
     boxes: Boxes | None = None
     rect_from_velo: Float[Array, "4 4"] | None = None
     """To the frame that `boxes` are given in, where that is not the camera's: KITTI's rectified camera 0."""

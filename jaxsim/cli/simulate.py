@@ -22,9 +22,9 @@ from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate import load
-from jaxsim.simulate.effects import settle_sensor, with_effects
+from jaxsim.simulate.effects import check_motion, settle_sensor, with_effects
 from jaxsim.simulate.origin import settle_origin
-from jaxsim.simulate.paired import rasters, simulate_batch, take
+from jaxsim.simulate.paired import about_of, rasters, simulate_batch, take
 from jaxsim.simulate.sensor import Projection
 
 
@@ -87,13 +87,16 @@ class Simulate:
         positions = select(wanted, dataset)
         grid, _ = learned.window
         model = SensorModel.load(self.sensor, rows=len(grid.elevation_rad)) if self.sensor else None
+        opening = dataset[positions[0]] if model else None
+        if model and opening:
+            check_motion(model, time_s=opening.time_s, speed_mps=opening.speed_mps, heading_rad=opening.heading_rad)
         settle_sensor(self.out, model)
         kind = self.data if foreign else own.kind
         unlike = [f"LiDAR in the {source.lidar}"] * (kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")
         made_of = ", ".join([kind, *unlike])
         settle_origin(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
-        first_s = dataset[positions[0]].time_s if model else None
+        first_s = opening.time_s if opening else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 
         # Batches: the last is filled up, so that one compiled program serves all.
@@ -110,8 +113,9 @@ class Simulate:
                 image, under = take((images, painted), k)
                 if model:
                     key = jax.random.fold_in(jax.random.key(self.seed), place)
-                    time_s = (frame.time_s or 0.0) - (first_s or 0.0)
-                    image = with_effects(model, image, under, grid, key=key, time_s=time_s)
+                    time_s = None if frame.time_s is None else frame.time_s - (first_s or 0.0)
+                    motion = {"time_s": time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
+                    image = with_effects(model, image, under, grid, key=key, **motion)
                 self.write(frame.name, image, under, grid=grid, draw=drawn < self.previews)
                 drawn += 1
             bar.update(len(frames))
@@ -138,8 +142,7 @@ class Simulate:
                     f"{len(old.elevation_rad)} x {len(old.azimuth_rad)} cells; these have {len(grid.elevation_rad)} x "
                     f"{len(grid.azimuth_rad)}); give another --out"
                 )
-        about = {f.name: {"scene": f.scene} | ({} if f.time_s is None else {"time": f.time_s}) for f in frames}
-        write_grid(folder, grid, frames=known | about)
+        write_grid(folder, grid, frames=known | {frame.name: about_of(frame) for frame in frames})
 
     def write(self, name: str, image: PolarImage, painted: Painted, *, grid: PolarGrid, draw: bool) -> None:
         """Writes one frame's files."""

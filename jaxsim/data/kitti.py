@@ -3,6 +3,7 @@
     raw      ROOT/2011_09_26/calib_cam_to_cam.txt, calib_velo_to_cam.txt
              ROOT/2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin
              ROOT/2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png
+             ROOT/2011_09_26/2011_09_26_drive_0001_sync/oxts/data/0000000000.txt    optional: speed and heading
     object   ROOT/training/{velodyne, image_2, calib, label_2}/000000.{bin, png, txt, txt}
 
 A `.bin` does not name the laser of a point. It follows from the order of the file; a cloud that was shuffled
@@ -24,6 +25,7 @@ from jaxsim.data.kitti_files import (
     raw_camera,
     read_image,
     read_labels,
+    read_motion,
     read_plane,
 )
 from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
@@ -63,12 +65,16 @@ class KittiRaw:
     def __getitem__(self, index: int) -> Frame:
         drive, number = self._frames[index]
         rgb = read_image(drive / f"image_{self.camera:02d}" / "data" / f"{number}.png")
+        motion = drive / "oxts" / "data" / f"{number}.txt"
+        speed_mps, heading_rad = read_motion(motion) if motion.is_file() else (None, None)
         return Frame(
             name=self.name_of(index),
             scene=drive.name,
             camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
             cloud=read_cloud(self._scan(index), self._rows),
             time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
+            speed_mps=speed_mps,
+            heading_rad=heading_rad,
         )
 
     def name_of(self, index: int) -> str:

@@ -87,6 +87,20 @@ def object_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
     return _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
 
 
+def read_motion(path: Path) -> tuple[float, float]:
+    """Forward speed (m/s) and heading (rad, 0 east, counter-clockwise) of `oxts/data/NNNNNNNNNN.txt` of a raw drive.
+
+    Source: the devkit's dataformat.txt: 30 numbers, yaw the sixth, vf the ninth.
+    """
+    try:
+        values = [float(value) for value in _existing(path).read_text().split()]
+    except ValueError as error:
+        raise ValueError(f"kitti: {path}: an oxts file holds 30 numbers ({error}); copy it again") from None
+    if len(values) != 30 or not np.isfinite(values).all():
+        raise ValueError(f"kitti: {path} has {len(values)} values; an oxts file holds 30 finite numbers; copy it again")
+    return values[8], values[5]
+
+
 def read_plane(path: Path) -> Float[Array, " 4"]:
     """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; b < 0."""
     lines = _existing(path).read_text().split("\n")

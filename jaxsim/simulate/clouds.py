@@ -134,7 +134,8 @@ def _dense(
         image, painted = take(sensor.simulate_view(batch), 0)
         image = replace(image, valid=painted.valid) if recipe.keep_zero else image
         if effects is not None:
-            image = with_effects(effects, image, painted, grid, key=key, time_s=frame.time_s or 0.0)
+            motion = {"time_s": frame.time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
+            image = with_effects(effects, image, painted, grid, key=key, **motion)
         return polar_to_points(image, grid)
     if view.depth_m is None:
         raise ValueError(

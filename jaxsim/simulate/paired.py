@@ -63,6 +63,12 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     }
 
 
+def about_of(frame: Frame) -> dict[str, Any]:
+    """What grid.json says of a frame: its scene, and its time, speed and heading where they are known."""
+    known = {"time": frame.time_s, "speed": frame.speed_mps, "heading": frame.heading_rad}
+    return {"scene": frame.scene} | {key: value for key, value in known.items() if value is not None}
+
+
 def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
     """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
 
@@ -99,7 +105,8 @@ def write_pairs(
 
     The simulated frames are what the run reports: the range of the camera's dense depth (given, or completed from the
     scan itself: `PrepareConfig.depth`), the network's intensity, and no return where that is 0. Only cells that the
-    camera saw hold anything on either side. grid.json names each frame's drive, and its time where it is known.
+    camera saw hold anything on either side. grid.json names each frame's drive, and time, speed and heading where they
+    are known of all frames.
 
     Raises ValueError where the folders hold frames of another comparison.
     """
@@ -120,8 +127,14 @@ def write_pairs(
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))
             scan = measured_in(window, frame, lines=lines)
             write_frame(folders[1], frame.name, comparable(scan, under.valid))
-            about[frame.name] = {"scene": frame.scene} | ({} if frame.time_s is None else {"time": frame.time_s})
+            about[frame.name] = about_of(frame)
         say(f"{len(about)} of {len(positions)} frames simulated")
+    for key in ("time", "speed", "heading"):
+        lacking = [name for name, entry in about.items() if key not in entry]
+        if 0 < len(lacking) < len(about):
+            say(f"{len(lacking)} of {len(about)} frames do not say their {key} ({lacking[0]} ...): it is left out")
+            for entry in about.values():
+                entry.pop(key, None)
     for folder in folders:
         write_grid(folder, window[0], frames=about)
     return folders

@@ -62,6 +62,8 @@ def test_both_folders_hold_the_same_frames_on_the_runs_window(run: Path, out: Pa
         np.testing.assert_allclose(grid.azimuth_rad, window.azimuth_rad, atol=1e-6)
         np.testing.assert_allclose(grid.origin_m, window.origin_m, atol=1e-5)
         assert sorted(about) == frame_names(folder)
+        assert all({*entry} == {"scene", "time", "speed", "heading"} for entry in about.values())
+        assert len({entry["speed"] for entry in about.values()}) == 3
     compared = read_comparison(out / "simulated", out / "measured")
     assert len(set(compared.scenes)) == len(compared.names) == 3
 

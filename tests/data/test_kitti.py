@@ -45,6 +45,27 @@ def test_time_stamps_are_seconds_since_1970(raw_root):
         frames[0]
 
 
+def test_speed_and_heading_come_from_oxts_where_it_is(raw_root):
+    # Two lines of the format: lat lon alt roll pitch yaw vn ve vf vl vu, 3 x accelerations, f l u, 3 x rates, f l u,
+    # accuracies, navstat numsats posmode velmode orimode.
+    line = "49.01 8.43 116.4 0.035 0.005 -0.602 -5.1 7.4 8.99 -0.02 0.01 " + "0.1 " * 14 + "4 11 6 6 6"
+    folder = raw_root / "2011_09_26/2011_09_26_drive_0001_sync/oxts/data"
+    folder.mkdir(parents=True)
+    (folder / "0000000001.txt").write_text(line + "\n")
+    frames = KittiRaw(raw_root)
+    assert [(frames[i].speed_mps, frames[i].heading_rad) for i in range(3)] == [
+        (None, None),
+        (8.99, -0.602),
+        (None, None),
+    ]
+    (folder / "0000000000.txt").write_text("49.01 8.43 116.4\n")
+    with pytest.raises(ValueError, match="has 3 values; an oxts file holds 30"):
+        frames[0]
+    (folder / "0000000000.txt").write_text("north " * 30)
+    with pytest.raises(ValueError, match="holds 30 numbers"):
+        frames[0]
+
+
 def test_the_projection_matrix_keeps_its_fourth_column(object_root):
     frame = KittiObject(object_root)[0]
     lines = (object_root / "training/calib/000007.txt").read_text().splitlines()

@@ -52,6 +52,8 @@ def test_a_drive_is_one_street_that_the_car_passes_through(world: SyntheticWorld
     here, next_, elsewhere = world[4], world[5], world[8]
     assert here.scene == next_.scene != elsewhere.scene
     assert next_.time_s == pytest.approx(here.time_s + 0.1)
+    assert next_.speed_mps == here.speed_mps > 0
+    assert abs(next_.heading_rad - here.heading_rad) < 0.05
     moved = np.mean(np.abs(here.camera.rgb.astype(int) - next_.camera.rgb))
     assert 0 < moved < np.mean(np.abs(here.camera.rgb.astype(int) - elsewhere.camera.rgb))
 

@@ -4,10 +4,11 @@ import jax
 import numpy as np
 import pytest
 
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
-from jaxsim.simulate.effects import settle_sensor, with_effects
+from jaxsim.simulate.effects import NEEDS, settle_sensor, with_effects
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, 40)
 SHAPE = (16, 40)
@@ -45,6 +46,59 @@ def test_a_frame_depends_on_its_key_and_time():
     np.testing.assert_array_equal(first.valid, same.valid)
     assert (first.valid != other.valid).any()
     np.testing.assert_allclose(other.intensity[other.valid], 0.2 / np.e, rtol=1e-5)
+
+
+def street():
+    """A flat road that ends at a wall 30 m ahead: what a moved origin changes."""
+    image, painted = frame()
+    elevation = np.asarray(GRID.elevation_rad)[:, None]
+    azimuth = np.asarray(GRID.azimuth_rad)[None, :]
+    wall = 30 / (np.cos(azimuth) * np.cos(elevation))
+    road = np.where(elevation < 0, 1.7 / np.maximum(-np.sin(elevation), 1e-6), np.inf)
+    range_m = np.minimum(wall, road).astype(np.float32)
+    return image.replace(range_m=range_m, valid=np.ones(SHAPE, bool)), painted.replace(range_m=range_m)
+
+
+def test_motion_distortion_moves_ranges_by_the_frames_speed():
+    model = SensorModel((("motion_distortion", {"share": 1.0}),))
+    image, painted = street()
+    still, fast = (
+        with_effects(model, image, painted, GRID, key=jax.random.key(0), speed_mps=v).range_m for v in (0.0, 20.0)
+    )
+    np.testing.assert_allclose(still, image.range_m, rtol=1e-5)
+    # 2 m in a scan: the wall is 1 m farther where the scan begins, 1 m nearer where it ends.
+    wall = np.asarray(GRID.elevation_rad) > 0
+    ahead = np.cos(np.asarray(GRID.azimuth_rad))
+    phase = (np.arange(40) + 0.5) / 40
+    expected = (30 - 2 * (phase - 0.5)) / (ahead * np.cos(np.asarray(GRID.elevation_rad)[wall][:, None]))
+    np.testing.assert_allclose(fast[wall], expected, rtol=2e-3)
+
+
+def test_ambient_light_stays_in_the_world_as_the_car_turns():
+    model = SensorModel((("ambient_light", {"strength": 0.95, "heading_rad": 1.2, "width_rad": 0.15}),))
+    image, painted = street()
+    for heading, away in ((1.2, 0.0), (1.5, -0.3)):
+        after = with_effects(model, image, painted, GRID, key=jax.random.key(0), heading_rad=heading)
+        lost = (~after.valid).mean(0)
+        middle = np.average(np.asarray(GRID.azimuth_rad), weights=lost)
+        assert middle == pytest.approx(away, abs=0.06)
+
+
+def test_effects_whose_frames_do_not_say_what_they_need_are_told():
+    image, painted = frame()
+    light = SensorModel((("ambient_light", {"strength": 0.5}),))
+    with pytest.raises(ValueError, match="do not say where the car heads"):
+        with_effects(light, image, painted, GRID, key=jax.random.key(0))
+    for name, parameter, what in (("motion_distortion", "share", "speed"), ("emitter_drift", "rate", "time")):
+        with pytest.warns(UserWarning, match=f"{name} of the sensor model does nothing here.*{what}"):
+            after = with_effects(SensorModel(((name, {parameter: 1.0}),)), image, painted, GRID, key=jax.random.key(0))
+        np.testing.assert_allclose(after.range_m[image.valid], 12.0, rtol=1e-5)
+
+
+def test_every_effect_by_speed_or_heading_is_in_the_list_of_needs():
+    for effect in EFFECTS.values():
+        needs = {"speed", "heading"} & {*effect.covariates}
+        assert needs <= {NEEDS.get(effect.name)}, effect.name
 
 
 def test_a_folder_holds_frames_of_one_sensor_model(tmp_path):

@@ -125,6 +125,8 @@ class SyntheticWorld:
             ),
             cloud=cloud_of(image, self.spec, self.columns),
             time_s=FRAME_S * (index % FRAMES_PER_DRIVE),
+            speed_mps=float(moment.drive.ego_speed_mps),
+            heading_rad=float(np.arctan2(moment.velo_pose[1, 0], moment.velo_pose[0, 0])),
             boxes=self._boxes(moment, view.instance),
         )
 
