@@ -107,6 +107,8 @@ class Export:
         if not objects and not self.keep_empty:
             return number, about | {"left_out": f"no object within {self.reach_m:g} m"}
         key = jax.random.fold_in(jax.random.key(0), place)
+        if frame.time_s is not None:
+            frame = replace(frame, time_s=frame.time_s - maker.first_s)
         cloud = make_cloud(frame, self.recipe, maker.sensor, effects=maker.effects, key=key)
         points = int(np.asarray(cloud.valid).sum())
         if not points:
@@ -209,6 +211,8 @@ class Maker:
 
     sensor: LearnedSensor | None
     effects: SensorModel | None
+    first_s: float = 0.0
+    """Time of the data set's first frame, which effects that drift count from; data sets count from 1970."""
 
     @classmethod
     def of(cls, export: Export) -> Maker:
@@ -227,7 +231,8 @@ def export_trees(exports: Sequence[Export], dataset: Dataset) -> None:
     """
     makers, records, places = [], [], []
     for export in exports:
-        makers.append(Maker.of(export))
+        maker = Maker.of(export)
+        makers.append(replace(maker, first_s=dataset[0].time_s or 0.0) if maker.effects else maker)
         places.append(export.places(dataset))
         export.check_occlusion(dataset)
         records.append(TreeRecord.open(export.out, export.settings(makers[-1])))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.cli.export import Export, export_trees
+from jaxsim.cli.export import Export, Maker, export_trees
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.data import DATASETS, KittiObject
 from jaxsim.data.polar_frames import write_grid
@@ -291,3 +291,22 @@ def test_the_embedded_worlds_boxes_hold_their_points_from_the_camera_and_from_th
                         assert count > 10, (lidar, source, thing)
                         held += 1
             assert held > 3
+
+
+def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, six, monkeypatch):
+    seen = []
+
+    def made(frame, *rest, **more):
+        seen.append(frame.time_s)
+        raise ValueError("enough")
+
+    def started(self, index, read=Six.__getitem__):
+        return replace(read(self, index), time_s=1.3e9 + 0.1 * index)
+
+    drift = SensorModel((("emitter_drift", {"rate": 0.1}),))
+    monkeypatch.setattr(Six, "__getitem__", started)
+    monkeypatch.setattr("jaxsim.cli.export.make_cloud", made)
+    monkeypatch.setattr(Maker, "of", classmethod(lambda cls, export: cls(None, drift)))
+    with pytest.raises(ValueError, match="enough"):
+        Export(out=tmp_path, frames="3-5", workers=1)()
+    np.testing.assert_allclose(seen[0], 0.3, atol=1e-3)
