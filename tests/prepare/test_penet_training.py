@@ -1,5 +1,6 @@
 """PENet's stages, its frames, and the weights that preparation then uses."""
 
+import os
 from dataclasses import replace
 from functools import partial
 
@@ -271,6 +272,16 @@ def test_a_kitti_frame_s_crop_moves_the_principal_point(monkeypatch, convention,
     np.testing.assert_allclose(view.camera.intrinsics[:2, 2], [609.6 - 13, 172.9 - 23], atol=1e-3)
     assert view.depth_m.shape == (352, 1216)
     assert (view.depth_m[view.depth_valid] == 10).all()
+
+
+def test_a_file_that_was_written_anew_is_read_anew(tmp_path):
+    path, found = tmp_path / "weights.npz", []
+    for seed in (1, 2):
+        save_penet(path, jax.tree.map(np.asarray, create_state(CONFIG, seed=seed).values))
+        os.utime(path, ns=(seed, seed))
+        found.append(jax.tree.leaves(open_penet(path).values)[0])
+    assert open_penet(path) is open_penet(path)
+    assert not np.array_equal(*found)
 
 
 def test_bad_input_says_what_to_do(tmp_path):

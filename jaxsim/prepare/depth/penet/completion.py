@@ -104,7 +104,7 @@ def complete(
 
 
 def open_penet(path: Path | None) -> Penet:
-    """The network of a file that `jaxsim convert penet` or a training wrote, read once.
+    """The network of a file that `jaxsim convert penet` or a training wrote, read once unless it changes.
 
     Raises ValueError where no file is named, and FileNotFoundError or ValueError where it is not the right one; they
     say what to fetch or train.
@@ -114,11 +114,12 @@ def open_penet(path: Path | None) -> Penet:
             f"depth: penet needs its weights: fetch {CONVERTERS['penet'].fetch}; then `jaxsim convert penet FILE --out "
             "penet.npz`, or train one (`python train.py penet_synthetic`); and --prepare.depth-weights penet.npz"
         )
-    return _open(path)
+    return _open(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 @lru_cache(maxsize=2)
-def _open(path: Path) -> Penet:
+def _open(path: Path, changed_ns: int) -> Penet:
+    """`changed_ns` is when the file was written: one of the same name may hold other weights."""
     trained = path.is_file() and kind_of(path) == TRAINED_KIND
     kind, converter = (TRAINED_KIND, TRAINED) if trained else ("penet", CONVERTERS["penet"])
     width, values = from_published(load_weights(path, kind, converter).arrays)
