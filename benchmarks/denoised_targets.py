@@ -228,7 +228,7 @@ if __name__ == "__main__":
     parser.add_argument("--train", dest="train_on", default="0-959:8")
     parser.add_argument("--judge", default="1920-2079:4")
     parser.add_argument("--targets", nargs="+", default=["raw", "non_local_means", "lidia", "lidia_tuned"])
-    parser.add_argument("--trained", nargs="+", default=["raw", "non_local_means", "lidia", "lidia_tuned"])
+    parser.add_argument("--trained", nargs="*", default=["raw", "non_local_means", "lidia", "lidia_tuned"])
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--tuning", type=int, default=40)
     cut = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
