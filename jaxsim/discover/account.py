@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.name import BAR, CLEAR, LEVEL, Choice, Step, agreed, padded, smooth_is_enough
+from jaxsim.discover.name import BAR, CLEAR, LEVEL, Choice, Step, padded, scenes_agree, smooth_is_enough
 from jaxsim.discover.nuisance import gain_and_classes
 from jaxsim.discover.over_scenes import mean_interval
 from jaxsim.discover.read import Comparison
@@ -17,6 +17,11 @@ from jaxsim.discover.split import Split
 from jaxsim.discover.survey import Candidate, clipped
 from jaxsim.discover.verdict import Interval, Named, Rank
 from jaxsim.effects import EFFECTS
+
+SHOWN = 12
+"""Candidates of the first step that are listed."""
+FEW_JUDGES = 5
+"""Below so many judge scenes a note says that intervals are wide."""
 
 
 def named(step: Step, parameters: dict[str, Any]) -> Named:
@@ -33,10 +38,6 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
         gain=Interval(float(gain.mean()), low, high, "nats per scene"),
         parameters=parameters,
     )
-
-
-SHOWN = 12
-"""Candidates of the first step that are listed."""
 
 
 def ranking(choice: Choice) -> tuple[Rank, ...]:
@@ -60,7 +61,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "its gain is within what a null reaches"
     if smooth_is_enough(candidate):
         return "a smooth change along the rows gains as much"
-    if not agreed(candidate):
+    if not scenes_agree(candidate):
         return "the scenes disagree on it"
     if not steps:
         strongest = (choice.last or (candidate,))[0]
@@ -110,6 +111,3 @@ def notes(comparison: Comparison, parts: Split, there: Sequence[str], choice: Ch
     if len(parts.judge) < FEW_JUDGES:
         found.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
     return tuple(found)
-
-
-FEW_JUDGES = 5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,25 +18,13 @@ from jaxsim.discover.localise import COVARIATES
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
 from jaxsim.discover.null import first_residuals, fit_null, left_over
-from jaxsim.discover.result import CurveLine
+from jaxsim.discover.result import Judged
 from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.survey import Candidate
-from jaxsim.discover.verdict import Gap, Interval
 from jaxsim.effects import Effect
 
 Added = Sequence[tuple[Effect, dict[str, Any]]]
 """Effects and their z."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Gaps by channel, the closure, and what a report draws (`Result` says what maps and curves hold)."""
-
-    gap: dict[str, Gap]
-    closure: Interval | None
-    maps_before: dict[str, Float[np.ndarray, "r c"]]
-    maps_after: dict[str, Float[np.ndarray, "r c"]]
-    curves: tuple[CurveLine, ...]
 
 
 def judge(
@@ -92,7 +80,7 @@ def placebo_of(null: Problem, rival: Candidate, everyone: Float[np.ndarray, " b"
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    starts = tuple({n: np.asarray(v) for n, v in to_values(effect, one.z).items()} for one in rival.fits)
+    starts = tuple(to_values(effect, one.z) for one in rival.fits)
     found = fit(effect, null, everyone, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, found.z)]
     placed = in_place(null, chain)

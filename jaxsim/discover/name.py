@@ -57,10 +57,10 @@ class Choice:
 def accepted(candidate: Candidate) -> bool:
     """Whether a candidate passes the bar, and the units agree that it should; of an effect of single beams, also on
     what its beams' numbers gain over a smooth change along the rows."""
-    return not smooth_is_enough(candidate) and candidate.total > BAR and agreed(candidate)
+    return not smooth_is_enough(candidate) and candidate.total > BAR and scenes_agree(candidate)
 
 
-def agreed(candidate: Candidate) -> bool:
+def scenes_agree(candidate: Candidate) -> bool:
     """Whether the units agree on its gain."""
     return candidate.chance <= LEVEL or candidate.sudden
 

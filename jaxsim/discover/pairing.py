@@ -18,8 +18,8 @@ from jaxsim.frame import PolarImage
 NEAR_M, NEAR_SHARE = 0.5, 0.05
 """A reading agrees with the simulated one within the larger of the two (the share is of the range)."""
 AGREE = 0.75
-"""Share of rays that agree in a frame, at least: in frames with a hidden effect of severity 4 it was 0.91 and more
-(extrinsic_rotation, motion_distortion), in frames of each other's streets 0.50 to 0.62."""
+"""Share of rays that agree in a frame, at least: effects of the catalogue leave nearly all, in another street little
+more than the road agrees (tests/discover/test_pairing.py)."""
 NOT_BEYOND = 0.8
 """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
 OVERLAP = 0.05

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.survey import Candidate
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.verdict import Gap, Interval, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
 
@@ -27,6 +27,17 @@ class CurveLine:
     band: Float[np.ndarray, " k"]
     """Half width of the 90 % interval of `before`, from the scatter between scenes; NaN where fewer than two have a
     value."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Gaps by channel, the closure, and what a report draws (`Result` says what maps and curves hold)."""
+
+    gap: dict[str, Gap]
+    closure: Interval | None
+    maps_before: dict[str, Float[np.ndarray, "r c"]]
+    maps_after: dict[str, Float[np.ndarray, "r c"]]
+    curves: tuple[CurveLine, ...]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,14 @@ def test_the_interval_of_a_mean_covers_nine_times_in_ten(scenes):
     assert np.mean([low <= 1.0 <= high for low, high in found]) == pytest.approx(0.9, abs=0.02)
 
 
+def test_the_percentile_bootstrap_of_five_scenes_would_be_too_narrow():
+    rng = np.random.default_rng(0)
+    scenes = rng.normal(0.0, 1.0, (2000, 5))
+    means = scenes[:, rng.integers(0, 5, (1000, 5))].mean(-1)
+    low, high = np.quantile(means, [0.05, 0.95], axis=1)
+    assert np.mean((low <= 0) & (high >= 0)) == pytest.approx(0.77, abs=0.03)
+
+
 @pytest.mark.parametrize("scenes", [4, 8])
 def test_the_interval_of_a_ratio_covers_about_as_often(scenes):
     rng = np.random.default_rng(scenes)

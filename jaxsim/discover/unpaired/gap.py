@@ -8,14 +8,13 @@ simulated); what the law, the nuisances and the effects say comes from the find 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.localise import CATEGORICAL
 from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
-from jaxsim.discover.result import CurveLine
+from jaxsim.discover.result import CurveLine, Judged
 from jaxsim.discover.unpaired.choose import Step
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, solve
@@ -28,18 +27,7 @@ MAP_COLUMNS = 32
 BINS = 16
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What is shown of the judge scenes."""
-
-    gap: dict[str, Gap]
-    closure: Interval | None
-    maps_before: dict[str, Float[np.ndarray, "r c"]]
-    maps_after: dict[str, Float[np.ndarray, "r c"]]
-    curves: tuple[CurveLine, ...]
-
-
-def show(problem: Conditional, steps: Sequence[Step], refined: Refined) -> Shown:
+def show(problem: Conditional, steps: Sequence[Step], refined: Refined) -> Judged:
     """Distances, maps and curves of the measured judge scenes."""
     near = problem.side[:, problem.nuisance.columns]
     plain = equations_of(problem, near, np.zeros(len(problem.y)))
@@ -60,7 +48,7 @@ def show(problem: Conditional, steps: Sequence[Step], refined: Refined) -> Shown
     off = [_residual(problem, eq, change) for eq, change in ((plain, 0.0), (added, refined.change))]
     keep = np.isin(problem.streets.scene, judged)
     maps = [{"intensity": _map(problem, one, keep)} for one in off]
-    return Shown({"intensity": found}, closure, maps[0], maps[1], _curves(problem, steps, off[0], off[1], keep))
+    return Judged({"intensity": found}, closure, maps[0], maps[1], _curves(problem, steps, off[0], off[1], keep))
 
 
 def _losses(problem: Conditional, eq: Equations, blocks: Sequence[Block]) -> Float[np.ndarray, " s"]:
