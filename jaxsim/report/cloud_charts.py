@@ -58,13 +58,12 @@ def class_chart(counts: Counts, kind: str) -> Canvas:
 
 
 def drop_picture(counts: Counts) -> Rgb:
-    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud."""
-    panels = []
-    for kind, own in counts.items():
-        empty = drop_map(own)
-        panels.append(
-            (f"{kind}: share without a return", colour_scalar(empty, np.ones(empty.shape, bool), low=0, high=1))
-        )
+    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud; the key below."""
+    maps = {f"{kind}: share without a return": drop_map(own) for kind, own in counts.items()}
+    columns = next(iter(maps.values())).shape[1]
+    key = np.broadcast_to(np.linspace(0, 1, columns), (max(columns // 60, 1), columns))
+    maps["key: 0, every scene returns (left), to 1, none does (right)"] = key
+    panels = [(title, colour_scalar(part, np.ones(part.shape, bool), low=0, high=1)) for title, part in maps.items()]
     return strip(panels, width=900)
 
 

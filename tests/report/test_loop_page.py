@@ -10,7 +10,7 @@ import configs
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import REST, count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
-from jaxsim.report.cloud_charts import class_chart, intensity_chart
+from jaxsim.report.cloud_charts import class_chart, drop_picture, intensity_chart
 from jaxsim.report.clouds import check_tables, checked_kinds, write_checks
 from jaxsim.report.loop import answer, loop_tables, write_loop
 from jaxsim.report.loop_charts import epochs_chart
@@ -72,6 +72,14 @@ def test_the_papers_numbers_stand_beside_ours(loop):
     assert "| raw_64 | easy | - | - (63.78)" in text
     assert "| raw_64 | moderate | 9 | 81.00 ± 1.41 (88.78)" in text  # trained on real, scored on it
     assert "| raw_64 | 1 | 90 |" in text  # one car, 90 points on it; no car at any other distance
+
+
+def test_the_drop_maps_carry_their_key():
+    """Ninety points on one car leave most directions empty: the map's usual colour is the key's right end."""
+    picture = drop_picture({"real": clouds(0.4)})
+    key, corner = picture[-1], picture[30, 0]
+    assert (key[-1] == corner).all()
+    assert (key[0] != corner).any()
 
 
 def test_the_page_stands_alone_and_the_json_is_strict(loop):
