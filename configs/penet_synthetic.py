@@ -3,8 +3,8 @@
     python train.py penet_synthetic
 
 80 frames of as many streets, 8.4 million parameters, 1200 updates of the branches, 160 of the refinement, 160 of all:
-24 to 44 minutes of processor time. On ten frames of other streets: RMSE 2881 mm, MAE 852 mm, iRMSE 22.2 /km, iMAE 9.41 /km;
-beside IP-Basic in docs/depth-completion.md.
+24 to 44 minutes of processor time. On ten frames of other streets: RMSE 2881 mm, MAE 852 mm, iRMSE 22.2 /km, iMAE
+9.41 /km; beside IP-Basic in docs/depth-completion.md.
 """
 
 from jaxsim.config import DataConfig, RunConfig
