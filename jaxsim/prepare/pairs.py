@@ -111,6 +111,7 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """
     try:
         view = crop_image(frame.camera, config.image_crop)
+        _check_labels(view, config)  # before depth is completed, which takes its time
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
@@ -138,6 +139,10 @@ def check_view(view: CameraFrame, config: PrepareConfig) -> None:
             "prepare: the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's "
             "points with --prepare.depth ip_basic_fast"
         )
+    _check_labels(view, config)
+
+
+def _check_labels(view: CameraFrame, config: PrepareConfig) -> None:
     needed = [name for name in ("semantic", "edges") if name in config.inputs]
     if needed and view.semantic is None:
         rest = " ".join(name for name in config.inputs if name not in needed)
