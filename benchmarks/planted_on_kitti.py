@@ -146,6 +146,11 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
     lines.append(f"| right name first | {rate(row['first_right'] for row in single)} |")
     lines.append(f"| in the set | {rate(row['in_set'] for row in single)} |")
     lines.append(f"| nothing planted: an effect named | {rate(row['named'] for row in null)} |")
+    found = [p for row in single for p in row["parameters"]]
+    if found:
+        inside, error = ([p[k] for p in found if p[k] is not None] for k in ("inside", "relative_error"))
+        lines.append(f"| 90 % intervals that cover | {100 * np.mean(inside):.0f} % of {len(inside)} parameters |")
+        lines.append(f"| median relative error | {100 * np.median(error):.0f} % |")
     return "\n".join(lines)
 
 
