@@ -105,13 +105,8 @@ def rays_for(effect: Effect, ev: Evidence) -> Rays:
 def _backward(
     effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan, slopes: dict[str, Array]
 ) -> dict[str, Array]:
-    """The derivative in z, given those in some of the fields that the likelihood sees."""
-
-    def read(z: dict[str, Array]) -> dict[str, Array]:
-        seen, _ = _seen(effect, z, rays, scan)
-        return {name: seen[name] for name in slopes}
-
-    return jax.vjp(read, z)[1](slopes)[0]
+    _, pull, _ = jax.vjp(lambda z: _seen(effect, z, rays, scan), z, has_aux=True)
+    return pull(slopes)[0]
 
 
 class Objective:

@@ -88,12 +88,10 @@ def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"
 
     # Midpoint rule on a logarithmic scale: the densities are broad on it.
     nodes, length = 16, jnp.log(end / start)
-
-    def mass_at(share: Array) -> Array:
-        r = start * jnp.exp(length * share)
-        return jnp.exp(log_shape(r)) * r * length / nodes
-
-    mass = jax.vmap(mass_at)((jnp.arange(nodes, dtype=end.dtype) + 0.5) / nodes).sum(axis=0)
+    mass = jnp.zeros_like(end)
+    for k in range(nodes):
+        r = start * jnp.exp(length * ((k + 0.5) / nodes))
+        mass = mass + jnp.exp(log_shape(r)) * r * length / nodes
     inside = (at_m > start) & (at_m < end + 1.0)
     r = jnp.clip(at_m, start, end)
     return jnp.where(inside, log_shape(r) - jnp.log(mass + 1e-30), NEVER)
@@ -181,16 +179,24 @@ def log_likelihood(
     return jnp.stack([intensity, total - drop - cost, drop], axis=-1)
 
 
-SEEN_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
-SEEN_RETURN = ("range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m", "ghost", "ghost_m")
-SEEN_RETURN += ("clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m")
-SEEN = SEEN_INTENSITY + SEEN_RETURN
-"""Fields of rays that the likelihood is differentiated in: those of the intensity, and those of range and drop."""
+SEEN = (
+    "log_intensity",
+    "intensity_step",
+    "intensity_top",
+    "range_m",
+    "log_keep",
+    "column_loss",
+    "reading_m",
+    "noise_m",
+)
+SEEN += ("between", "between_m", "ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m")
+SEEN += ("range_step_m",)
+"""Fields of rays that the likelihood is differentiated in."""
 TAKEN = ("hit", "beside_m")
 """Fields that it takes as they are."""
-Slopes = tuple[Array, Array, dict[str, Array], Noise]
 
 
+@partial(jax.jit, static_argnames=("channels", "clutter"))
 def value_and_slopes(
     seen: dict[str, Array],
     taken: dict[str, Array],
@@ -202,34 +208,10 @@ def value_and_slopes(
     *,
     channels: tuple[str, ...],
     clutter: bool,
-) -> Slopes:
+) -> tuple[Array, Array, dict[str, Array], Noise]:
     """Minus the log-likelihood of the counted blocks; that of all by block and channel; and the derivatives of the
-    first in the rays' fields that `channels` read and in the noise. What frames share is taken from the fitted blocks.
+    first in the rays' fields and in the noise. What frames share is taken from the fitted blocks."""
 
-    Intensity and return share no field of the rays: a program each, compiled once, serves all sets of channels.
-    """
-    given = (taken, ev, noise, w, fitted, counted)
-    parts = []
-    if "intensity" in channels:
-        parts.append(_slopes({k: seen[k] for k in SEEN_INTENSITY}, *given, channels=("intensity",), clutter=False))
-    if {"range", "drop"} & set(channels):
-        parts.append(_slopes({k: seen[k] for k in SEEN_RETURN}, *given, channels=("range", "drop"), clutter=clutter))
-    return parts[0] if len(parts) == 1 else _both(*parts)
-
-
-@partial(jax.jit, static_argnames=("channels", "clutter"))
-def _slopes(
-    seen: dict[str, Array],
-    taken: dict[str, Array],
-    ev: Evidence,
-    noise: Noise,
-    w: Weights,
-    fitted: Float[Array, " b"],
-    counted: Float[Array, " b"],
-    *,
-    channels: tuple[str, ...],
-    clutter: bool,
-) -> Slopes:
     def loss(seen: dict[str, Array], noise: Noise) -> tuple[Array, Array]:
         rays = replace(ev.rays, **seen, **taken)
         blocks = log_likelihood(rays, ev, noise, w, fitted, channels=channels, clutter=clutter)
@@ -237,9 +219,3 @@ def _slopes(
 
     (value, blocks), (by_seen, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(seen, noise)
     return value, blocks, by_seen, by_noise
-
-
-@jax.jit
-def _both(intensity: Slopes, returns: Slopes) -> Slopes:
-    value, blocks, noise = (jax.tree.map(jnp.add, intensity[k], returns[k]) for k in (0, 1, 3))
-    return value, blocks, intensity[2] | returns[2], noise
