@@ -153,6 +153,7 @@ def test_what_the_frame_lacks_is_named():
         (no_rows, CONFIG, "street-7: the cloud has no laser lines"),
         (_without(one, depth_m=None, depth_valid=None), CONFIG, r"street-7: .*no depth; .*--prepare\.depth ip_basic"),
         (_without(one, semantic=None), CONFIG, "semantic and edges need class labels.*--prepare.inputs rgb depth row"),
+        (_without(one, semantic=None), replace(CONFIG, depth="penet"), "class labels"),  # nor weights: labels first
         (_without(one, semantic=None), replace(CONFIG, inputs=("edges",)), "--prepare.inputs rgb depth row"),
         (one, replace(CONFIG, image_crop=(352, 1216)), "310 x 94, smaller than the crop of 1216 x 352"),
         (sparse, CONFIG, r"columns, all over it, got no point: .*lower --prepare\.columns to about"),

@@ -126,7 +126,7 @@ CONVERTERS = {
         "(argparse.Namespace, metrics.Result), which weights_only=True refuses: once, in a clone of that repository "
         "(for its metrics.py), and only if you trust the file, since loading it so can run any code in it, save the "
         "state dict alone: python -c \"import torch; torch.save(torch.load('pe.pth.tar', map_location='cpu', "
-        "weights_only=False)['model'], 'penet.pt')\"; FILE is that penet.pt",
+        "weights_only=False)['model'], 'penet.pt')\"; penet.pt is then the FILE to convert",
         _published,
     ),
 }
