@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
-from benchmarks.blind.tables import rate
+from benchmarks.blind.tables import coverage, rate
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.discover import discover_unpaired
 from jaxsim.discover.unpaired.shared import untold
@@ -91,9 +91,8 @@ def summary(rows: Sequence[Row]) -> str:
     for level in ("exact", "default"):
         none = [row for row in rows if row["kind"] == "none" and row["level"] == level]
         lines.append(f"| nothing hidden, {level} nuisances: something named | {rate(row['named'] for row in none)} |")
-    inside = [p["inside"] for row in told if row["first_right"] for p in row["parameters"] if p["inside"] is not None]
-    if inside:
-        lines.append(f"| 90 % intervals cover | {100 * sum(inside) / len(inside):.0f} % of {len(inside)} parameters |")
+    if found := coverage(p for row in told if row["first_right"] for p in row["parameters"]):
+        lines.append(f"| 90 % intervals that cover | {found} parameters |")
     lines += ["", "| hidden | severity | answer |", "|---|---|---|"]
     lines += [
         f"| {_words(row['truth'], 'nothing')} | {row['severity']:g} | {_words(row['answer'], row['verdict'])} |"

@@ -35,6 +35,12 @@ def rate(good: Iterable[Any]) -> str:
     return f"{share} ({sum(values)} of {len(values)}; {100 * low:.0f} to {100 * high:.0f} %)"
 
 
+def coverage(parameters: Iterable[Row]) -> str:
+    """Share of the 90 % intervals that hold the truth, a vector counting as one; empty where there is none."""
+    inside = [p["inside"] for p in parameters if p["inside"] is not None]
+    return f"{100 * np.mean(inside):.0f} % of {len(inside)}" if inside else ""
+
+
 def of_kind(rows: Sequence[Row], kind: str, keep: Callable[[Row], bool] = lambda row: True) -> list[Row]:
     return [row for row in rows if row["kind"] == kind and keep(row)]
 
@@ -115,18 +121,17 @@ def _rates(rows: Sequence[Row]) -> str:
 
 
 def _parameters(rows: Sequence[Row]) -> str:
-    """Coverage of the 90 % intervals, a vector counting as one; error at severity 2."""
+    """Coverage of the intervals; error at severity 2."""
     every = [p for row in rows for p in row["parameters"]]
-    inside = [p["inside"] for p in every if p["inside"] is not None]
     middle = [
         p["relative_error"]
         for row in of_kind(rows, "single", lambda row: row["severity"] == 2)
         for p in row["parameters"]
         if p["relative_error"] is not None
     ]
-    if not inside:
+    if not coverage(every):
         return ""
-    lines = [f"| 90 % intervals that cover | {100 * np.mean(inside):.0f} % of {len(inside)} |"]
+    lines = [f"| 90 % intervals that cover | {coverage(every)} |"]
     if middle:
         lines.append(f"| median relative error at severity 2 | {100 * np.median(middle):.0f} % of {len(middle)} |")
     by: dict[str, list[Row]] = defaultdict(list)

@@ -4,13 +4,14 @@ from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.result import CurveLine, Result
 from jaxsim.discover.unpaired import discover_unpaired
 from jaxsim.discover.verdict import Verdict
-from jaxsim.discover.workflow import discover, discover_folders, judge_known
+from jaxsim.discover.workflow import disagreements, discover, discover_folders, judge_known
 
 __all__ = [
     "Comparison",
     "CurveLine",
     "Result",
     "Verdict",
+    "disagreements",
     "discover",
     "discover_folders",
     "discover_unpaired",

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.localise import COVARIATES, RIDGE, Place, curve_basis, values_of
+from jaxsim.discover.additive import Additive
+from jaxsim.discover.localise import COVARIATES, Place, curve_basis, values_of
 
 CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
 """Covariates of which pairs are tried; time since the first frame has too few values to be crossed with others."""
@@ -24,7 +25,6 @@ MOST = 30_000
 """Residuals looked at, evenly spread: more cost time and hardly change a pair's rank."""
 FEWEST = 100.0
 """Residuals, as `_effective` counts them, from which a channel is looked at: a handful of lost rays tells nothing."""
-FOLDS = 4
 FLIPS = 4096
 
 
@@ -80,29 +80,14 @@ def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
 
 def _unexplained(z: np.ndarray, rays: Any, counts: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
     """Residuals less the additive model of all covariates, each fold's fitted to the others."""
-    designs = [curve_basis(values_of(name, rays, counts), name) for name in COVARIATES]
-    x = np.concatenate([np.ones((len(z), 1), np.float32), *designs], axis=1)
-    return z - _held_out(x, z, place, units)
-
-
-def _held_out(x: np.ndarray, z: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
-    """Prediction of each residual by ridge regression on the units of the other folds."""
-    folds = min(FOLDS, units)
-    parts = [place % folds == k for k in range(folds)]
-    squares = [(x[part].T @ x[part]).astype(np.float64) for part in parts]
-    products = [(x[part].T @ z[part]).astype(np.float64) for part in parts]
-    predicted = np.zeros_like(z)
-    for k, part in enumerate(parts):
-        gram = sum(squares) - squares[k] + RIDGE * np.eye(x.shape[1])
-        predicted[part] = x[part] @ np.linalg.solve(gram, sum(products) - products[k]).astype(np.float32)
-    return predicted
+    designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+    return z - Additive(z, designs, place, units).predicted(list(designs))
 
 
 def _pair_gain(left: np.ndarray, a: np.ndarray, b: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
     """Held-out nats of each unit by the products of two curves."""
-    x = (a[:, :, None] * b[:, None, :]).reshape(len(left), -1)
-    gain = 0.5 * (left**2 - (left - _held_out(x, left, place, units)) ** 2)
-    return np.bincount(place, gain, units)
+    model = Additive(left, {"pair": (a[:, :, None] * b[:, None, :]).reshape(len(left), -1)}, place, units)
+    return model.by_unit(np.zeros(len(left)), model.predicted(["pair"]))[0]
 
 
 def _strongest(gains: Float[np.ndarray, "p u"]) -> tuple[int, float]:

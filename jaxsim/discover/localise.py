@@ -7,7 +7,7 @@ one a covariate, fitted by ridge regression and judged on held-out units.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,14 +15,20 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import rankdata
 
+from jaxsim.discover.additive import Additive
+
 KNOTS = 10
 FEW = 40
 """Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not seen.
 """
-RIDGE = 4.0
-"""Observations' worth of pull of a curve's knots to 0."""
 FLIPS = 4096
 """Of signs over units, to see what chance does."""
+CHANCE = 0.05
+"""Dependences that chance explains more often than this are not reported ..."""
+WORTH = 10.0
+"""... nor those that gain fewer nats: what a consistent trace of a nuisance is worth."""
+FITTED = (("intensity", "class"),)
+"""... nor what is a nuisance itself: what is left along it says how far reflectances are held to the table."""
 
 COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "range": lambda r: np.log(np.maximum(r.range_m, 0.5)),
@@ -90,23 +96,6 @@ def curve_basis(x: np.ndarray, name: str, most: int = KNOTS) -> Float[np.ndarray
     return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1).astype(np.float32)
 
 
-def _gains(
-    z: np.ndarray, designs: list[np.ndarray], unit: Int[np.ndarray, " n"], units: np.ndarray, group: np.ndarray
-) -> Float[np.ndarray, " u"]:
-    """Held-out gain in nats of each unit by the additive model over `designs`."""
-    x = np.concatenate(designs, axis=1)
-    gains = np.zeros(len(units))
-    place = np.searchsorted(units, unit)
-    for fold in np.unique(group):
-        train = group[place] != fold
-        a = x[train]
-        beta = np.linalg.solve(a.T @ a + RIDGE * np.eye(x.shape[1]), a.T @ z[train])
-        held = ~train
-        gain = 0.5 * (z[held] ** 2 - (z[held] - x[held] @ beta) ** 2)
-        gains += np.bincount(place[held], gain, len(units))
-    return gains
-
-
 def p_value(gains: Float[np.ndarray, " u"]) -> float:
     """One-sided probability of so large a mean gain if units gain nothing: exact sign-flip test up to 12 units,
     else by FLIPS draws."""
@@ -125,38 +114,43 @@ def localise(
     """
     places = []
     units = np.unique(unit)
-    group = np.arange(len(units)) % min(4, len(units))
     for channel, (z, counts) in residuals.items():
-        of_unit = np.broadcast_to(unit[:, None, None], counts.shape)[counts]
-        values = z[counts].astype(np.float64)
-        if len(values) < 100:
+        if counts.sum() < 100:
             continue
+        place = np.searchsorted(units, np.broadcast_to(unit[:, None, None], counts.shape)[counts])
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         designs = {name: d for name, d in designs.items() if d.shape[1] > 1}
         if "time" in designs and _one_clock(rays, counts):
             del designs["time"]
-        taken: list[np.ndarray] = [np.ones((len(values), 1), np.float32)]
-        before = _gains(values, taken, of_unit, units, group)
-        for _ in range(most):
-            gains = {name: _gains(values, [*taken, d], of_unit, units, group) - before for name, d in designs.items()}
-            if not gains:
+        model = Additive(z[counts].astype(np.float64), designs, place, len(units))
+        taken, left, squares = [], list(designs), (model.z**2).sum()
+        before = model.predicted(taken)
+        while left and len(taken) < most:
+            after = [model.predicted([*taken, name]) for name in left]
+            gains, rates = (np.stack(part) for part in zip(*(model.by_unit(before, a) for a in after), strict=True))
+            best = int(gains.sum(1).argmax())
+            gain = float(gains[best].sum())
+            if gain <= 0:
                 break
-            best = max(gains, key=lambda name: gains[name].sum())
-            gain = gains[best]
-            if gain.sum() <= 0:
-                break
-            p = min(1.0, len(residuals) * chance_of_best(np.stack(list(gains.values())), list(gains).index(best)))
-            places.append(Place(channel, best, p, float(2 * gain.sum() / (values**2).sum()), float(gain.sum())))
-            taken.append(designs.pop(best))
-            before = before + gain
+            p = min(1.0, len(residuals) * chance_of_best(rates, best))
+            places.append(Place(channel, left[best], p, 2 * gain / squares, gain))
+            taken.append(left.pop(best))
+            before = after[best]
     return sorted(places, key=lambda place: -place.gain)
 
 
-def chance_of_best(gains: Float[np.ndarray, "p u"], best: int) -> float:
-    """How often chance makes some row of units' gains as large in all as row `best` is: trying many is paid for
-    (Westfall & Young 1993, by signs over units; rows that say nothing lose, which errs to the safe side)."""
-    by_chance = (signs_of(gains.shape[1]) @ gains.T).max(1)
-    return float(np.mean(by_chance >= gains[best].sum() - 1e-12))
+def reported(places: Iterable[Place]) -> list[Place]:
+    """The places that a verdict lists, strongest first."""
+    sure = [p for p in places if p.p_value <= CHANCE and p.gain >= WORTH and (p.channel, p.covariate) not in FITTED]
+    return sorted(sure, key=lambda place: -place.gain)
+
+
+def chance_of_best(rates: Float[np.ndarray, "p u"], best: int) -> float:
+    """How often chance makes the units of some row agree as well as those of row `best`: trying many is paid for
+    (Westfall & Young 1993, max-T, by signs over units). A row counts by its sum in units of its own scatter: one that
+    a single unit makes large does not hide the others."""
+    scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
+    return float(np.mean((signs_of(rates.shape[1]) @ scaled.T).max(1) >= scaled[best].sum() - 1e-9))
 
 
 def signs_of(n: int) -> Float[np.ndarray, "k n"]:

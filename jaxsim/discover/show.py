@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.additive import RIDGE
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import CHANNELS, return_terms
-from jaxsim.discover.localise import CATEGORICAL, COVARIATES, RIDGE, curve_basis, values_of
+from jaxsim.discover.localise import CATEGORICAL, COVARIATES, curve_basis, values_of
 from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
 from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
 from jaxsim.discover.residuals import residuals

@@ -17,11 +17,11 @@ from jaxsim.discover.add import in_place, parameters_of, refit
 from jaxsim.discover.answer import decide
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
-from jaxsim.discover.fit import CLUTTER, to_z
+from jaxsim.discover.fit import CLUTTER, Problem, to_z
 from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.judge import judge, placebo_of, runner_up
-from jaxsim.discover.localise import NAMED, localise
+from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
 from jaxsim.discover.name import choose
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.read import Comparison, read_comparison
@@ -33,8 +33,8 @@ from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
 
-CHANCE = 0.05
-"""Dependences that chance explains more often than this are not reported."""
+MOST = 8
+"""Dependences listed."""
 
 Say = Callable[[str], None]
 
@@ -74,12 +74,8 @@ def discover(
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     say(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
-    ev, unit = scenes.evidence(parts.find, known)
+    null, unit, places, where = _find(scenes, known)
     everyone = np.ones(len(unit), np.float32)
-    null, _ = fit_null(scenes.scan, ev, everyone, clutter=bool({*there} & {*CLUTTER}))
-    left = standardised(null, everyone)
-    places = localise(*left, unit)
-    pairs = interactions(*left, unit, level=CHANCE)
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     say(f"fitting {len(catalogue)} effects")
@@ -103,11 +99,7 @@ def discover(
     verdict = Verdict(
         verdict=answer,
         effects=tuple(account.named(step, values) for step, values in zip(choice.steps, parameters, strict=True)),
-        where=tuple(
-            Where(p.channel, spelled(p.covariate, NAMED), p.p_value, p.share)
-            for p in sorted([*places[:8], *pairs], key=lambda place: -place.gain)
-            if p.p_value <= CHANCE
-        ),
+        where=where,
         unexplained=unexplained,
         gap=shown.gap,
         closure=shown.closure,
@@ -123,6 +115,12 @@ def discover(
     grid = comparison.scan.grid
     ranking = choice.steps[0].ranking if choice.steps else choice.last
     return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves, ranking)
+
+
+def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
+    """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
+    first. Raises ValueError where the scenes are too few to decide anything."""
+    return _find(_Scenes.of(comparison), known)[-1]
 
 
 def judge_known(
@@ -147,6 +145,17 @@ def judge_known(
     both, both_unit = scenes.evidence((*parts.find, *parts.judge))
     shown = judge(scenes.scan, both, both_unit, len(parts.find), null, problem.noise, chain, None)
     return shown.gap, shown.closure
+
+
+def _find(scenes: _Scenes, known: SensorModel) -> tuple[Problem, np.ndarray, list[Place], tuple[Where, ...]]:
+    """The null on the find scenes, each block's unit, the places by gain, and what is said of them."""
+    ev, unit = scenes.evidence(scenes.parts.find, known)
+    everyone = np.ones(len(unit), np.float32)
+    null, _ = fit_null(scenes.scan, ev, everyone, clutter=bool({name for name, _ in known.effects} & {*CLUTTER}))
+    left = standardised(null, everyone)
+    places = localise(*left, unit)
+    told = reported([*places, *interactions(*left, unit, level=CHANCE)])[:MOST]
+    return null, unit, places, tuple(Where(p.channel, spelled(p.covariate, NAMED), p.p_value, p.share) for p in told)
 
 
 @dataclass(frozen=True)

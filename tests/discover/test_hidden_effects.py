@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
+from benchmarks import hidden_where
 from benchmarks.blind.case import run_case
 from benchmarks.blind.pictures import save_pictures
 from benchmarks.blind.plan import DEVELOPMENT, Counts, Job, Settings, plan
@@ -163,3 +164,12 @@ def test_the_command_shows_what_is_there_without_computing(tmp_path, capsys):
     main([str(tmp_path), "--table"])
     assert "1 development cases" in capsys.readouterr().out
     assert (tmp_path / "summary.md").is_file()
+
+
+def test_where_is_asked_of_the_same_cases_and_scored_by_the_key(tmp_path, standard_promotion):
+    rows = [hidden_where._answer(job, SMALL, tmp_path / "case") for job in (SLICE[0], SLICE[3])]
+    assert [row["where_right"] for row in rows] == [True, None]
+    assert not any(tmp_path.iterdir())
+    lines = hidden_where.summary(rows).splitlines()
+    assert "| one effect, severity 4 | 100 % (1 of 1; 21 to 100 %) | 100 % (1 of 1; 21 to 100 %) |" in lines
+    assert any(line.startswith("| beam_gain | 4 | intensity on row") for line in lines)

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.localise import curve_basis, localise, p_value
+from jaxsim.discover.localise import Place, chance_of_best, curve_basis, localise, p_value, reported
 
 
 def rays(rng, shape):
@@ -56,6 +56,22 @@ def test_what_a_stronger_covariate_explains_is_not_counted_again():
     z = 0.8 * (np.log(r.range_m) - 3) + rng.normal(0, 1, shape)
     places = {p.covariate: p for p in localise(r, {"intensity": (z, np.ones(shape, bool))}, np.arange(12))}
     assert places["range"].gain > 10 * (places["power"].gain if "power" in places else 0)
+
+
+def test_a_covariate_on_which_one_unit_goes_wild_does_not_hide_one_on_which_all_agree():
+    agree = 1 + 0.1 * np.random.default_rng(8).normal(size=11)
+    wild = np.array([-60.0, *0.1 * agree[1:]])
+    assert chance_of_best(np.stack([agree, wild]), 0) == pytest.approx(1 / 2048)
+    assert chance_of_best(np.stack([agree, -agree[::-1]]), 0) == pytest.approx(2 / 2048)  # a second one costs
+
+
+@pytest.mark.parametrize(
+    "place", [("range", "row", 0.06, 50), ("range", "row", 0.01, 9), ("intensity", "class", 0.01, 50)]
+)
+def test_what_chance_explains_is_slight_or_is_a_nuisance_itself_is_not_reported(place):
+    channel, covariate, p, gain = place
+    sure = [Place("drop", "class", 0.01, 0.1, 11), Place("range", "row", 0.01, 0.1, 12)]
+    assert reported([*sure, Place(channel, covariate, p, 0.1, gain)]) == sure[::-1]
 
 
 def test_sign_flips_give_the_exact_probability_of_agreeing_units():

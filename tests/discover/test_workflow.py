@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.discover import discover_folders
+from jaxsim.discover import disagreements, discover_folders, read_comparison
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from tests.hidden import make_case, score
@@ -27,6 +27,13 @@ def test_a_hidden_beam_gain_is_named_first(gains):
     scored = score(key, result.verdict.to_json())
     assert scored["verdict"] == "named"
     assert scored["first_right"]
+
+
+def test_the_rows_are_where_simulation_and_measurement_disagree(gains):
+    _, result, folder = gains
+    where = disagreements(read_comparison(folder / "simulated", folder / "measured"))
+    assert where == result.verdict.where
+    assert (where[0].channel, where[0].covariate) == ("intensity", "row")
 
 
 def test_its_gains_are_those_that_were_hidden(gains):
