@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.fit import Problem, fit, on_top, to_values
+from jaxsim.discover.fit import Problem, fit, on_top
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.null import fit_null
+from jaxsim.discover.parameters import to_values
 from jaxsim.effects import EFFECTS, Effect
 
 

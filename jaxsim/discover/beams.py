@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.fit import Fit, Problem, fitted_parameters, score_at
+from jaxsim.discover.fit import Fit, Problem, score_at
+from jaxsim.discover.parameters import fitted_parameters
 from jaxsim.effects import Effect
 
 REACH = 3

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.lattice import FINEST, lattice_step
 from jaxsim.effects.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan, neighbours_m, rays_at
-from jaxsim.effects.recast import recast
+from jaxsim.effects.recast import displacement, recast
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence
 from jaxsim.geometry.polar import directions
@@ -154,7 +154,8 @@ def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
         turn = yaw - rise * (roll * jnp.cos(azimuth) + pitch * jnp.sin(azimuth))
         lift = roll * jnp.sin(azimuth) - pitch * jnp.cos(azimuth)
         one = jnp.ones_like(azimuth)
-        return recast(rays, scan, turn_rad=(turn, lift), move_m=(x * one, y * one, z * one), passes=1).range_m
+        by = displacement(rays, turn_rad=(turn, lift), move_m=(x * one, y * one, z * one))
+        return recast(rays, scan, by, passes=1).range_m
 
     return jnp.moveaxis(jax.vmap(lambda axis: jax.jvp(reading, (jnp.zeros(6),), (axis,))[1])(jnp.eye(6)), 0, -1)
 

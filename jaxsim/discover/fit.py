@@ -1,13 +1,11 @@
 """Fits an effect together with the nuisances.
 
-An effect's parameters are fitted as z = (value - neutral) / scale: 0 does nothing, 1 is clearly visible. The
-likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them.
+The likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax
@@ -18,16 +16,16 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.likelihood import CHANNELS, SEEN, TAKEN, value_and_slopes
+from jaxsim.discover.likelihood import CHANNELS, value_and_slopes
 from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
+from jaxsim.discover.parameters import prior, to_z
+from jaxsim.discover.through import placed, seen_through, slopes_back
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
 NOISE_SD = 2.0
 """Prior of the noise scales and rates about where they start."""
-LOOSE = 3.0
-"""The prior on a scalar parameter is this many times its scale; vectors are shrunk to theirs."""
 ENOUGH = 0.05
 """Nats of a step below which a fit is done."""
 CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
@@ -65,48 +63,12 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
     return (*(("intensity",) if "intensity" in effect.channels else ()), *returns)
 
 
-def fitted_parameters(effect: Effect) -> dict[str, Any]:
-    return {name: p for name, p in effect.parameters.items() if p.fitted}
-
-
-def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Array]:
-    """Parameters in their units."""
-    values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
-    return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
-
-
-def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
-    """Of a start; parameters that it does not name are neutral."""
-    z = {}
-    for name, p in fitted_parameters(effect).items():
-        value = (np.asarray(values.get(name, p.neutral), np.float32) - p.neutral) / p.scale
-        z[name] = np.broadcast_to(value, p.dims(rows)).astype(np.float32)
-    return z
-
-
-def _seen(effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan) -> tuple[dict[str, Array], dict[str, Array]]:
-    changed = effect.apply(to_values(effect, z), rays, scan)
-    seen = {name: jnp.asarray(getattr(changed, name), jnp.float32) for name in SEEN}
-    return seen, {name: getattr(changed, name) for name in TAKEN}
-
-
-_forward = partial(jax.jit, static_argnames="effect")(_seen)
-
-
 def rays_for(effect: Effect, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
     if "intensity" in effect.channels or "intensity" not in effect.covariates:
         return ev.rays
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
-
-
-@partial(jax.jit, static_argnames="effect")
-def _backward(
-    effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan, slopes: dict[str, Array]
-) -> dict[str, Array]:
-    _, pull, _ = jax.vjp(lambda z: _seen(effect, z, rays, scan), z, has_aux=True)
-    return pull(slopes)[0]
 
 
 class Objective:
@@ -121,7 +83,7 @@ class Objective:
         first, self.unravel = ravel_pytree((to_z(effect, {}, self.rows), level))
         self.first = np.asarray(first, np.float64)
         self.own = len(self.first) - len(jax.tree.leaves(level))
-        sd, low, high = _prior(effect, self.rows)
+        sd, low, high = prior(effect, self.rows)
         self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
         self.bounds = [
             *zip(low, high, strict=True),
@@ -135,7 +97,7 @@ class Objective:
 
     def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
         z, level = self.unravel(jnp.asarray(x, jnp.float32))
-        seen, taken = _forward(self.effect, z, self.rays, self.problem.scan)
+        seen, taken = seen_through(self.effect, z, self.rays, self.problem.scan)
         return z, level, self.blocks_of(seen, taken, level, counted)
 
     def blocks_of(
@@ -150,7 +112,7 @@ class Objective:
     def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
         """Value and slope without the priors."""
         z, _, (value, _, by_seen, by_noise) = self.blocks(x, counted)
-        by_z = _backward(self.effect, z, self.rays, self.problem.scan, by_seen) if self.own else z
+        by_z = slopes_back(self.effect, z, self.rays, self.problem.scan, by_seen) if self.own else z
         return float(value), np.asarray(ravel_pytree((by_z, by_noise))[0], np.float64)
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -207,7 +169,7 @@ def partway(
     null, _ = objective.unravel(jnp.asarray(objective.start({}), jnp.float32))
     rays, scan = objective.rays, problem.scan
     before, after = (
-        (*_forward(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))
+        (*seen_through(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))
     )
     return np.asarray(objective.blocks_of(*_between(before, after, jnp.float32(share)))[1])
 
@@ -228,28 +190,12 @@ def _between(before: Stage, after: Stage, share: Array) -> Stage:
     return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, noise, changed)
 
 
-def _prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Standard deviation and bounds of every z, in the order of the raveled dict."""
-    parts: dict[str, Any] = {}
-    for name, p in fitted_parameters(effect).items():
-        one = np.ones(p.dims(rows), np.float32)
-        sd = LOOSE if p.shape == "scalar" else 1.0
-        parts[name] = [sd * one, one * (p.low - p.neutral) / p.scale, one * (p.high - p.neutral) / p.scale]
-    flat = [np.asarray(ravel_pytree({n: v[k] for n, v in parts.items()})[0], np.float64) for k in range(3)]
-    return flat[0], flat[1], flat[2]
-
-
 def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
     """The problem with an effect in place: as it was fitted (`rays_for`), or as a simulation has it, which knows no
     reported intensities."""
     ev = problem.ev
     given = ev.rays if simulated else rays_for(effect, ev)
-    rays = _place(effect, z, given, problem.scan)
+    rays = placed(effect, z, given, problem.scan)
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)
-
-
-@partial(jax.jit, static_argnames="effect")
-def _place(effect: Effect, z: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
-    return effect.apply(to_values(effect, z), rays, scan)

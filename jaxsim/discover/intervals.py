@@ -17,7 +17,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from scipy.stats import t as student
 
-from jaxsim.discover.fit import NOISE_SD, Fit, Objective, Problem, fit, fitted_parameters, to_values
+from jaxsim.discover.fit import NOISE_SD, Fit, Objective, Problem, fit
+from jaxsim.discover.parameters import fitted_parameters, to_values
 from jaxsim.discover.power import as_implied
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect

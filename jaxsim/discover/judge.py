@@ -12,12 +12,13 @@ from jaxtyping import Float
 
 from jaxsim.discover.add import in_place
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.fit import Problem, fit, to_values
+from jaxsim.discover.fit import Problem, fit
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import COVARIATES
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
 from jaxsim.discover.null import first_residuals, fit_null, left_over
+from jaxsim.discover.parameters import to_values
 from jaxsim.discover.result import Judged
 from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.survey import Candidate

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.fit import Fit, Problem, fit, on_top, to_values
+from jaxsim.discover.fit import Fit, Problem, fit, on_top
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.null import fit_null
+from jaxsim.discover.parameters import to_values
 from jaxsim.discover.survey import Candidate, clipped, survey
 from jaxsim.effects import Effect
 

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
-from jaxsim.discover.fit import Problem, to_values
+from jaxsim.discover.fit import Problem
 from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
 from jaxsim.discover.name import accepted
 from jaxsim.discover.over_scenes import fold_half_width
+from jaxsim.discover.parameters import to_values
 from jaxsim.discover.survey import Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 

@@ -17,17 +17,19 @@ from jaxsim.discover.add import in_place, parameters_of, refit
 from jaxsim.discover.answer import decide
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
-from jaxsim.discover.fit import CLUTTER, Problem, to_z
+from jaxsim.discover.fit import CLUTTER, Problem
 from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.judge import judge, placebo_of, runner_up
 from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
 from jaxsim.discover.name import choose
 from jaxsim.discover.null import fit_null
+from jaxsim.discover.parameters import to_z
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.residuals import standardised
 from jaxsim.discover.result import Result
 from jaxsim.discover.split import Split, split
+from jaxsim.discover.threads import one_blas_thread
 from jaxsim.discover.verdict import Gap, Interval, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -53,6 +55,7 @@ def discover_folders(
     return discover(read_comparison(simulated, measured), effects=effects, known=known, say=say)
 
 
+@one_blas_thread
 def discover(
     comparison: Comparison,
     *,
@@ -117,12 +120,14 @@ def discover(
     return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves, ranking)
 
 
+@one_blas_thread
 def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
     return _find(_Scenes.of(comparison), known)[-1]
 
 
+@one_blas_thread
 def judge_known(
     comparison: Comparison, known: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Gap], Interval | None]:

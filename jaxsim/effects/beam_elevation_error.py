@@ -5,13 +5,13 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
-from jaxsim.effects.recast import recast
+from jaxsim.effects.rays import Array, Rays
+from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def displace(p: dict[str, Array], rays: Rays) -> Displacement:
     """Adds the beam's error to the ray's true elevation; the reading is written under the nominal one."""
-    return recast(rays, scan, turn_rad=(jnp.zeros_like(rays.range_m), p["error_rad"][rays.row]), passes=2)
+    return displacement(rays, turn_rad=(jnp.zeros_like(rays.range_m), p["error_rad"][rays.row]))
 
 
 EFFECT = Effect(
@@ -31,5 +31,5 @@ EFFECT = Effect(
         "extrinsic_translation": "a height error grows as r and is common to all beams",
     },
     source="Velodyne HDL-64E calibration (vertCorrection); 0.05..0.2 degrees",
-    apply=apply,
+    apply=Displaced(displace, passes=2),
 )

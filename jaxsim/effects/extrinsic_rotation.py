@@ -5,11 +5,11 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
-from jaxsim.effects.recast import recast
+from jaxsim.effects.rays import Array, Rays
+from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def displace(p: dict[str, Array], rays: Rays) -> Displacement:
     """Sends rays along R(roll, pitch, yaw) times their nominal direction; R = Rz(yaw) Ry(pitch) Rx(roll)."""
     sr, sp, sy = (jnp.sin(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
     cr, cp, cy = (jnp.cos(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
@@ -25,7 +25,7 @@ def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
     longer = (dx * (2 * x + dx) + dy * (2 * y + dy)) / (rho + rho_new)
     azimuth = jnp.arctan2(x * dy - y * dx, x * (x + dx) + y * (y + dy))
     elevation = jnp.arctan2(rho * dz - z * longer, rho * rho_new + z * (z + dz))
-    return recast(rays, scan, turn_rad=(azimuth, elevation), passes=1)
+    return displacement(rays, turn_rad=(azimuth, elevation))
 
 
 def _angle(meaning: str) -> Parameter:
@@ -54,5 +54,5 @@ EFFECT = Effect(
         "mixed_pixels": "mixed readings lie between the two surfaces, displaced edges lie on one",
     },
     source="extrinsic calibration; 0.1..1 degree in practice",
-    apply=apply,
+    apply=Displaced(displace, passes=1),
 )

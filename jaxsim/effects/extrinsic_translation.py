@@ -5,14 +5,14 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
-from jaxsim.effects.recast import recast
+from jaxsim.effects.rays import Array, Rays
+from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def displace(p: dict[str, Array], rays: Rays) -> Displacement:
     """Starts rays from a displaced origin; the reading is the range from there."""
     x, y, z = (jnp.broadcast_to(p[name], rays.range_m.shape) for name in ("x_m", "y_m", "z_m"))
-    return recast(rays, scan, move_m=(x, y, z))
+    return displacement(rays, move_m=(x, y, z))
 
 
 def _shift(meaning: str) -> Parameter:
@@ -36,6 +36,6 @@ EFFECT = Effect(
         "beam_range_bias": "a bias is the same all round and on all surfaces",
     },
     source="extrinsic calibration; 1..10 cm in practice",
-    apply=apply,
+    apply=Displaced(displace),
     starts=tuple({axis: way} for axis in ("x_m", "y_m", "z_m") for way in (-0.03, 0.03)),
 )

@@ -5,17 +5,17 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
-from jaxsim.effects.recast import recast
+from jaxsim.effects.rays import Array, Rays
+from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 SCAN_S = 0.1
 """Time of a turn at 10 Hz."""
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def displace(p: dict[str, Array], rays: Rays) -> Displacement:
     """Moves the origin along x by share * speed * 0.1 s * (place within the scan - 1/2)."""
     forward = p["share"] * rays.speed_mps * SCAN_S * (rays.phase - 0.5)
-    return recast(rays, scan, move_m=(forward, jnp.zeros_like(forward), jnp.zeros_like(forward)))
+    return displacement(rays, move_m=(forward, jnp.zeros_like(forward), jnp.zeros_like(forward)))
 
 
 EFFECT = Effect(
@@ -35,5 +35,5 @@ EFFECT = Effect(
         "extrinsic_rotation": "compare speeds",
     },
     source="rolling shutter of a spinning sensor",
-    apply=apply,
+    apply=Displaced(displace),
 )

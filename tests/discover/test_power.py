@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.evidence import gather
-from jaxsim.discover.fit import on_top, to_z
+from jaxsim.discover.fit import on_top
 from jaxsim.discover.null import fit_null
+from jaxsim.discover.parameters import to_z
 from jaxsim.effects import EFFECTS
 from tests.discover.conftest import device, toy
 

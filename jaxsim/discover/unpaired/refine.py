@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.fit import fitted_parameters
+from jaxsim.discover.parameters import fitted_parameters
 from jaxsim.discover.unpaired.conditional import PATCH_SD, Conditional, own_columns, own_sd
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.unpaired.shared import Columns, at, change_of

@@ -21,6 +21,7 @@ from jaxsim.discover.localise import Place, p_value
 from jaxsim.discover.result import Result
 from jaxsim.discover.split import Split, split
 from jaxsim.discover.survey import clipped
+from jaxsim.discover.threads import one_blas_thread
 from jaxsim.discover.unexplained import shape_of
 from jaxsim.discover.unpaired.choose import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
 from jaxsim.discover.unpaired.conditional import Conditional, compare
@@ -44,6 +45,7 @@ CURVES = ("range", "incidence", "azimuth")
 Say = Callable[[str], None]
 
 
+@one_blas_thread
 def discover_unpaired(
     *, simulated: Path, measured: Path, per_scene: int = PER_SCENE, say: Say = lambda line: None
 ) -> Result:
