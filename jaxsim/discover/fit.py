@@ -11,11 +11,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 from scipy.optimize import minimize
 
 from jaxsim.discover.evidence import Evidence
+from jaxsim.discover.flat import flat, restorer
 from jaxsim.discover.likelihood import CHANNELS, value_and_slopes
 from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.discover.parameters import prior, to_z
@@ -80,8 +80,8 @@ class Objective:
         self.fitted = jnp.asarray(fitted, jnp.float32)
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
         level = noise or problem.noise
-        first, self.unravel = ravel_pytree((to_z(effect, {}, self.rows), level))
-        self.first = np.asarray(first, np.float64)
+        neutral = (to_z(effect, {}, self.rows), level)
+        self.first, self.restore = flat(neutral), restorer(neutral)
         self.own = len(self.first) - len(jax.tree.leaves(level))
         sd, low, high = prior(effect, self.rows)
         self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
@@ -92,11 +92,10 @@ class Objective:
         self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
 
     def start(self, values: dict[str, Any]) -> np.ndarray:
-        z = np.asarray(ravel_pytree(to_z(self.effect, values, self.rows))[0], np.float64) if self.own else np.zeros(0)
-        return np.concatenate([z, self.first[self.own :]])
+        return np.concatenate([flat(to_z(self.effect, values, self.rows)), self.first[self.own :]])
 
     def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
-        z, level = self.unravel(jnp.asarray(x, jnp.float32))
+        z, level = self.restore(x)
         seen, taken = seen_through(self.effect, z, self.rays, self.problem.scan)
         return z, level, self.blocks_of(seen, taken, level, counted)
 
@@ -113,7 +112,7 @@ class Objective:
         """Value and slope without the priors."""
         z, _, (value, _, by_seen, by_noise) = self.blocks(x, counted)
         by_z = slopes_back(self.effect, z, self.rays, self.problem.scan, by_seen) if self.own else z
-        return float(value), np.asarray(ravel_pytree((by_z, by_noise))[0], np.float64)
+        return float(value), flat((by_z, by_noise))
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         value, slope = self.data(x)
@@ -154,7 +153,7 @@ def score_at(
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
     objective = Objective(effect, problem, fitted)
-    return np.asarray(objective.blocks(np.asarray(ravel_pytree((z, noise))[0], np.float64))[2][1])
+    return np.asarray(objective.blocks(flat((z, noise)))[2][1])
 
 
 def partway(
@@ -166,7 +165,7 @@ def partway(
     threshold may do nothing at all.
     """
     objective = Objective(effect, problem, fitted)
-    null, _ = objective.unravel(jnp.asarray(objective.start({}), jnp.float32))
+    null, _ = objective.restore(objective.start({}))
     rays, scan = objective.rays, problem.scan
     before, after = (
         (*seen_through(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))

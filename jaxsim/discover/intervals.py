@@ -14,10 +14,10 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from scipy.stats import t as student
 
 from jaxsim.discover.fit import NOISE_SD, Fit, Objective, Problem, fit
+from jaxsim.discover.flat import flat, restorer
 from jaxsim.discover.parameters import fitted_parameters, to_values
 from jaxsim.discover.power import as_implied
 from jaxsim.discover.verdict import Interval
@@ -36,7 +36,7 @@ def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
     """Variance of every z, in the raveled order."""
     unit = np.asarray(problem.ev.unit)
     objective = Objective(effect, problem, np.ones(len(unit), np.float32))
-    x = np.asarray(ravel_pytree((found.z, found.noise))[0], np.float64)
+    x = flat((found.z, found.noise))
     hessian = np.diag(1 / objective.sd**2)
     for k in range(len(x)):
         step = np.zeros(len(x))
@@ -64,8 +64,7 @@ def intervals(effect: Effect, problem: Problem, found: Fit) -> dict[str, Interva
     """Every fitted parameter with its 90 % interval, clipped to its bounds."""
     sd = np.sqrt(covariance(effect, problem, found))
     reach = WIDER * float(student.ppf(0.5 + LEVEL / 2, max(len(np.unique(np.asarray(problem.ev.unit))) - 1, 1)))
-    _, unravel = ravel_pytree(found.z)
-    of_z = unravel(jnp.asarray(sd, jnp.float32))
+    of_z = restorer(found.z)(sd)
     values = to_values(effect, found.z)
     again = to_values(effect, fit_to_implied(effect, problem, found).z) if follows_power(effect) else values
     result: dict[str, Any] = {}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jax.flatten_util import ravel_pytree
 
+from jaxsim.discover.flat import flat
 from jaxsim.effects import Effect
 from jaxsim.frame import Array
 
@@ -40,5 +40,5 @@ def prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
         one = np.ones(p.dims(rows), np.float32)
         sd = LOOSE if p.shape == "scalar" else 1.0
         parts[name] = [sd * one, one * (p.low - p.neutral) / p.scale, one * (p.high - p.neutral) / p.scale]
-    flat = [np.asarray(ravel_pytree({n: v[k] for n, v in parts.items()})[0], np.float64) for k in range(3)]
-    return flat[0], flat[1], flat[2]
+    sd, low, high = (flat({name: part[k] for name, part in parts.items()}) for k in range(3))
+    return sd, low, high
