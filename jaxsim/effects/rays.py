@@ -45,6 +45,8 @@ class Scan:
     """Range of the nearest very bright target (signs, or intensity 0.9 and more) by angle."""
     glare_rad: Float[Array, "f r c"]
     """Angle to it; pi where there is none within 0.3 rad."""
+    slopes: Float[Array, "f r c 2"]
+    """Of the surfaces, to the left and up: `planes.slopes_of` says them of `range_m` and `hit`."""
     time_s: Float[Array, " f"]
     """Since the first frame of the recording."""
     speed_mps: Float[Array, " f"]

@@ -1,8 +1,7 @@
 """What rays meet that do not go where their readings are written: the simulated range image, cast again.
 
-Letters: q = 1/r of a cell, linear in the ray's direction on a plane; e, a elevation and azimuth of its centre;
-u, v slopes of the surface, so that q (1, u, v) is the plane's normal over its distance, in the basis of the
-cell's ray, its left and its up. A ray from origin o (to the beam's own) in direction d meets that plane at
+Letters: e, a elevation and azimuth of a cell's centre; u, v slopes of its plane (`planes`), in the basis of the cell's
+ray, its left and its up. A ray from origin o (to the beam's own) in direction d meets that plane at
 t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevations' spacing.
 """
 
@@ -14,21 +13,17 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import wrapped
+from jaxsim.effects.planes import on_turn
 from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan, spans_turn
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
 FAR_M = 200.0
 """Where a ray that meets nothing is looked up after its origin moved."""
-_SAME = 1e-3
-"""Relative error of a range below which a neighbour continues the plane."""
-_ROUGH = 0.03
-"""Above it no neighbour continues the surface, which is then taken to face the ray."""
 
 
 @struct.dataclass
@@ -74,7 +69,6 @@ class _Surface:
     column: Int[Array, "*n"]
     hit: Bool[Array, "*n"]
     range_m: Float[Array, "*n"]
-    beside_m: Float[Array, "*n 4"]
     u: Float[Array, "*n"]
     v: Float[Array, "*n"]
 
@@ -124,7 +118,7 @@ def _look_up(
         full | (jnp.abs(across - (columns - 1) / 2) <= (columns - 1) / 2 + BORDER)
     )
     row = jnp.clip(jnp.round(down).astype(jnp.int32), 0, rows - 1)
-    column = _column(jnp.round(across).astype(jnp.int32), columns, full)
+    column = on_turn(jnp.round(across).astype(jnp.int32), columns, full)
     return jnp.where(inside, row, rays.row), jnp.where(inside, column, rays.column), inside
 
 
@@ -141,54 +135,20 @@ def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"])
     return jnp.interp(-elevation_rad, -beams, rows)
 
 
-def _column(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:
-    return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
-
-
-# A cell, then two cells each up, down, left and right of it: the near ones and the far ones.
-_DOWN = np.array([0, -1, 1, 0, 0, -2, 2, 0, 0], np.int32)
-_RIGHT = np.array([0, 0, 0, -1, 1, 0, 0, -2, 2], np.int32)
-_NEAR, _BEYOND = slice(1, 5), slice(5, 9)
-
-
 def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> _Surface:
-    """The cells with slopes from those neighbours that continue their plane.
+    at = (frame, row, column)
+    slopes, hit = scan.slopes[at], scan.hit[at]
+    return _Surface(row, column, hit, jnp.where(hit, scan.range_m[at], 0.0), slopes[..., 0], slopes[..., 1])
 
-    To each side the next cell gives a slope and the one after tells whether it is the same plane's. Weights as in
-    WENO schemes: a corner takes the slope of its own side, a lone pole none.
-    """
+
+def _beside(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> Array:
+    """`Rays.beside_m` of cells."""
     rows, columns = scan.range_m.shape[1:]
-    azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
-    down, right = (jnp.asarray(d).reshape(9, *[1] * row.ndim) for d in (_DOWN, _RIGHT))
-    i = jnp.clip(row[None] + down, 0, rows - 1)
-    j = _column(column[None] + right, columns, spans_turn(scan.grid))
-    there = scan.hit[frame[None], i, j]
-    far = jnp.where(there, scan.range_m[frame[None], i, j], jnp.inf)
-    hit, r = there[0], jnp.where(there[0], far[0], 1.0)
-    # Neighbours past a border repeat the border.
-    valid = there & hit[None]
-    valid = valid & ((i != row[None]) | (j != column[None]))
-    continued = valid[_BEYOND] & ((i[_BEYOND] != i[_NEAR]) | (j[_BEYOND] != j[_NEAR]))
-    ratio = r[None] / jnp.where(there, far, 1.0)
-    e = elevation[row][None]
-    de, da = elevation[i] - e, wrapped(azimuth[j] - azimuth[column][None])
-
-    def slope(near: slice, beyond: slice, even: Array, odd: Array) -> Array:
-        """Of a neighbour, ratio = even + slope * odd on a plane."""
-        value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
-        rough = ratio[beyond] - even[beyond] - value * odd[beyond]
-        rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])
-        weight = jnp.where(valid[near], 1 / jnp.square(rough * rough + _SAME**2), 0.0)
-        flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
-        return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + flat)
-
-    v = slope(slice(1, 3), slice(5, 7), jnp.cos(de), jnp.sin(de))
-    versine = 2 * jnp.square(jnp.sin(da / 2))
-    even = 1 - versine * jnp.cos(e) * (jnp.cos(e) - v[None] * jnp.sin(e))
-    u = slope(slice(3, 5), slice(7, 9), even, jnp.cos(e) * jnp.sin(da))
-    # Left, right, up, down.
-    beside_m = jnp.stack([far[3], far[4], far[1], far[2]], axis=-1)
-    return _Surface(row, column, hit, jnp.where(hit, r, 0.0), beside_m, u, v)
+    to = [1] * row.ndim
+    down, right = (jnp.array(d, jnp.int32).reshape(*to, 4) for d in ([0, 0, -1, 1], [-1, 1, 0, 0]))
+    i = jnp.clip(row[..., None] + down, 0, rows - 1)
+    at = (frame[..., None], i, on_turn(column[..., None] + right, columns, spans_turn(scan.grid)))
+    return jnp.where(scan.hit[at], scan.range_m[at], jnp.inf)
 
 
 def _meet(
@@ -245,7 +205,7 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn:
         semantic=scan.semantic[at],
         instance=scan.instance[at],
         rgb=scan.rgb[at],
-        beside_m=s.beside_m,
+        beside_m=_beside(scan, *at),
         glare_m=scan.glare_m[at],
         glare_rad=scan.glare_rad[at],
         met_log_intensity=met,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects.effect import CLASSES
+from jaxsim.effects.planes import slopes_of
 from jaxsim.effects.rays import Scan, spans_turn
 from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
@@ -93,6 +94,7 @@ def _frame(grid: PolarGrid, number: int, image: PolarImage, more: Mapping[str, n
         "phase": _phase(shape, hit, more.get("time")),
         "glare_m": glare_m,
         "glare_rad": glare_rad,
+        "slopes": np.asarray(slopes_of(grid, range_m, hit)),
     }
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.effects import Scan
+from jaxsim.effects.planes import slopes_of
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
@@ -68,12 +69,13 @@ def clutter_of_everything(seed: int = 0, frames: int = 2, rows: int = 5, columns
     def draw(low, high, size=shape):
         return r.uniform(low, high, size).astype("f4")
 
-    hit = draw(0, 1) > 0.2
+    grid, hit = grid_of(2.0, rows, columns), draw(0, 1) > 0.2
+    range_m = np.where(hit, draw(2, 90), 0).astype("f4")
     return jax.tree.map(
         jnp.asarray,
         Scan(
-            grid=grid_of(2.0, rows, columns),
-            range_m=np.where(hit, draw(2, 90), 0).astype("f4"),
+            grid=grid,
+            range_m=range_m,
             hit=hit,
             intensity=np.where(hit, draw(0.005, 1), 0).astype("f4"),
             incidence_rad=np.where(hit, draw(0, np.pi / 2), 0).astype("f4"),
@@ -83,6 +85,7 @@ def clutter_of_everything(seed: int = 0, frames: int = 2, rows: int = 5, columns
             phase=draw(0, 1),
             glare_m=draw(3, 50),
             glare_rad=np.where(draw(0, 1) > 0.5, np.pi, draw(0, 0.1)).astype("f4"),
+            slopes=np.stack([slopes_of(grid, *frame) for frame in zip(range_m, hit, strict=True)]),
             time_s=np.linspace(0, 60, frames).astype("f4"),
             speed_mps=np.linspace(0, 12, frames).astype("f4"),
             heading_rad=np.linspace(0, 2, frames).astype("f4"),

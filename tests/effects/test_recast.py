@@ -9,6 +9,7 @@ import pytest
 from streets import cast, directions_of, grid_of, quick_jit, road_and_walls
 
 from jaxsim.effects import EFFECTS, all_rays
+from jaxsim.effects.planes import slopes_of
 
 
 def angles(grid):
@@ -154,7 +155,8 @@ def test_the_derivative_is_that_of_the_true_scene():
 
 def test_a_lone_pole_stays_at_its_range():
     scan = road_and_walls()
-    scan = scan.replace(range_m=scan.range_m.at[0, :8, 40].set(6.0), hit=scan.hit.at[0, :8, 40].set(True))
+    range_m, hit = scan.range_m.at[0, :8, 40].set(6.0), scan.hit.at[0, :8, 40].set(True)
+    scan = scan.replace(range_m=range_m, hit=hit, slopes=slopes_of(scan.grid, range_m[0], hit[0])[None])
     rays = displaced("extrinsic_rotation", {"yaw_rad": 0.02}, scan)
     assert np.allclose(np.asarray(rays.range_m[0, 2:6, 40]), 6.0, rtol=0.02)
     # The step between columns is 0.065 rad: a whole one brings the pole to its neighbour.
