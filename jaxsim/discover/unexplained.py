@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED
 from jaxsim.discover.name import accepted
 from jaxsim.discover.over_scenes import fold_half_width
 from jaxsim.discover.parameters import to_values
-from jaxsim.discover.survey import Candidate, null_fits, survey
+from jaxsim.discover.survey import THREADS, Candidate, null_fits, survey
 from jaxsim.discover.verdict import Unexplained
 
 READ = {
@@ -33,15 +34,20 @@ TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed")}
 def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
     like effects; best first."""
-    found, null = [], null_fits(problem)
-    for channel, curve in CURVES.items():
+    null = null_fits(problem)
+
+    def one(place: Place) -> tuple[Place, Candidate]:
+        [candidate] = survey(with_basis(problem, place.covariate), [CURVES[place.channel]], null=null)
+        return place, candidate
+
+    tried: list[Place] = []
+    for channel in CURVES:
         strongest = [place for place in places if place.channel == channel][:EACH]
-        tried = {place.covariate for place in strongest}
-        more = [Place(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in tried]
-        for place in [*strongest, *(place for place in more if _varies(problem, place.covariate))]:
-            [candidate] = survey(with_basis(problem, place.covariate), [curve], null=null)
-            found.append((place, candidate))
-    return sorted(found, key=lambda pair: -pair[1].total)
+        names = {place.covariate for place in strongest}
+        more = [Place(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
+        tried += [*strongest, *(place for place in more if _varies(problem, place.covariate))]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 
 
 def agreed(curve: Candidate) -> bool:
