@@ -1,8 +1,9 @@
 """Blind naming where streets differ: `python -m benchmarks.hidden_unpaired OUT [--sealed] [--severity 4 8] [--help]`.
 
-As `benchmarks.hidden_effects`, but the simulated folder shows other streets than the measured one, and
-`discover --unpaired` answers. Hides every effect that can be told so, some of those that cannot (for which the right
-answer is none), and nothing. One JSON line a case goes to OUT/cases.jsonl; the same command again goes on.
+As `benchmarks.hidden_effects`, but the simulated folder shows other streets than the measured one, which knows no
+classes, as real drives seldom do; `discover --unpaired` answers. Hides every effect that can be told so, those that
+would need the classes, some of those that need the same streets, and nothing. One JSON line a case goes to
+OUT/cases.jsonl; the same command again goes on.
 
 Development cases have seeds below 10000; `--sealed` ones, on which nothing may be tuned, from 10000 on.
 """
@@ -78,7 +79,7 @@ def _answer(job: Job, settings: Row, folder: Path) -> Row:
 def summary(rows: Sequence[Row]) -> str:
     """Rates with 95 % intervals, and what was answered to each effect."""
     single = [row for row in rows if row["kind"] == "single"]
-    told = [row for row in single if row["truth"][0] not in untold(True)]
+    told = [row for row in single if row["truth"][0] not in untold(False)]
     lines = ["| cases | rate |", "|---|---|"]
     for severity in sorted({row["severity"] for row in told}):
         some = [row for row in told if row["severity"] == severity]
@@ -86,6 +87,9 @@ def summary(rows: Sequence[Row]) -> str:
         lines.append(f"| right name in the set | {rate(row['in_set'] for row in some)} |")
         wrong = (row["named"] and not row["in_set"] for row in some)
         lines.append(f"| another name alone | {rate(wrong)} |")
+    of_classes = [row for row in single if row["truth"][0] in untold(False) and row["truth"][0] not in untold(True)]
+    named = rate(row["named"] for row in of_classes)
+    lines.append(f"| effects that need classes on both sides, not given here: something named | {named} |")
     cannot = [row for row in single if row["truth"][0] in untold(True)]
     lines.append(f"| effects that need the same streets: something named | {rate(row['named'] for row in cannot)} |")
     for level in ("exact", "default"):
