@@ -8,8 +8,10 @@ import pytest
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
+from jaxsim.discover.unpaired.conditional import compare
 from jaxsim.discover.unpaired.law import Block, equations, exchanged, hats, lowered, solve
 from jaxsim.discover.unpaired.lost import losses
+from jaxsim.discover.unpaired.refine import _Joint, refine
 from jaxsim.discover.unpaired.shared import untold
 from jaxsim.discover.unpaired.streets import read_streets, roughness_m
 from jaxsim.discover.unpaired.workflow import divide
@@ -149,6 +151,42 @@ def test_equations_are_generalised_least_squares():
     x = np.concatenate([law, side * sensed[scene][:, None]], axis=1)
     a = x.T @ np.linalg.solve(cov, x) + np.diag([1.0] * law.shape[1] + [1e-9])
     assert found[0] == pytest.approx(np.linalg.solve(a, x.T @ np.linalg.solve(cov, y))[-1], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def dirty(tmp_path_factory, standard_promotion):
+    """A dirty window, and the comparison's candidates of that name."""
+    folder = tmp_path_factory.mktemp("dirty") / "case"
+    key = make_unpaired(folder, effect="window_contamination", severity=8.0, seed=3, **SMALL)
+    streets = read_streets(folder / "simulated", folder / "measured", per_scene=RAYS)
+    _, find = divide(streets)
+    draws = np.zeros((50, len(find)))
+    draws[:, find] = exchanged(streets.measured[find], 50)
+    problem = compare(streets, find, draws)
+    return key, problem, [c for c in problem.candidates if c.name == "window_contamination"]
+
+
+def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_tell(dirty):
+    key, problem, starts = dirty
+    truth = key.effects[0]["parameters"]
+    near = min(
+        starts, key=lambda c: abs(np.angle(np.exp(1j * (c.columns.start["azimuth_rad"] - truth["azimuth_rad"]))))
+    )
+    found = refine(problem, [near.columns])
+    values, said = found.values[0], found.intervals[0]
+    assert np.angle(np.exp(1j * (values["azimuth_rad"] - truth["azimuth_rad"]))) == pytest.approx(0, abs=0.2)
+    assert values["loss"] == pytest.approx(truth["loss"], abs=0.25)
+    assert said["loss"].low > 0
+    assert (said["drop"].low, said["drop"].high) == (0.0, 1.0)
+
+
+def test_no_step_of_a_fit_raises_the_loss(dirty):
+    _, problem, starts = dirty
+    for start in starts[::4]:
+        joint = _Joint(problem, [start.columns])
+        before = joint.loss(joint.linear())
+        after = joint.loss(joint.fit())
+        assert after <= before
 
 
 def test_exchanged_scenes_lower_the_loss_less_than_the_true_ones():
