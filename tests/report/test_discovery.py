@@ -47,7 +47,7 @@ def test_what_chance_gives_is_drawn_where_nulls_were_asked_for(tmp_path: Path):
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, nulls=nulls)))
     assert "3 measurements in which nothing is missing" in text
     assert "On 1 of them something would have been said" in text
-    assert "(1.4 nats a scene)" in text
+    assert f"({number(1.4)} nats a scene)" in text
     assert cv2.imread(str(tmp_path / "figures" / "chance.png")).std() > 5
     page(tmp_path, result)
     assert not (tmp_path / "figures" / "chance.png").exists()
