@@ -251,8 +251,8 @@ def test_streets_fit_into_the_room_for_solids(streets) -> None:
 
 
 def test_less_parks_and_more_drives_in_the_suburb() -> None:
-    """Numbers in 40 streets; parked cars stand still."""
-    things = {name: [t for d in range(40) for t in lay_out(3, d, name).things if t.kind] for name in STATISTICS}
+    """Numbers in 20 streets; parked cars stand still."""
+    things = {name: [t for d in range(20) for t in lay_out(3, d, name).things if t.kind] for name in STATISTICS}
     parked = {name: sum(t.kind == "Car" and t.speed_mps == 0 for t in all_of) for name, all_of in things.items()}
     trucks = {name: sum(t.kind == "Truck" and t.speed_mps != 0 for t in all_of) for name, all_of in things.items()}
     assert parked["suburb"] < 0.7 * parked["town"]

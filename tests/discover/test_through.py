@@ -10,6 +10,7 @@ from jaxsim.discover.parameters import to_values, to_z
 from jaxsim.discover.through import placed, seen_through, slopes_back
 from jaxsim.effects import EFFECTS, all_rays
 from tests.discover.conftest import device, toy
+from tests.quick import quick_jit
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 ROWS = 16
@@ -19,8 +20,6 @@ GEOMETRY = {
     "beam_elevation_error": {"error_rad": 0.004 * np.sin(np.arange(ROWS))},
     "motion_distortion": {"share": 0.7},
 }
-# LLVM would work on these programs far longer than they run.
-QUICK = {"xla_backend_optimization_level": 0}
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def test_rays_and_slopes_are_the_effects_own(name, street):
     rng = np.random.default_rng(0)
     shapes = jax.eval_shape(alone, z)[0]
     slopes = {field: jnp.asarray(rng.normal(0, 1, leaf.shape), jnp.float32) for field, leaf in shapes.items()}
-    seen, after, expected = jax.jit(both, compiler_options=QUICK)(z, slopes)
+    seen, after, expected = quick_jit(both)(z, slopes)
 
     got, taken = seen_through(effect, z, rays, scan)
     for field in SEEN:

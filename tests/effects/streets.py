@@ -1,7 +1,5 @@
 """Scenes whose answer is known: a road, a wall across, a wall along, cast in plain NumPy."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +10,6 @@ from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 ROWS, COLUMNS = 24, 96
-# LLVM would work on these programs far longer than they run.
-quick_jit = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
 HEIGHT_M, AHEAD_M, LEFT_M = 1.7, 25.0, 9.0
 ELEVATION = np.deg2rad(np.concatenate([np.linspace(4, -8, 16), np.linspace(-9, -24, 8)]))
 

@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import clutter_of_everything, quick_jit
+from streets import clutter_of_everything
 
 from jaxsim.effects import CHANNELS, COVARIATES, EFFECTS, STAGES, all_rays, get_effect
+from tests.quick import quick_jit
 
 ROWS = 5
 INTENSITY = ("log_intensity", "intensity_step", "intensity_top", "clutter_log_intensity")

@@ -4,12 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from flax import nnx
 
 from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge
-from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import to_published
-from jaxsim.pix2pix.state import join, split
+from jaxsim.pix2pix.state import discriminator_definition, generator_definition, join, split
 from jaxsim.pix2pix.vgg import perceptual, vgg_features
 
 
@@ -26,9 +24,8 @@ def agrees(ours, published):
 def passes(networks, experiment, labels_and_image):
     """The passes of forward.npz in its order: two of G and one of D in training mode, then all in eval mode."""
     inputs, real = (jnp.asarray(x[:2]) for x in labels_and_image)
-    g_def = nnx.graphdef(Generator(experiment.generator, inputs.shape[-1], nnx.Rngs(0)))
-    channels = inputs.shape[-1] + real.shape[-1]
-    d_def = nnx.graphdef(Discriminator(experiment.discriminator, channels, nnx.Rngs(0)))
+    g_def = generator_definition(experiment.generator, inputs.shape[-1])
+    d_def = discriminator_definition(experiment, inputs.shape[-1])
 
     @jax.jit
     def run(generator, discriminator, inputs, real):

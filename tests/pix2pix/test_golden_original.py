@@ -15,6 +15,7 @@ from jaxsim.pix2pix.published import from_published, to_published
 from jaxsim.pix2pix.state import join, split
 from jaxsim.pix2pix.vgg import LAYER_WEIGHTS, load_vgg, vgg_features
 from tests.pix2pix.rule import draw, draw_vgg
+from tests.quick import quick_jit
 
 IN_CHANNELS = 9
 GENERATORS = {
@@ -25,8 +26,6 @@ GENERATORS = {
         form="original", filters=16, downsamples=3, blocks=2, enhancers=0, out_channels=3
     ),
 }
-quickly = partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
-"""Each runs once or twice, and LLVM works on them far longer."""
 DISCRIMINATOR = DiscriminatorConfig(form="original", scales=2, filters=8, layers=3)
 
 
@@ -79,7 +78,7 @@ def fakes(original, inputs_and_image):
     for name, config in GENERATORS.items():
         make = lambda c=config: Generator(c, IN_CHANNELS, nnx.Rngs(0))  # noqa: E731
         definition, values = with_weights(make, published_weights(original(name)))
-        images[name] = quickly(lambda v, x, d=definition: join(d, v)(x))(values, inputs_and_image[0])
+        images[name] = quick_jit(lambda v, x, d=definition: join(d, v)(x))(values, inputs_and_image[0])
     return images
 
 
@@ -88,7 +87,7 @@ def judgements(original, inputs_and_image, fakes):
     """What the discriminator says of the enhancer's image and of the real one."""
     make = lambda: Discriminator(DISCRIMINATOR, IN_CHANNELS + 3, nnx.Rngs(0))  # noqa: E731
     definition, values = with_weights(make, published_weights(original("discriminator_and_losses")))
-    judge = quickly(lambda v, x, image: join(definition, v)(x, image))
+    judge = quick_jit(lambda v, x, image: join(definition, v)(x, image))
     inputs, real = inputs_and_image
     return {"fake": judge(values, inputs, fakes["local_enhancer"]), "real": judge(values, inputs, real)}
 
@@ -128,7 +127,7 @@ def test_perceptual_loss_equals_the_published_one(original, fakes, inputs_and_im
     arrays = original("discriminator_and_losses")
     np.savez(tmp_path / "vgg19.npz", **draw_vgg(int(arrays["vgg_seed"])))
     weights = jax.tree.map(jnp.asarray, load_vgg(tmp_path / "vgg19.npz"))
-    features = quickly(partial(vgg_features, imagenet=False))
+    features = quick_jit(partial(vgg_features, imagenet=False))
     fake, real = features(weights, fakes["local_enhancer"]), features(weights, inputs_and_image[1])
     agrees(channels_first(real[-1])[:, ::32], arrays["vgg_relu5_1_real_sub"])
     errors = [float(jnp.abs(a - b).mean()) for a, b in zip(fake, real, strict=True)]

@@ -10,7 +10,8 @@ from jaxsim.config import GeneratorConfig
 from jaxsim.pix2pix import normalisation
 from jaxsim.pix2pix.networks import Generator
 from jaxsim.pix2pix.normalisation import fold_spectral_norm, instance_norm, spectral_norm, unit
-from jaxsim.pix2pix.state import split
+from jaxsim.pix2pix.state import generator_definition, join, split
+from tests.quick import quick_jit
 
 
 def plain_norm(x, scale, shift, eps):
@@ -69,9 +70,9 @@ def test_eval_mode_leaves_the_vectors_alone():
 
 def test_folded_generator_makes_the_same_image():
     config = GeneratorConfig(filters=4, downsamples=1, blocks=1, enhancer_blocks=1)
-    module = Generator(config, 3, nnx.Rngs(0))
-    _, network = split(module)
-    inputs = jax.random.normal(jax.random.key(1), (2, 8, 16, 3))
-    plain = nnx.graphdef(Generator(config, 3, nnx.Rngs(0), spectral=False))
+    network = quick_jit(lambda: split(Generator(config, 3, nnx.Rngs(0)))[1])()
+    inputs = np.random.default_rng(1).standard_normal((2, 8, 16, 3)).astype(np.float32)
+    with_norm, plain = (generator_definition(config, 3, spectral=spectral) for spectral in (True, False))
     folded = nnx.merge(plain, fold_spectral_norm(network.parameters, network.vectors))
-    np.testing.assert_allclose(folded(inputs), module(inputs), atol=1e-6)
+    image = quick_jit(lambda: join(with_norm, network)(inputs))()
+    np.testing.assert_allclose(quick_jit(lambda: folded(inputs))(), image, atol=1e-6)

@@ -9,18 +9,19 @@ from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published, to_published
 from jaxsim.pix2pix.state import split
+from tests.quick import quick_jit
 
 
 def generator(enhancers=1):
     config = GeneratorConfig(filters=8, downsamples=2, blocks=2, enhancers=enhancers, enhancer_blocks=1)
-    return split(Generator(config, 3, nnx.Rngs(0)))[1]
+    return quick_jit(lambda: split(Generator(config, 3, nnx.Rngs(0)))[1])()
 
 
 @pytest.mark.parametrize("network", ["generator", "discriminator"])
 def test_weights_come_back_as_they_went(network):
-    values = generator()
-    if network == "discriminator":
-        values = split(Discriminator(DiscriminatorConfig(filters=4, scales=2), 5, nnx.Rngs(0)))[1]
+    config = DiscriminatorConfig(filters=4, scales=2)
+    judge = quick_jit(lambda: split(Discriminator(config, 5, nnx.Rngs(0)))[1])
+    values = judge() if network == "discriminator" else generator()
     again = from_published(to_published(values), jax.eval_shape(lambda: values))
     assert all(jax.tree.leaves(jax.tree.map(np.array_equal, values, again)))
 
