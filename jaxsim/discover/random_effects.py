@@ -27,6 +27,8 @@ class Levels:
     """Of each feature, in all scenes."""
     street: Float[Array, "b p"]
     """Of each class in one block, over `shared`."""
+    features: Float[Array, "b p"]
+    """Of each feature in one block, both together."""
     surface: Float[Array, " s"]
     """Of each surface, over its class in the street."""
     strip: Float[Array, " t"]
@@ -55,13 +57,13 @@ def levels_of(ev: Evidence, w: Weights, fitted: Float[Array, " b"], residual: Fl
     surface = (of_surface - jnp.sum(surfaces.features * levels[surfaces.block], axis=-1)) * surfaces.share
     strip = of_strip - jnp.sum(strips.features * levels[strips.block], axis=-1)
     strip = (strip - strips.weight * surface[ev.surface]) * strips.share
-    return Levels(shared, here, surface, strip)
+    return Levels(shared, here, levels, surface, strip)
 
 
 def explained_by(ev: Evidence, levels: Levels) -> Float[Array, "b c r"]:
     """Nats by which levels make each compared ray brighter than simulated."""
     own = (levels.strip + levels.surface[ev.surface])[ev.strip.reshape(-1)].reshape(ev.strip.shape)
-    return jnp.einsum("bcrp,bp->bcr", ev.features, levels.shared[None] + levels.street) + own
+    return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + own
 
 
 def _sums(ev: Evidence, w: Weights, residual: Float[Array, "b c r"]) -> tuple[Array, Array, Array]:

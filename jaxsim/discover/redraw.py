@@ -63,7 +63,7 @@ def _brightened(problem: Problem, sign: Float[np.ndarray, " b"], rng: np.random.
     street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
     surface = own(levels.surface, w.surfaces.block, w.surfaces.share)
     strip = own(levels.strip, w.strips.block, w.strips.share)
-    drawn = levels.replace(shared=shared, street=street, surface=surface, strip=strip)
+    drawn = levels.replace(features=shared[None] + street, surface=surface, strip=strip)
     kinds = np.unique(np.asarray(ev.rays.semantic))
     table = shared[0] + shared[1 : 1 + len(kinds)]
     of_class = table[np.searchsorted(kinds, np.asarray(ev.rays.semantic))]
