@@ -8,7 +8,9 @@ from jaxsim.report.charts import label, ticks
 from jaxsim.report.page import Draw, paragraph, section
 from jaxsim.report.words import number
 
-LEFT, RIGHT, BOTTOM = 190, 700, 104
+LEFT, RIGHT, BOTTOM = 96, 700, 112
+FAN = 4.0
+"""Pixels between neighbours of a row, in turn up and down, so that equal gains do not hide one another."""
 
 
 def chance(verdict: Verdict, draw: Draw) -> str:
@@ -37,11 +39,11 @@ def null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
     """Two rows of dots on one axis, and the bar as a line."""
     named = {effect.name for effect in verdict.effects}
     rows = (
-        ("measured", 30, [(max(rank.gain, 0.0), rank.name in named) for rank in verdict.ranking]),
-        ("nulls", 70, [(gain, False) for gain in nulls.gains]),
+        ("measured", 34, [(max(rank.gain, 0.0), rank.name in named) for rank in verdict.ranking]),
+        ("nulls", 82, [(gain, False) for gain in nulls.gains]),
     )
     reach = 1.05 * max([1.5 * nulls.bar, *(gain for _, _, dots in rows for gain, _ in dots)])
-    canvas = Canvas(720, 150)
+    canvas = Canvas(720, 158)
 
     def across(gain: float) -> float:
         return LEFT + gain / reach * (RIGHT - LEFT)
@@ -54,6 +56,6 @@ def null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
     canvas.line([(across(nulls.bar), 12), (across(nulls.bar), BOTTOM)], colour=BEFORE, width=1.5)
     for name, y, dots in rows:
         canvas.text(LEFT - 14, y + 4, name, anchor="end", size=12)
-        for gain, strong in dots:
-            canvas.dot(across(gain), y, colour=AFTER, radius=4, hollow=not strong)
+        for k, (gain, strong) in enumerate(dots):
+            canvas.dot(across(gain), y + FAN * (k % 5 - 2), colour=AFTER, radius=4, hollow=not strong)
     return canvas
