@@ -31,6 +31,7 @@ def bars_of(nulls: Nulls, scenes: int) -> Bars:
 
 def run_nulls(
     problem: Problem,
+    explained: Problem,
     unit: Int[np.ndarray, " b"],
     effects: Iterable[Effect],
     count: int,
@@ -43,7 +44,7 @@ def run_nulls(
     everyone = np.ones(len(unit), np.float32)
     names, gains, free = [], [], []
     for seed in range(count):
-        null, _ = fit_null(problem.scan, redraw(problem, seed), everyone, clutter=problem.clutter)
+        null, _ = fit_null(problem.scan, redraw(problem, explained, seed), everyone, clutter=problem.clutter)
         best = _strongest(c for c in survey(null, catalogue) if scenes_agree(c) and not smooth_is_enough(c))
         places = localise(*standardised(null, everyone), unit)
         curve = _strongest(c for _, c in free_curves(null, places) if sure(c))

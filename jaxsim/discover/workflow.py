@@ -23,7 +23,7 @@ from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.judge import judge, placebo_of, runner_up
 from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
-from jaxsim.discover.name import Bars, choose
+from jaxsim.discover.name import BAR, choose
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.parameters import to_z
 from jaxsim.discover.read import Comparison, read_comparison
@@ -89,10 +89,13 @@ def discover(
     everyone = np.ones(len(unit), np.float32)
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
-    drawn = run_nulls(null, unit, catalogue, nulls, say=say) if nulls else None
     say(f"fitting {len(catalogue)} effects")
-    bars = bars_of(drawn, len(parts.find)) if drawn else Bars()
-    choice = choose(null, catalogue, bars=bars, say=say)
+    choice, drawn = choose(null, catalogue, say=say), None
+    if nulls:
+        drawn = run_nulls(null, choice.problem, unit, catalogue, nulls, say=say)
+        bars = bars_of(drawn, len(parts.find))
+        say(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
+        choice = choose(null, catalogue, bars=bars, say=say) if bars.effect > BAR else replace(choice, bars=bars)
     answer, choice, unexplained = decide(null, choice, places, everyone, unit)
 
     # Add: every effect fitted again with the others in place.

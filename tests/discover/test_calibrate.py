@@ -23,14 +23,14 @@ def nulls_that_gain(monkeypatch):
 
     def given(*rounds):
         left = iter(rounds)
-        monkeypatch.setattr(calibrate, "redraw", lambda problem, seed: seed)
+        monkeypatch.setattr(calibrate, "redraw", lambda problem, explained, seed: seed)
         monkeypatch.setattr(calibrate, "fit_null", lambda *_, clutter: (next(left), None))
         monkeypatch.setattr(calibrate, "standardised", lambda *_: (None, {}))
         monkeypatch.setattr(calibrate, "localise", lambda *_: [])
         monkeypatch.setattr(calibrate, "survey", lambda null, effects: null[0])
         monkeypatch.setattr(calibrate, "free_curves", lambda null, places: [(None, curve) for curve in null[1]])
         problem = SimpleNamespace(scan=None, clutter=False)
-        return run_nulls(problem, np.arange(UNITS), (), len(rounds))
+        return run_nulls(problem, problem, np.arange(UNITS), (), len(rounds))
 
     return given
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.evidence import gather
+from jaxsim.discover.fit import fit, on_top
 from jaxsim.discover.null import fit_null, left_over
 from jaxsim.discover.redraw import redraw
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR
 from tests.discover.conftest import device, toy
 
@@ -34,13 +36,13 @@ def of_rows(problem):
 
 
 def test_a_seed_gives_one_draw(problem):
-    first, again, other = redraw(problem, 1), redraw(problem, 1), redraw(problem, 2)
+    first, again, other = (redraw(problem, problem, seed) for seed in (1, 1, 2))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert (np.asarray(first.range_m) != np.asarray(other.range_m)).mean() > 0.9
 
 
 def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
-    ev, drawn = problem.ev, redraw(problem, 3)
+    ev, drawn = problem.ev, redraw(problem, problem, 3)
     hit = np.asarray(ev.rays.hit)
     lost, again = (1 - np.asarray(one.returned)[hit].mean() for one in (ev, drawn))
     assert again == pytest.approx(lost, abs=0.008)
@@ -54,23 +56,47 @@ def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
         assert float(getattr(refitted.noise, name)) == pytest.approx(float(getattr(problem.noise, name)), abs=0.2)
 
 
-def test_what_scenes_share_is_gone_and_the_scatter_stays(problem):
-    before, scatter = of_rows(problem)
+def test_nulls_lack_the_effect_and_scatter_as_the_data_do_with_it_in_place(problem):
+    gains = EFFECTS["beam_gain"]
+    added = on_top(gains, problem, fit(gains, problem, EVERYONE).z)
+    explained, _ = fit_null(added.scan, added.ev, EVERYONE)
+    before, noisy = of_rows(problem)
+    _, scatter = of_rows(explained)
     assert before > 0.15
+    assert scatter < 0.7 * noisy
     for seed in range(3):
-        null, _ = fit_null(problem.scan, redraw(problem, seed), EVERYONE)
+        null, _ = fit_null(problem.scan, redraw(problem, explained, seed), EVERYONE)
         after, still = of_rows(null)
-        assert after < 0.35 * before
-        assert still == pytest.approx(scatter, rel=0.25)
+        assert after < 0.15 * before
+        assert still == pytest.approx(scatter, rel=0.15)
+
+
+def test_what_belongs_together_in_a_scene_stays_together(problem):
+    """A stain of one street, in no model: each draw has it, brighter or darker."""
+    stain = np.zeros(problem.ev.edge.shape, np.float32)
+    stain[2, 5:20] = np.asarray(problem.ev.compared)[2, 5:20] * 0.5 * (-1) ** np.arange(15)[:, None]
+    ev = replace(problem.ev, log_intensity=problem.ev.log_intensity + stain)
+    stained, _ = fit_null(problem.scan, ev, EVERYONE)
+    left = np.asarray(left_over(stained.ev, stained.weights, EVERYONE)[0])
+    on = stain != 0
+    size = (left * np.sign(stain))[on].mean()
+    assert size > 0.2
+    for seed in range(3):
+        drawn, _ = fit_null(problem.scan, redraw(stained, stained, seed), EVERYONE)
+        again = (np.asarray(left_over(drawn.ev, drawn.weights, EVERYONE)[0]) * np.sign(stain))[on].mean()
+        assert abs(again) == pytest.approx(size, rel=0.3)
 
 
 def test_weak_readings_are_zeros_only_where_the_sensor_reports_zeros(problem):
     ev = problem.ev
-    assert (np.asarray(redraw(problem, 0).log_intensity)[np.asarray(ev.returned)] > np.log(FLOOR) + 1e-3).mean() > 0.98
+    assert (
+        np.asarray(redraw(problem, problem, 0).log_intensity)[np.asarray(ev.returned)] > np.log(FLOOR) + 1e-3
+    ).mean() > 0.98
     dark = np.asarray(ev.log_intensity) < np.quantile(np.asarray(ev.log_intensity), 0.2)
     lowest = float(np.asarray(ev.log_intensity)[~dark].min())
     read = np.where(dark, np.log(FLOOR), np.asarray(ev.log_intensity)).astype(np.float32)
-    drawn = redraw(replace(problem, ev=replace(ev, log_intensity=read, lowest=np.float32(lowest))), 0)
+    dim = replace(problem, ev=replace(ev, log_intensity=read, lowest=np.float32(lowest)))
+    drawn = redraw(dim, problem, 0)
     values = np.asarray(drawn.log_intensity)[np.asarray(drawn.returned)]
     zero = values <= np.log(FLOOR) + 1e-3
     assert zero.mean() > 0.05
