@@ -34,7 +34,7 @@ RECYCLE = 40
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
     counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs)
-    settings = Settings(args.sealed, args.scenes)
+    settings = Settings(args.sealed, args.scenes, drawn=args.calibrate)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
@@ -132,6 +132,9 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--outside", type=int, default=usual.outside, help="cases of each kind outside the catalogue")
     parser.add_argument("--pairs", type=int, default=usual.pairs, help="pairs, and as many triples")
     parser.add_argument("--scenes", type=int, default=Settings().scenes)
+    parser.add_argument(
+        "--calibrate", type=int, default=0, metavar="N", help="set each case's bar on N nulls drawn from it"
+    )
     parser.add_argument("--most", type=int, default=None, help="stop after so many new cases")
     parser.add_argument("--only", nargs="+", metavar="EFFECT", help="cases that hide this alone, as in 'none'")
     parser.add_argument("--table", action="store_true", help="run nothing; show what OUT holds")

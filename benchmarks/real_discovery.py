@@ -49,7 +49,7 @@ FEWEST_RAYS = 50
 """Compared rays of a beam, in each half, from which its gain is looked at."""
 
 
-def ouster(root: Path, out: Path) -> None:
+def ouster(root: Path, out: Path, nulls: int) -> None:
     """Photons against reflectivity, each recording on its own: two sensors."""
     for recording in sorted((root / "ouster").glob("*.pcap")):
         case = out / recording.stem.split("_")[0]
@@ -66,10 +66,10 @@ def ouster(root: Path, out: Path) -> None:
         print(
             f"\n## {recording.stem}\n\n{counts.sum()} returns of {simulated.image.valid.sum()}: reflectivity 1-{LINEAR}"
         )
-        answer(case)
+        answer(case, nulls)
 
 
-def kitti(root: Path, out: Path, runs: Sequence[Path]) -> None:
+def kitti(root: Path, out: Path, runs: Sequence[Path], nulls: int) -> None:
     """Each run against frames that it was trained on and others."""
     for run in runs:
         sensor = load(run)
@@ -89,7 +89,7 @@ def kitti(root: Path, out: Path, runs: Sequence[Path]) -> None:
             folders = [write_pairs(sensor, drives[kind], list(frames), case / kind) for kind, frames in parts]
             _join(folders, case)
             print(f"\n## {run.name} ({inputs}): {title}\n")
-            answer(case)
+            answer(case, nulls)
             compared = read_comparison(case / "simulated", case / "measured")
             print(f"row alone explains {100 * row_share(compared):.1f} % of the residuals of ln I on unseen sectors")
             for halves, text in ((_frames(compared), "frames"), (_sectors(compared), "sectors")):
@@ -111,9 +111,9 @@ def _join(folders: Sequence[tuple[Path, Path]], case: Path) -> None:
             write_grid(case / name, grid, frames=about)
 
 
-def answer(case: Path) -> Verdict:
+def answer(case: Path, nulls: int) -> Verdict:
     """Discovers, writes the report, and prints the verdict as docs/discover.md has it."""
-    result = discover_folders(simulated=case / "simulated", measured=case / "measured")
+    result = discover_folders(simulated=case / "simulated", measured=case / "measured", nulls=nulls)
     result.sensor.save(case / "sensor.json")
     write_report(case, result)
     verdict = result.verdict
@@ -139,6 +139,13 @@ def answer(case: Path) -> Verdict:
         print(f"closure: {verdict.closure.value:.2f} ({verdict.closure.low:.2f}-{verdict.closure.high:.2f})")
     rivals = ", ".join(f"{rank.name} {rank.gain:.1f}" for rank in verdict.ranking[:6])
     print(f"first step, nats a sector: {rivals}\n")
+    if verdict.nulls:
+        drawn = verdict.nulls
+        print(
+            f"{nulls} nulls, nats a sector: effects gain {max(drawn.gains):.2f} at most, free curves "
+            f"{max(drawn.free):.2f}; {drawn.answered} pass the standing bar; bars {drawn.bar:.2f} and "
+            f"{drawn.free_bar:.2f}\n"
+        )
     return verdict
 
 
@@ -219,6 +226,7 @@ def main() -> None:
         "--run", type=Path, nargs="*", default=[], help="trained runs, with and without the row channel"
     )
     parser.add_argument("--only", choices=("ouster", "kitti"), help="one of the two")
+    parser.add_argument("--nulls", type=int, default=0, help="set each case's bar on so many nulls drawn from it")
     args = parser.parse_args()
     if args.root is None or not args.root.is_dir():
         parser.error(f"--root {args.root} is no folder; give the one that holds kitti_raw/, kitti_object/ and ouster/")
@@ -226,9 +234,9 @@ def main() -> None:
         parser.error("--run is missing: train one with `python train.py kitti_raw --data.root ROOT/kitti_raw`")
     enable_compilation_cache()
     if args.only != "kitti":
-        ouster(args.root, args.out)
+        ouster(args.root, args.out, args.nulls)
     if args.only != "ouster":
-        kitti(args.root, args.out, args.run)
+        kitti(args.root, args.out, args.run, args.nulls)
 
 
 if __name__ == "__main__":

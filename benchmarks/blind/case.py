@@ -28,7 +28,8 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
     Returns the row of cases.jsonl: the score (tests/hidden/score.py) and
         key, settings, seed, code; seconds and cpu_seconds of the answer alone; memory_gib, the process's largest;
         rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden;
-        where, ranking: the verdict's first places and gains; closure; gap: {channel: [before, after, floor, placebo]};
+        where, ranking: the verdict's first places and gains; drawn: its nulls, if any were drawn; closure;
+        gap: {channel: [before, after, floor, placebo]};
         known: the same of the true effects, fitted from their true parameters (rightly named cases; else None).
     """
     seed, case = job.seed(sealed=settings.sealed), folder / case_name(job.place(sealed=settings.sealed))
@@ -45,7 +46,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
     )
     began, spent = time.monotonic(), time.process_time()
     comparison = read_comparison(case / "simulated", case / "measured")
-    result = discover(comparison, effects=effects)
+    result = discover(comparison, effects=effects, nulls=settings.drawn)
     result.verdict.save(case / "out")
     seconds, cpu_seconds = time.monotonic() - began, time.process_time() - spent
 
@@ -66,6 +67,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
         "rivals": rival_answers(result, _rays(comparison, len(result.verdict.find))),
         "oracle": oracle_power(key),
         "where": verdict["where"][:5],
+        "drawn": verdict["nulls"],
         "ranking": [[rank["name"], rank["gain"]] for rank in verdict["ranking"][:5]],
         **_gap(result.verdict.gap, result.verdict.closure),
         "known": _gap(*judge_known(comparison, true_effects(key, comparison))) if right else None,

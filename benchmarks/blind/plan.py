@@ -26,6 +26,8 @@ class Settings:
     scenes: int = 16
     rows: int = 48
     columns: int = 384
+    drawn: int = 0
+    """Nulls drawn from each case to set its bar."""
 
 
 @dataclass(frozen=True)

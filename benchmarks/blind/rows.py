@@ -6,9 +6,12 @@ import hashlib
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from benchmarks.blind.plan import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("jaxsim/discover", "jaxsim/effects", "jaxsim/geometry", "tests/hidden", "benchmarks/blind")
@@ -59,9 +62,11 @@ def append_row(path: Path, row: dict[str, Any]) -> None:
 
 
 def check_settings(rows: Sequence[dict[str, Any]], settings: dict[str, Any]) -> None:
-    """Raises ValueError where rows were made with other settings than these."""
+    """Raises ValueError where rows were made with other settings than these. Rows from before there was a setting have
+    what is usual."""
     for row in rows:
-        other = {name: (row["settings"].get(name), value) for name, value in settings.items()}
+        known = asdict(Settings()) | row["settings"]
+        other = {name: (known.get(name), value) for name, value in settings.items()}
         other = {name: pair for name, pair in other.items() if pair[0] != pair[1]}
         if other:
             told = ", ".join(f"{name} {was} (now {now})" for name, (was, now) in other.items())

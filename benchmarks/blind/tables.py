@@ -58,6 +58,7 @@ def summary(rows: Sequence[Row]) -> str:
         _rates(rows),
         _parameters(rows),
         _gaps(rows),
+        _drawn(rows),
         _rivals(rows),
         _by_effect(rows),
         _answers(rows),
@@ -85,6 +86,22 @@ def _about(rows: Sequence[Row]) -> str:
     if failed:
         text += f" Ended with an error, counted as wrong ({len(failed)}): {', '.join(r['key'] for r in failed)}."
     return text
+
+
+def _drawn(rows: Sequence[Row]) -> str:
+    """What nulls drawn from the cases gained, where any were drawn."""
+    some = [row["drawn"] for row in rows if row.get("drawn")]
+    if not some:
+        return ""
+    answered = [k < one["answered"] for one in some for k in range(len(one["gains"]))]
+    raised = [max(one["gains"]) >= one["bar"] for one in some]
+    curves = [max(one["free"]) >= one["free_bar"] for one in some]
+    return (
+        f"On {rate(answered)} of the nulls drawn from the cases, {len(some[0]['gains'])} from each, something passes "
+        f"the standing bar. They raise it for effects in {sum(raised)} and for free curves in {sum(curves)} of "
+        f"{len(some)} cases; the highest bars are {max(one['bar'] for one in some):.1f} and "
+        f"{max(one['free_bar'] for one in some):.1f} nats a scene."
+    )
 
 
 def _rates(rows: Sequence[Row]) -> str:

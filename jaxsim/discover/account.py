@@ -9,9 +9,9 @@ import numpy as np
 
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.name import BAR, CLEAR, LEVEL, Choice, Step, padded, scenes_agree, smooth_is_enough
-from jaxsim.discover.nuisance import gain_and_classes
+from jaxsim.discover.name import CLEAR, LEVEL, Choice, Step, padded, scenes_agree, smooth_is_enough
 from jaxsim.discover.over_scenes import mean_interval
+from jaxsim.discover.random_effects import gain_and_classes
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.split import Split
 from jaxsim.discover.survey import Candidate, clipped
@@ -43,8 +43,9 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
 def ranking(choice: Choice) -> tuple[Rank, ...]:
     """The first step's best candidates and why each was not named."""
     rows = choice.steps[0].ranking if choice.steps else choice.last
+    bar = choice.bars.effect
     return tuple(
-        Rank(one.effect.name, one.total / len(one.by_unit), one.chance, BAR / len(one.by_unit), why_not(one, choice))
+        Rank(one.effect.name, one.total / len(one.by_unit), one.chance, bar / len(one.by_unit), why_not(one, choice))
         for one in rows[:SHOWN]
     )
 
@@ -57,7 +58,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
     if steps and name in {one.effect.name for one in steps[0].alike}:
         return "these data cannot tell it from the one that is named"
-    if candidate.total <= BAR:
+    if candidate.total <= choice.bars.effect:
         return "its gain is within what a null reaches"
     if smooth_is_enough(candidate):
         return "a smooth change along the rows gains as much"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from jaxsim.discover.fit import Problem
@@ -30,19 +32,19 @@ def decide(
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
     named: what is there is not in the catalogue. Effects of other channels stay.
     """
-    curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve)]
+    curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve, choice.bars.free)]
     outside = curves[0] if curves and outdone(choice, *curves[0]) else None
     if outside:
         kept = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
         if not kept:
-            empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last)
+            empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last, choice.bars)
             return "not_in_catalogue", empty, describe(null, *outside)
         if len(kept) < len(choice.steps):
-            choice = Choice(kept, with_steps(null, kept), choice.last)
+            choice = replace(choice, steps=kept, problem=with_steps(null, kept))
     if not choice.steps:
         return "none", choice, None
     after = localise(*standardised(choice.problem, everyone), unit)
-    left = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve)]
+    left = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve, choice.bars.free)]
     return "named", choice, describe(choice.problem, *left[0]) if left else None
 
 

@@ -143,6 +143,11 @@ def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))
 
 
+def near_enough(measured_m: Array, predicted_m: Array) -> Array:
+    """Whether a reading is of the predicted surface, or close by."""
+    return jnp.abs(measured_m - predicted_m) < jnp.maximum(0.5, 0.05 * predicted_m)
+
+
 def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
     """Change of range for a small motion (x, y, z) and rotation about (x, y, z) of the sensor, as `recast` has it."""
     azimuth, elevation = rays.azimuth_rad, rays.elevation_rad
@@ -243,7 +248,7 @@ def _gather(
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
-    near = jnp.abs(range_m - rays.range_m) < jnp.maximum(0.5, 0.05 * rays.range_m)
+    near = near_enough(range_m, rays.range_m)
     given = given_rad[at]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)

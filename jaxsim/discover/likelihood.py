@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, pose_shift, range_variance, reflectance
+from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, range_variance
+from jaxsim.discover.random_effects import pose_shift, reflectance
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, NEVER, Rays
 from jaxsim.frame import Array
 
@@ -97,12 +98,33 @@ def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"
     return jnp.where(inside, log_shape(r) - jnp.log(mass + 1e-30), NEVER)
 
 
+def near_sd(range_m: Array) -> Array:
+    """Standard deviation of a neighbour's reading, m."""
+    return _EDGE_SD_M + 0.02 * range_m
+
+
+def log_stray(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Of the probabilities that a surface's echo reads a neighbour's range, and one far off."""
+    switch = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.switch_edge), NEVER)
+    return switch, jnp.where(ev.edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
+
+
+def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
+    """Of the probability that a ray returns: the surface's echo, or a false one where nothing is hit."""
+    stepped = jnp.logical_or(ev.edge, ev.step)
+    missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
+    sky = ~jnp.isfinite(rays.beside_m).all(-1)
+    missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
+    false = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
+    return jnp.clip(jnp.where(rays.hit, rays.log_keep + missed, false), NEVER, -1e-6)
+
+
 def return_terms(
     rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
     """Logarithms of the probability that a ray that is not lost with its column does not return, and of the
     density with which it returns where it did; and what each block's pose costs."""
-    edge, hit = ev.edge, rays.hit
+    hit = rays.hit
     off = ev.range_m - rays.reading_m
     shift, cost = pose_shift(ev, w, rays.reading_m, ev.returned & hit)
     off = off - shift
@@ -110,11 +132,10 @@ def return_terms(
     sd = jnp.sqrt(range_variance(ev, noise) + (NORMAL * rays.noise_m) ** 2 + rays.range_step_m**2 / 12)
     core = log_student(off, sd)
     beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4)
-    near = log_normal(ev.range_m[..., None] - beside, _EDGE_SD_M + 0.02 * ev.range_m[..., None])
+    near = log_normal(ev.range_m[..., None] - beside, near_sd(ev.range_m[..., None]))
     near = jax.nn.logsumexp(near, axis=-1) - np.log(4)
     wide = log_cauchy(off, 1.0)
-    switch = jnp.where(edge, jax.nn.log_sigmoid(noise.switch_edge), NEVER)
-    rate = jnp.where(edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
+    switch, rate = log_stray(ev, noise)
     usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
     surface = jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)
 
@@ -127,12 +148,7 @@ def return_terms(
     nothing = jnp.logaddexp(near, -np.log(CLUTTER_REACH_M)) - np.log(2)
     surface = jnp.where(hit, surface, nothing)
 
-    stepped = jnp.logical_or(edge, ev.step)
-    missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
-    sky = ~jnp.isfinite(rays.beside_m).all(-1)
-    missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
-    false = jnp.where(edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
-    keep = jnp.clip(jnp.where(hit, rays.log_keep + missed, false), NEVER, -1e-6)
+    keep = log_reported(rays, ev, noise)
     lost = jnp.log(-jnp.expm1(keep))
     seen = keep + surface
     ghost = jnp.clip(rays.ghost, 0, 0.999)

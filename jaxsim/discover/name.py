@@ -34,6 +34,15 @@ MOST = 4
 
 
 @dataclass(frozen=True)
+class Bars:
+    """Held-out nats in all that must be passed."""
+
+    effect: float = BAR
+    free: float = BAR
+    """By a free curve."""
+
+
+@dataclass(frozen=True)
 class Step:
     """One effect added, and what stood beside it."""
 
@@ -53,12 +62,13 @@ class Choice:
     problem: Problem
     last: tuple[Candidate, ...]
     """The candidates of the step that added nothing more."""
+    bars: Bars = Bars()
 
 
-def accepted(candidate: Candidate) -> bool:
+def accepted(candidate: Candidate, bar: float = BAR) -> bool:
     """Whether a candidate passes the bar, and the units agree that it should; of an effect of single beams, also on
     what its beams' numbers gain over a smooth change along the rows."""
-    return not smooth_is_enough(candidate) and candidate.total > BAR and scenes_agree(candidate)
+    return not smooth_is_enough(candidate) and candidate.total > bar and scenes_agree(candidate)
 
 
 def scenes_agree(candidate: Candidate) -> bool:
@@ -94,7 +104,12 @@ def numbers(candidate: Candidate) -> int:
 
 
 def choose(
-    problem: Problem, effects: Iterable[Effect], *, most: int = MOST, say: Callable[[str], None] = lambda line: None
+    problem: Problem,
+    effects: Iterable[Effect],
+    *,
+    bars: Bars = Bars(),
+    most: int = MOST,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
     steps: list[Step] = []
@@ -105,10 +120,11 @@ def choose(
         ranking = survey(problem, left)
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
         least = CLEAR * ranking[0].total if ranking else 0.0
-        good = [candidate for candidate in ranking if accepted(candidate) and candidate.total >= least]
+        good = [candidate for candidate in ranking if accepted(candidate, bars.effect) and candidate.total >= least]
         if not good or len(steps) == most:
-            kept = look_back(null, steps, say=say)
-            return Choice(kept, problem if len(kept) == len(steps) else with_steps(null, kept), tuple(ranking))
+            kept = look_back(null, steps, bars, say=say)
+            problem = problem if len(kept) == len(steps) else with_steps(null, kept)
+            return Choice(kept, problem, tuple(ranking), bars)
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
         values = tuple(to_values(best.effect, one.z) for one in best.fits)
@@ -121,7 +137,7 @@ def choose(
 
 
 def look_back(
-    null: Problem, steps: Sequence[Step], *, say: Callable[[str], None] = lambda line: None
+    null: Problem, steps: Sequence[Step], bars: Bars, *, say: Callable[[str], None] = lambda line: None
 ) -> tuple[Step, ...]:
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
     that came later."""
@@ -129,7 +145,7 @@ def look_back(
     for step in steps[:-1]:
         others = [other for other in kept if other is not step]
         [again] = survey(with_steps(null, others), [step.chosen.effect])
-        if not accepted(again):
+        if not accepted(again, bars.effect):
             say(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             kept = others
     return tuple(kept)

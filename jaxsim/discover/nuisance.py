@@ -1,10 +1,10 @@
 """What may differ between simulation and measurement without any missing effect, fitted first and always.
 
 Noise scales and rates (`Noise`) are fitted with the effect; reflectances and poses follow from the residuals in
-closed form: a class's and the whole gain from the scenes that are fitted; the levels of classes, objects, patches
-and strips in one street, and a frame's pose, from their own frame. These last are random effects: what they take up
-costs what their prior asks (the marginal likelihood of a normal model), or an effect that acts like a pose would be
-free.
+closed form (`random_effects`): a class's and the whole gain from the scenes that are fitted; the levels of classes,
+objects, patches and strips in one street, and a frame's pose, from their own frame. These last are random effects:
+what they take up costs what their prior asks (the marginal likelihood of a normal model), or an effect that acts like
+a pose would be free.
 """
 
 from __future__ import annotations
@@ -13,13 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from jaxsim.discover.evidence import FIRM, POSE_SD, STREET_SD, STRIP_SD, Evidence
 from jaxsim.frame import Array
 
-CLASS_MOST = 0.7
-"""A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
 POSE_MOST = 0.15
 """Of its range that a frame's pose moves a reading at most."""
 OTHERS = 4
@@ -144,68 +142,3 @@ def weights(ev: Evidence, noise: Noise, off_i: Float[Array, "b c r"], off_r: Flo
     prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
     information = jnp.einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, w_r) + prior[None]
     return Weights(w_i, w_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
-
-
-def reflectance(
-    ev: Evidence, w: Weights, fitted: Float[Array, " b"], residual: Float[Array, "b c r"]
-) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """What class, gain, curvature and surface explain of `residual`, nats (the first three from `fitted` blocks), and
-    what the surfaces' share costs each block, nats of log-likelihood."""
-    strips, surfaces, blocks = w.strips, w.surfaces, len(ev.unit)
-    of_strip, of_surface, rhs = _sums(ev, w, residual)
-    shared = _shared(ev, w, fitted, rhs)
-    here = jnp.einsum("bpq,bq->bp", w.street, rhs - jnp.einsum("bpq,q->bp", w.gram, shared))
-    levels = shared[None] + here
-    surface = (of_surface - jnp.sum(surfaces.features * levels[surfaces.block], axis=-1)) * surfaces.share
-    strip = of_strip - jnp.sum(strips.features * levels[strips.block], axis=-1)
-    strip = (strip - strips.weight * surface[ev.surface]) * strips.share
-    cost = 0.5 / STREET_SD**2 * jnp.sum(here**2, axis=-1)
-    for group, own in ((strips, strip), (surfaces, surface)):
-        cost = cost + jax.ops.segment_sum(0.5 * group.hold * own**2, group.block, blocks)
-    level = (strip + surface[ev.surface])[ev.strip.reshape(-1)].reshape(residual.shape)
-    explained = jnp.einsum("bcrp,bp->bcr", ev.features, levels) + level
-    return jnp.where(ev.compared, explained, 0), cost
-
-
-def _sums(ev: Evidence, w: Weights, residual: Float[Array, "b c r"]) -> tuple[Array, Array, Array]:
-    """Weighted residuals of each strip and surface, and of each block's features with the former taken out."""
-    strips, surfaces, blocks = w.strips, w.surfaces, len(ev.unit)
-    weighted = jnp.where(ev.compared, residual, 0) * w.intensity
-    of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
-    of_surface = jax.ops.segment_sum(of_strip * strips.hold * strips.share, ev.surface, len(ev.hold))
-    rhs = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
-    return of_strip, of_surface, rhs - strips.known(of_strip, blocks) - surfaces.known(of_surface, blocks)
-
-
-def _shared(ev: Evidence, w: Weights, fitted: Float[Array, " b"], rhs: Float[Array, "b p"]) -> Float[Array, " p"]:
-    """What the features count for in the `fitted` blocks together."""
-    gram = w.gram - w.gram @ w.street @ w.gram
-    shared = fitted @ (rhs - jnp.einsum("bpq,bqs,bs->bp", w.gram, w.street, rhs))
-    shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
-    classes = jnp.clip(shared[1:-OTHERS], -CLASS_MOST, CLASS_MOST)
-    return jnp.concatenate([shared[:1], classes, shared[-OTHERS:]])
-
-
-@jax.jit
-def gain_and_classes(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, " k"]:
-    """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
-    residual = ev.log_intensity - ev.rays.log_intensity
-    return _shared(ev, w, fitted, _sums(ev, w, residual)[2])[:-OTHERS]
-
-
-def pose_shift(
-    ev: Evidence, w: Weights, predicted_m: Float[Array, "b c r"], on: Bool[Array, "b c r"]
-) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """By how much a small motion of each frame, fitted to the rays that are `on`, moves the predicted ranges, m, and
-    its cost, nats of log-likelihood.
-
-    1 / range is linear in the motion on planes, also far away on the road, where the range is not.
-    """
-    measured = jnp.where(on, ev.range_m, predicted_m)
-    residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, 0.1)
-    rhs = jnp.einsum("bcri,bcr->bi", ev.pose, residual * w.range_)
-    pose = jnp.einsum("bij,bj->bi", w.pose, rhs)
-    cost = 0.5 * jnp.sum((pose / jnp.asarray(POSE_SD, jnp.float32)[None]) ** 2, axis=-1)
-    away = jnp.einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
-    away = jnp.clip(away, -POSE_MOST, POSE_MOST)
-    return predicted_m * away / (1 - away), cost

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import NOTHING, Fit, Problem, fit
-from jaxsim.discover.nuisance import START, Weights, pose_shift, reflectance, weights
+from jaxsim.discover.nuisance import START, Weights, weights
 from jaxsim.discover.power import implied_level, with_spread
+from jaxsim.discover.random_effects import pose_shift, reflectance
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, reflectance
+from jaxsim.discover.nuisance import Noise, Weights, intensity_variance
+from jaxsim.discover.random_effects import reflectance
 
 FEW = 5.0
 """Compared rays up to which a surface is thought to be like its class, and a class like all."""

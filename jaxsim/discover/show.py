@@ -19,8 +19,9 @@ from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import CHANNELS, return_terms
 from jaxsim.discover.localise import CATEGORICAL, COVARIATES, curve_basis, values_of
-from jaxsim.discover.nuisance import Noise, Weights, pose_shift, reflectance
+from jaxsim.discover.nuisance import Noise, Weights
 from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
+from jaxsim.discover.random_effects import pose_shift, reflectance
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import CurveLine
 from jaxsim.discover.verdict import Gap, Interval

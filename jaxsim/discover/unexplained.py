@@ -10,7 +10,7 @@ import numpy as np
 from jaxsim.discover.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
-from jaxsim.discover.name import accepted
+from jaxsim.discover.name import BAR, accepted
 from jaxsim.discover.over_scenes import fold_half_width
 from jaxsim.discover.parameters import to_values
 from jaxsim.discover.survey import THREADS, Candidate, null_fits, survey
@@ -50,10 +50,15 @@ def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, 
         return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 
 
-def agreed(curve: Candidate) -> bool:
+def agreed(curve: Candidate, bar: float = BAR) -> bool:
+    """Whether a curve passes the bar and the units agree on it."""
+    return accepted(curve, bar) and sure(curve)
+
+
+def sure(curve: Candidate) -> bool:
     """Whether the units agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
     least = 2 * 2.0 ** -len(curve.by_unit)
-    return accepted(curve) and (curve.chance <= max(LEVEL, 1.01 * least) or curve.sudden)
+    return curve.chance <= max(LEVEL, 1.01 * least) or curve.sudden
 
 
 def _varies(problem: Problem, covariate: str) -> bool:

@@ -103,6 +103,23 @@ class Rank:
 
 
 @dataclass(frozen=True)
+class Nulls:
+    """What naming made of measurements in which nothing is missing (`calibrate`), one entry a null."""
+
+    effects: tuple[str, ...]
+    """The strongest that passed every test but the bar; empty where none did."""
+    gains: tuple[float, ...]
+    """Its gain, nats per scene; 0 where none passed."""
+    free: tuple[float, ...]
+    """Of the strongest free curve likewise."""
+    answered: int
+    """Nulls of which something would have been said with the standing bar."""
+    bar: float
+    """That an effect must pass here, nats per scene: the standing one, or the largest of `gains`."""
+    free_bar: float
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What `discover` answers."""
 
@@ -123,6 +140,8 @@ class Verdict:
     reflectance over the simulator's (`class ID`); and, where several were added, each one's parameters
     (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
     ranking: tuple[Rank, ...] = ()
+    nulls: Nulls | None = None
+    """Where the bar was set on nulls of these very data."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -144,6 +163,7 @@ class Verdict:
             "seconds": round(self.seconds, 2),
             "moved": _plain(self.moved),
             "ranking": [_plain(rank) for rank in self.ranking],
+            "nulls": _plain(self.nulls),
             "notes": list(self.notes),
         }
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxsim.discover import account
 from jaxsim.discover.add import in_place, parameters_of, refit
 from jaxsim.discover.answer import decide
+from jaxsim.discover.calibrate import bars_of, run_nulls
 from jaxsim.discover.columns import Blocks, blocks
 from jaxsim.discover.evidence import Evidence, gather, with_planes
 from jaxsim.discover.fit import CLUTTER, Problem
@@ -22,7 +23,7 @@ from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
 from jaxsim.discover.judge import judge, placebo_of, runner_up
 from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
-from jaxsim.discover.name import choose
+from jaxsim.discover.name import BAR, choose
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.parameters import to_z
 from jaxsim.discover.read import Comparison, read_comparison
@@ -49,10 +50,11 @@ def discover_folders(
     measured: Path,
     effects: Iterable[str] = tuple(EFFECTS),
     known: SensorModel = NOTHING_YET,
+    nulls: int = 0,
     say: Say = lambda line: None,
 ) -> Result:
     """`discover` on two folders of polar frames (docs/polar-frames.md)."""
-    return discover(read_comparison(simulated, measured), effects=effects, known=known, say=say)
+    return discover(read_comparison(simulated, measured), effects=effects, known=known, nulls=nulls, say=say)
 
 
 @one_blas_thread
@@ -61,14 +63,20 @@ def discover(
     *,
     effects: Iterable[str] = tuple(EFFECTS),
     known: SensorModel = NOTHING_YET,
+    nulls: int = 0,
     say: Say = lambda line: None,
 ) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
 
     `effects` are the candidates, by default the whole catalogue. `known` is what the sensor model already has and the
     simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
-    back. Raises ValueError where the scenes are too few to decide anything, and for unknown effects.
+    back. `nulls` asks to set the bar on so many measurements drawn from the fitted null model of these very data, in
+    which nothing is missing: what is named must gain more than anything did on any of them.
+
+    Raises ValueError where the scenes are too few to decide anything, for unknown effects and for a negative number.
     """
+    if nulls < 0:
+        raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
     there = [name for name, _ in known.effects]
     catalogue = [get_effect(name) for name in effects if name not in there]
     begun = time.monotonic()
@@ -82,7 +90,12 @@ def discover(
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     say(f"fitting {len(catalogue)} effects")
-    choice = choose(null, catalogue, say=say)
+    choice, drawn = choose(null, catalogue, say=say), None
+    if nulls:
+        drawn = run_nulls(null, choice.problem, unit, catalogue, nulls, say=say)
+        bars = bars_of(drawn, len(parts.find))
+        say(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
+        choice = choose(null, catalogue, bars=bars, say=say) if bars.effect > BAR else replace(choice, bars=bars)
     answer, choice, unexplained = decide(null, choice, places, everyone, unit)
 
     # Add: every effect fitted again with the others in place.
@@ -113,6 +126,7 @@ def discover(
         seconds=time.monotonic() - begun,
         moved=account.moved(null, choice, [found.z for _, _, found in fitted]),
         ranking=account.ranking(choice),
+        nulls=drawn,
         notes=account.notes(comparison, parts, there, choice),
     )
     grid = comparison.scan.grid

@@ -11,12 +11,13 @@ from jaxsim.discover.result import Result
 from jaxsim.discover.verdict import Verdict
 from jaxsim.report.answer import named_effects, ranking, unexplained
 from jaxsim.report.canvas import Canvas
+from jaxsim.report.chance import chance
 from jaxsim.report.evidence import curves, gap, maps, moved, where
 from jaxsim.report.page import paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
 from jaxsim.report.words import verdict_sentence
 
-FIGURES = r"(map|curve|parameter|unexplained)_.*"
+FIGURES = r"chance|(map|curve|parameter|unexplained)_.*"
 """Names of a report's figures."""
 
 
@@ -47,6 +48,7 @@ def write_report(folder: Path, result: Result) -> Path:
             curves(result.curves, draw),
             gap(verdict),
             ranking(verdict.ranking, verdict.effects),
+            chance(verdict, draw),
             "" if outside else unexplained(verdict.unexplained, draw),
             moved(verdict),
             _scenes(verdict),

@@ -55,16 +55,16 @@ def complaint(folders: Folders, out: Path) -> str:
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(*, simulated, measured, known, say):
-        seen.extend([measured, simulated])
+    def answer(*, simulated, measured, known, nulls, say):
+        seen.extend([measured, simulated, nulls])
         assert known == SensorModel()
         say("fitting")
         return make()
 
     monkeypatch.setattr(discover, "discover_folders", answer)
     out = tmp_path / "deep" / "out"
-    discover.Discover(measured=folders[0], simulated=folders[1], out=out)()
-    assert seen == list(folders)
+    discover.Discover(measured=folders[0], simulated=folders[1], out=out, nulls=3)()
+    assert seen == [*folders, 3]
     assert {path.name for path in out.iterdir()} == {"verdict.json", "sensor.json", "report.html", "figures"}
     verdict = json.loads((out / "verdict.json").read_text())
     assert verdict["verdict"] == make().verdict.verdict
@@ -80,6 +80,8 @@ def test_a_sensor_model_of_other_beams_or_beside_unpaired(folders: Folders, tmp_
     for more, words in (({}, "2"), ({"unpaired": True}, "--sensor came with --unpaired")):
         with pytest.raises(SystemExit, match=words), stop_on_error():
             discover.Discover(**given, sensor=tmp_path / "sensor.json", **more)()
+    with pytest.raises(SystemExit, match="--nulls came with --unpaired"), stop_on_error():
+        discover.Discover(**given, unpaired=True, nulls=20)()
     with pytest.raises(SystemExit, match="no file"), stop_on_error():
         discover.Discover(**given, sensor=tmp_path / "other.json")()
     assert not (tmp_path / "out").exists()

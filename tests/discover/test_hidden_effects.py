@@ -98,6 +98,8 @@ def test_cases_of_other_settings_are_not_mixed():
     check_settings([row], asdict(SMALL))
     with pytest.raises(ValueError, match=r"sealed False \(now True\)"):
         check_settings([row], asdict(Settings(True, 12, 24, 192)))
+    with pytest.raises(ValueError, match=r"drawn 0 \(now 20\)"):
+        check_settings([{"settings": {"sealed": False}}], asdict(Settings(drawn=20)))
 
 
 def _row(**more):
@@ -115,6 +117,18 @@ def test_rates_are_counted_by_kind():
     assert "| mean size of the set | 1.50 |" in text
     assert "| range_falloff | 1 / 1 of 2 |" in text
     assert "| oren_nayar* | 0 / 0 of 1 |" in text
+
+
+def test_nulls_drawn_from_cases_are_counted_together():
+    def drawn(gains, free, bar):
+        answered = sum(max(pair) > 0.9 for pair in zip(gains, free, strict=True))
+        return {"gains": gains, "free": free, "answered": answered, "bar": bar, "free_bar": 0.9}
+
+    rows = [_row(drawn=drawn([0.2, 1.4], [0.0, 0.0], 1.4)), _row(key="b", drawn=drawn([0.1, 0.0], [0.3, 0.0], 0.9))]
+    text = summary(rows)
+    assert "On 25 % (1 of 4; 5 to 70 %) of the nulls drawn from the cases, 2 from each" in text
+    assert "raise it for effects in 1 and for free curves in 0 of 2 cases; the highest bars are 1.4 and 0.9" in text
+    assert "drawn from the cases" not in summary([_row()])
 
 
 def test_wilson_covers_what_no_case_has_shown():

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.discover.evidence import FIRM, POSE_SD, STREET_SD, STRIP_SD
-from jaxsim.discover.nuisance import OTHERS, START, pose_shift, reflectance, weights
+from jaxsim.discover.nuisance import OTHERS, START, weights
+from jaxsim.discover.random_effects import pose_shift, reflectance
 
 
 def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_streets(evidence):

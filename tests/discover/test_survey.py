@@ -74,7 +74,8 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
     monkeypatch.setattr(name, "with_steps", added)
     monkeypatch.setattr(name, "survey", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects])
     said = []
-    kept = name.look_back(None, [step(n) for n in ("gamma_response", "range_falloff", "beam_gain")], say=said.append)  # pyright: ignore
+    steps = [step(n) for n in ("gamma_response", "range_falloff", "beam_gain")]
+    kept = name.look_back(None, steps, name.Bars(), say=said.append)  # pyright: ignore[reportArgumentType]
     assert [one.chosen.effect.name for one in kept] == ["range_falloff", "beam_gain"]
     assert beside == [["range_falloff", "beam_gain"], ["beam_gain"]]
     assert said == ["gamma_response is not needed beside the others: 1 nats"]

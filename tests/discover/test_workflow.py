@@ -12,6 +12,7 @@ from tests.hidden import make_case, score
 
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 """Candidates of the small form; the slow one takes the whole catalogue."""
+NULLS = 2
 SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 
 
@@ -19,7 +20,8 @@ SMALL = {"scenes": 12, "rows": 24, "columns": 192, "nuisance": "exact"}
 def gains(tmp_path_factory, standard_promotion):
     folder = tmp_path_factory.mktemp("hidden") / "case"
     key = make_case(folder, effect="beam_gain", severity=6.0, seed=11, **SMALL)
-    return key, discover_folders(simulated=folder / "simulated", measured=folder / "measured", effects=FEW), folder
+    both = {"simulated": folder / "simulated", "measured": folder / "measured"}
+    return key, discover_folders(**both, effects=FEW, nulls=NULLS), folder
 
 
 def test_a_hidden_beam_gain_is_named_first(gains):
@@ -27,6 +29,14 @@ def test_a_hidden_beam_gain_is_named_first(gains):
     scored = score(key, result.verdict.to_json())
     assert scored["verdict"] == "named"
     assert scored["first_right"]
+
+
+def test_nulls_of_these_data_gain_less_than_what_is_hidden(gains):
+    nulls = gains[1].verdict.nulls
+    assert len(nulls.effects) == len(nulls.gains) == len(nulls.free) == NULLS
+    assert max(nulls.gains) <= nulls.bar == gains[1].verdict.ranking[0].bar
+    assert nulls.bar < gains[1].verdict.effects[0].gain.value / 10
+    assert gains[1].verdict.to_json()["nulls"]["answered"] == nulls.answered
 
 
 def test_the_rows_are_where_simulation_and_measurement_disagree(gains):
@@ -95,6 +105,12 @@ def test_where_nothing_is_hidden_nothing_is_named(tmp_path, standard_promotion, 
     )
     assert score(key, result.verdict.to_json())["right"]
     assert result.sensor.effects == ()
+
+
+def test_a_negative_number_of_nulls_is_refused(gains):
+    _, _, folder = gains
+    with pytest.raises(ValueError, match="nulls is -1; give how many to draw"):
+        discover_folders(simulated=folder / "simulated", measured=folder / "measured", nulls=-1)
 
 
 def test_an_unknown_candidate_is_an_error_that_lists_the_known(tmp_path, standard_promotion):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.result import Result
-from jaxsim.discover.verdict import Interval
+from jaxsim.discover.verdict import Interval, Nulls
 from jaxsim.frame import PolarGrid
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.report.charts import azimuth_ticks, colour_limit, diverging, residual_maps, ticks
@@ -38,6 +38,19 @@ def test_every_chart_of_the_page_is_a_figure_too(tmp_path: Path):
     assert text.count("<figure>") == len(figures)
     for path in (tmp_path / "figures").iterdir():
         assert cv2.imread(str(path)).std() > 5
+
+
+def test_what_chance_gives_is_drawn_where_nulls_were_asked_for(tmp_path: Path):
+    assert "What chance gives" not in page(tmp_path, results.named())
+    result = results.named()
+    nulls = Nulls(("oren_nayar", "", "saturation"), (1.4, 0.0, 0.3), (0.0, 0.0, 0.9), 1, 1.4, 0.9)
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, nulls=nulls)))
+    assert "3 measurements in which nothing is missing" in text
+    assert "On 1 of them something would have been said" in text
+    assert f"({number(1.4)} nats a scene)" in text
+    assert cv2.imread(str(tmp_path / "figures" / "chance.png")).std() > 5
+    page(tmp_path, result)
+    assert not (tmp_path / "figures" / "chance.png").exists()
 
 
 def test_figures_of_an_earlier_answer_do_not_stay_and_other_files_do(tmp_path: Path):
