@@ -61,10 +61,10 @@ class Discover:
     """sensor.json with effects that the simulation already has and its frames do not show, as an earlier answer's: what
     does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
     nulls: int = 0
-    """Sets the bar for these very data: draws so many measurements in which nothing is missing (this simulation with
-    the noise, poses, surfaces' levels and losses that were fitted), names in each as in the measured frames, and asks
-    of an effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes
-    about a third of the time of an answer. 0: the bar that was set on the development cases (docs/discover.md)."""
+    """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
+    what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
+    effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes about a
+    fifth of the time of an answer. 0: the bar that was set on development cases (docs/discover.md)."""
     unpaired: bool = False
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""

@@ -33,7 +33,7 @@ def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
     """`problem.ev` with returns, ranges and intensities drawn anew: its rays, which lack nothing, with the nuisances of
     `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
     ev, rng = problem.ev, np.random.default_rng(seed)
-    sign = rng.choice(np.float32([-1, 1]), ev.units)[np.asarray(ev.unit)]
+    sign = rng.choice(np.array([-1, 1], np.float32), ev.units)[np.asarray(ev.unit)]
     off_i, off_r = (np.asarray(x) for x in left_over(explained.ev, explained.weights, jnp.ones(len(sign))))
     shine = _shines(explained, off_i, sign, rng)
     reading, returns, log_keep = _reads(problem, explained, off_r, sign, rng)

@@ -70,8 +70,8 @@ def discover(
 
     `effects` are the candidates, by default the whole catalogue. `known` is what the sensor model already has and the
     simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
-    back. `nulls` asks to set the bar on so many measurements drawn from the fitted null model of these very data, in
-    which nothing is missing: what is named must gain more than anything did on any of them.
+    back. `nulls` asks to set the bar on so many measurements drawn from these very data, in
+    which nothing is missing (`calibrate`): what is named must gain more than anything did on any of them.
 
     Raises ValueError where the scenes are too few to decide anything, for unknown effects and for a negative number.
     """
