@@ -20,8 +20,8 @@ def chance(verdict: Verdict, draw: Draw) -> str:
         return ""
     count = len(nulls.gains)
     words = (
-        f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these data, "
-        "its sign changed scene by scene) and named in like the measured one. On "
+        f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these "
+        "data, its sign changed scene by scene) and named in like the measured one. On "
         f"{nulls.answered} of them something would have been said with the bar that was set on other streets. Here an "
         f"effect must gain more than the strongest on any of them ({number(nulls.bar)} nats a scene), a free curve "
         f"more than any did ({number(nulls.free_bar)})."
