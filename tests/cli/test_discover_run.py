@@ -108,13 +108,14 @@ def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
 def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
     seen = []
 
-    def answer(*, simulated, measured, known, say):
+    def answer(*, simulated, measured, known, nulls, say):
         assert not known.effects
+        assert nulls == 7
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])
         return results.none()
 
     monkeypatch.setattr(discover, "discover_folders", answer)
-    command = discover.Discover(run=run, out=tmp_path, frames="4")
+    command = discover.Discover(run=run, out=tmp_path, frames="4", nulls=7)
     command()
     command()
     name = open_dataset("synthetic").name_of(4)
