@@ -165,6 +165,37 @@ def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
     return jnp.moveaxis(jax.vmap(lambda axis: jax.jvp(reading, (jnp.zeros(6),), (axis,))[1])(jnp.eye(6)), 0, -1)
 
 
+@struct.dataclass
+class Cast:
+    """Rays of chosen columns, as they are simulated."""
+
+    rays: Rays
+    pose: Float[Array, "b c r 6"]
+    """Change of range with the sensor's pose, at any incidence."""
+
+    def part(self, keep: Bool[np.ndarray, " b"]) -> Cast:
+        """Of some blocks alone."""
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[keep] if np.ndim(leaf) else leaf, self)
+
+
+def cast(scan: Scan, frame: Int[np.ndarray, " b"], column: Int[np.ndarray, "b c"]) -> Cast:
+    """The rays of these columns of each block's frame."""
+    return _cast(scan, _places(scan, frame, column))
+
+
+def _places(scan: Scan, frame: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Frame, row and column of each ray (b, c, r)."""
+    row = np.arange(scan.range_m.shape[1])
+    at = np.broadcast_arrays(frame[:, None, None], row[None, None, :], column[:, :, None])
+    return tuple(part.astype(np.int32) for part in at)
+
+
+@jax.jit
+def _cast(scan: Scan, at: Any) -> Cast:
+    rays = rays_at(scan, *at)
+    return Cast(rays, pose_derivatives(scan, rays))
+
+
 def gather(
     scan: Scan,
     measured: Measured,
@@ -173,18 +204,14 @@ def gather(
     unit: np.ndarray,
     *,
     given_rad: Array | None = None,
+    rays: Cast | None = None,
 ) -> Evidence:
     """The evidence of chosen columns: `frame` (b,), `column` (b, c), `unit` (b,) of each block.
 
-    `given_rad` (f, r, c) are the simulator's own incidence angles, where those of `scan` are better (`with_planes`).
+    `given_rad` (f, r, c) are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
+    `rays` what `cast` gives for these columns, where it was asked before.
     """
-    rows = scan.range_m.shape[1]
-    shape = (*column.shape, rows)
-    at = (
-        np.broadcast_to(frame[:, None, None], shape).astype(np.int32),
-        np.broadcast_to(np.arange(rows)[None, None, :], shape).astype(np.int32),
-        np.broadcast_to(column[:, :, None], shape).astype(np.int32),
-    )
+    at = _places(scan, frame, column)
     strip, surface, hold = _surfaces(scan, at)
     values, seen = np.asarray(measured.intensity)[at], np.asarray(measured.valid)[at]
     step = lattice_step(values[seen], finest=FINEST["intensity_quantization"])
@@ -195,6 +222,7 @@ def gather(
         measured,
         scan.incidence_rad if given_rad is None else given_rad,
         at,
+        rays or cast(scan, frame, column),
         (strip, surface, hold),
         unit.astype(np.int32),
         (np.float32(BLURRED * step), np.float32(lowest)),
@@ -235,6 +263,7 @@ def _gather(
     measured: Measured,
     given_rad: Array,
     at: Any,
+    simulated: Cast,
     surfaces: Any,
     unit: Any,
     limits: Any,
@@ -242,9 +271,8 @@ def _gather(
     classes: Any,
     units: int,
 ) -> Evidence:
-    rays, (least, lowest) = rays_at(scan, *at), limits
+    rays, pose, (least, lowest) = simulated.rays, simulated.pose, limits
     returned, range_m = measured.valid[at], measured.range_m[at]
-    pose = pose_derivatives(scan, rays)
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)

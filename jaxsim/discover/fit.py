@@ -19,7 +19,7 @@ from jaxsim.discover.flat import flat, restorer
 from jaxsim.discover.likelihood import CHANNELS, value_and_slopes
 from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.discover.parameters import prior, to_z
-from jaxsim.discover.through import placed, seen_through, slopes_back
+from jaxsim.discover.through import Back, placed, seen_through, slopes_back
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
@@ -94,10 +94,10 @@ class Objective:
     def start(self, values: dict[str, Any]) -> np.ndarray:
         return np.concatenate([flat(to_z(self.effect, values, self.rows)), self.first[self.own :]])
 
-    def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any]:
+    def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any, Back]:
         z, level = self.restore(x)
-        seen, taken = seen_through(self.effect, z, self.rays, self.problem.scan)
-        return z, level, self.blocks_of(seen, taken, level, counted)
+        seen, taken, back = seen_through(self.effect, z, self.rays, self.problem.scan)
+        return z, level, self.blocks_of(seen, taken, level, counted), back
 
     def blocks_of(
         self, seen: dict[str, Array], taken: dict[str, Array], level: Noise, counted: Array | None = None
@@ -110,8 +110,8 @@ class Objective:
 
     def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
         """Value and slope without the priors."""
-        z, _, (value, _, by_seen, by_noise) = self.blocks(x, counted)
-        by_z = slopes_back(self.effect, z, self.rays, self.problem.scan, by_seen) if self.own else z
+        z, _, (value, _, by_seen, by_noise), back = self.blocks(x, counted)
+        by_z = slopes_back(back, by_seen) if self.own else z
         return float(value), flat((by_z, by_noise))
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -144,7 +144,7 @@ def fit(
     # Stop where a step gains less than ENOUGH nats; SciPy asks for it as a fraction of the loss.
     options = {"maxiter": steps, "ftol": enough / max(abs(problem.loss), 1.0), "maxcor": 12}
     found = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    z, level, (_, blocks, _, _) = objective.blocks(found.x)
+    z, level, (_, blocks, _, _), _ = objective.blocks(found.x)
     return Fit(jax.tree.map(np.asarray, z), level, np.asarray(blocks), float(found.fun))
 
 
@@ -168,7 +168,8 @@ def partway(
     null, _ = objective.restore(objective.start({}))
     rays, scan = objective.rays, problem.scan
     before, after = (
-        (*seen_through(effect, z, rays, scan), noise) for z, noise in ((null, problem.noise), (found.z, found.noise))
+        (*seen_through(effect, z, rays, scan)[:2], noise)
+        for z, noise in ((null, problem.noise), (found.z, found.noise))
     )
     return np.asarray(objective.blocks_of(*_between(before, after, jnp.float32(share)))[1])
 

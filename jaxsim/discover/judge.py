@@ -17,8 +17,9 @@ from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import COVARIATES
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
-from jaxsim.discover.null import first_residuals, fit_null, left_over
+from jaxsim.discover.null import first_residuals, fit_null
 from jaxsim.discover.parameters import to_values
+from jaxsim.discover.random_effects import left_over
 from jaxsim.discover.result import Judged
 from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.survey import Candidate
@@ -50,8 +51,7 @@ def judge(
         return replace(problem, weights=weights(problem.ev, noise, *off))
 
     def distance(problem: Problem) -> np.ndarray:
-        found = distances(problem.ev.rays, problem.ev, problem.noise, problem.weights, jnp.asarray(fitted))
-        return by_scene(np.asarray(found)[judged], unit[judged])
+        return by_scene(np.asarray(distances(problem, fitted))[judged], unit[judged])
 
     before, after = problem_of([], null.noise), problem_of(chain, noise)
     instead = problem_of(*placebo) if placebo else before

@@ -7,6 +7,7 @@ The drop channel is the part of it that says whether a ray returned; the rest is
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -119,11 +120,17 @@ def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"
     return jnp.clip(jnp.where(rays.hit, rays.log_keep + missed, false), NEVER, -1e-6)
 
 
+def log_lost(rays: Rays, ev: Evidence, noise: Noise, *, clutter: bool = True) -> Float[Array, "b c r"]:
+    """Of the probability that a ray that is not lost with its column does not return."""
+    lost = jnp.log(-jnp.expm1(log_reported(rays, ev, noise))) + jnp.log1p(-jnp.clip(rays.ghost, 0, 0.999))
+    return lost + jnp.log1p(-jnp.clip(rays.clutter, 0, 0.999)) if clutter else lost
+
+
 def return_terms(
     rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
-    """Logarithms of the probability that a ray that is not lost with its column does not return, and of the
-    density with which it returns where it did; and what each block's pose costs."""
+    """`log_lost`; the logarithm of the density with which a ray returns where it did; and what each block's pose
+    costs."""
     hit = rays.hit
     off = ev.range_m - rays.reading_m
     shift, cost = pose_shift(ev, w, rays.reading_m, ev.returned & hit)
@@ -148,18 +155,14 @@ def return_terms(
     nothing = jnp.logaddexp(near, -np.log(CLUTTER_REACH_M)) - np.log(2)
     surface = jnp.where(hit, surface, nothing)
 
-    keep = log_reported(rays, ev, noise)
-    lost = jnp.log(-jnp.expm1(keep))
-    seen = keep + surface
+    seen = log_reported(rays, ev, noise) + surface
     ghost = jnp.clip(rays.ghost, 0, 0.999)
     doubled = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
     seen = jnp.logaddexp(jnp.log1p(-ghost) + seen, jnp.log(ghost + 1e-12) + doubled)
-    lost = lost + jnp.log1p(-ghost)
     if clutter:
         early = jnp.clip(rays.clutter, 0, 0.999)
         seen = jnp.logaddexp(jnp.log1p(-early) + seen, jnp.log(early + 1e-12) + log_clutter(rays, ev.range_m))
-        lost = lost + jnp.log1p(-early)
-    return lost, jnp.where(ev.returned, seen, 0.0), cost
+    return log_lost(rays, ev, noise, clutter=clutter), jnp.where(ev.returned, seen, 0.0), cost
 
 
 def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Array, "b c"]:
@@ -170,68 +173,85 @@ def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Arra
     return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))
 
 
-def log_likelihood(
-    rays: Rays,
-    ev: Evidence,
-    noise: Noise,
-    w: Weights,
-    fitted: Float[Array, " b"],
-    *,
-    channels: tuple[str, ...] = ("intensity", "range", "drop"),
-    clutter: bool = False,
-) -> Float[Array, "b 3"]:
-    """By block: intensity, range, drop. Nuisances shared by frames follow from the blocks with `fitted` > 0."""
-    zero = jnp.zeros(len(ev.unit))
-    intensity = zero
-    if "intensity" in channels:
-        terms, cost = intensity_terms(rays, ev, noise, w, fitted)
-        intensity = terms.sum((1, 2)) - cost
-    if not {"range", "drop"} & set(channels):
-        return jnp.stack([intensity, zero, zero], axis=-1)
-    lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
-    total = of_columns(rays, ev, lost, seen).sum(-1)
-    back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
-    drop = of_columns(rays, ev, lost, back).sum(-1)
-    return jnp.stack([intensity, total - drop - cost, drop], axis=-1)
-
-
-SEEN = (
-    "log_intensity",
-    "intensity_step",
-    "intensity_top",
-    "range_m",
-    "log_keep",
-    "column_loss",
-    "reading_m",
-    "noise_m",
-)
-SEEN += ("between", "between_m", "ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m")
-SEEN += ("range_step_m",)
-"""Fields of rays that the likelihood is differentiated in."""
+OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
+SEEN = (*OF_INTENSITY, "range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m")
+SEEN += ("ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m")
+"""Fields of rays that the likelihood is differentiated in; the first three matter to intensities, the others to
+returns."""
 TAKEN = ("hit", "beside_m")
 """Fields that it takes as they are."""
+Fields = dict[str, Array]
+Slopes = tuple[Array, Array, Fields, Noise]
 
 
-@partial(jax.jit, static_argnames=("channels", "clutter"))
 def value_and_slopes(
-    seen: dict[str, Array],
-    taken: dict[str, Array],
+    seen: Fields,
+    taken: Fields,
     ev: Evidence,
     noise: Noise,
     w: Weights,
     fitted: Float[Array, " b"],
     counted: Float[Array, " b"],
     *,
-    channels: tuple[str, ...],
-    clutter: bool,
-) -> tuple[Array, Array, dict[str, Array], Noise]:
-    """Minus the log-likelihood of the counted blocks; that of all by block and channel; and the derivatives of the
-    first in the rays' fields and in the noise. What frames share is taken from the fitted blocks."""
+    channels: tuple[str, ...] = CHANNELS,
+    clutter: bool = False,
+) -> Slopes:
+    """Minus the log-likelihood of the counted blocks; that of all by block and channel (b, 3: intensity, range, drop),
+    0 in channels that are not asked for; and the derivatives of the first in the rays' fields and in the noise.
+    Nuisances shared by frames follow from the blocks with `fitted` > 0.
 
-    def loss(seen: dict[str, Array], noise: Noise) -> tuple[Array, Array]:
-        rays = replace(ev.rays, **seen, **taken)
-        blocks = log_likelihood(rays, ev, noise, w, fitted, channels=channels, clutter=clutter)
+    Intensities and returns share neither fields nor noise: each is a program of its own, compiled once for all effects.
+    """
+    parts: list[Slopes] = []
+    if "intensity" in channels:
+        parts.append(_of_intensity(seen, taken, ev, noise, w, fitted, counted))
+    if {"range", "drop"} & set(channels):
+        parts.append(_of_returns(seen, taken, ev, noise, w, counted, clutter=clutter))
+    if len(parts) == 1:
+        return parts[0]
+    (value, blocks, by_seen, by_noise), (*more, by_returns, by_others) = parts
+    value, blocks, by_noise = _sum((value, blocks, by_noise), (*more, by_others))
+    return value, blocks, by_returns | {name: by_seen[name] for name in OF_INTENSITY}, by_noise
+
+
+@jax.jit
+def _of_intensity(
+    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, fitted: Array, counted: Array
+) -> Slopes:
+    def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
+        terms, cost = intensity_terms(rays, ev, noise, w, fitted)
+        return _in_channel(0, terms.sum((1, 2)) - cost)
+
+    return _slopes(by_block, seen, taken, ev, noise, counted)
+
+
+@partial(jax.jit, static_argnames="clutter")
+def _of_returns(
+    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, counted: Array, *, clutter: bool
+) -> Slopes:
+    def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
+        lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
+        total = of_columns(rays, ev, lost, seen).sum(-1)
+        back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
+        drop = of_columns(rays, ev, lost, back).sum(-1)
+        return _in_channel(1, total - drop - cost) + _in_channel(2, drop)
+
+    return _slopes(by_block, seen, taken, ev, noise, counted)
+
+
+def _in_channel(number: int, block: Float[Array, " b"]) -> Float[Array, "b 3"]:
+    return jnp.outer(block, jnp.eye(len(CHANNELS))[number])
+
+
+def _slopes(
+    by_block: Callable[[Rays, Noise], Array], seen: Fields, taken: Fields, ev: Evidence, noise: Noise, counted: Array
+) -> Slopes:
+    def loss(seen: Fields, noise: Noise) -> tuple[Array, Array]:
+        blocks = by_block(replace(ev.rays, **seen, **taken), noise)
         return -jnp.where(counted > 0, blocks.sum(-1), 0).sum(), blocks
 
     (value, blocks), (by_seen, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(seen, noise)
     return value, blocks, by_seen, by_noise
+
+
+_sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))

@@ -11,26 +11,14 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import NOTHING, Fit, Problem, fit
-from jaxsim.discover.nuisance import START, Weights, weights
+from jaxsim.discover.nuisance import START, weights
 from jaxsim.discover.power import implied_level, with_spread
-from jaxsim.discover.random_effects import pose_shift, reflectance
+from jaxsim.discover.random_effects import left_over
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
 ROUNDS = 2
 """Of noise given weights and weights given noise."""
-
-
-@jax.jit
-def left_over(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> tuple[Array, Array]:
-    """Residuals of ln I and of the range (m) after nuisances; 0 where they are not compared."""
-    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    off_i = off - reflectance(ev, w, fitted, off)[0]
-    smooth = ev.rays.hit & ev.returned & ~ev.edge
-    off_r = jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
-    return jnp.where(ev.compared, off_i, 0), jnp.where(
-        smooth, off_r - pose_shift(ev, w, ev.rays.reading_m, smooth)[0], 0
-    )
 
 
 @jax.jit

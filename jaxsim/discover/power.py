@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.nuisance import Noise, Weights, intensity_variance
-from jaxsim.discover.random_effects import reflectance
+from jaxsim.discover.random_effects import left_over
 
 FEW = 5.0
 """Compared rays up to which a surface is thought to be like its class, and a class like all."""
@@ -24,7 +24,7 @@ def implied_level(ev: Evidence, w: Weights) -> Float[np.ndarray, "b c r"]:
     """Nats by which each ray's surface is brighter than simulated: of its compared rays, its class's where it has few,
     all rays' where the class has few. 0 where nothing is hit."""
     off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    explained = np.asarray(reflectance(ev, w, jnp.ones(len(ev.unit), jnp.float32), off)[0], float)
+    explained = np.asarray(off - left_over(ev, w, jnp.ones(len(ev.unit), jnp.float32))[0], float)
     hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):

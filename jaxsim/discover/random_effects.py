@@ -119,3 +119,15 @@ def pose_shift(
     pose = poses(ev, w, predicted_m, on)
     cost = 0.5 * jnp.sum((pose / jnp.asarray(POSE_SD, jnp.float32)[None]) ** 2, axis=-1)
     return moved_by(ev, pose, predicted_m), cost
+
+
+@jax.jit
+def left_over(
+    ev: Evidence, w: Weights, fitted: Float[Array, " b"]
+) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Residuals of ln I (nats) and of the range (m) after reflectances and poses; 0 where they are not compared."""
+    off_i = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    off_i = off_i - reflectance(ev, w, fitted, off_i)[0]
+    smooth = ev.rays.hit & ev.returned & ~ev.edge
+    off_r = jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
+    return off_i, jnp.where(smooth, off_r - pose_shift(ev, w, ev.rays.reading_m, smooth)[0], 0)

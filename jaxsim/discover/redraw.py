@@ -20,8 +20,7 @@ from jaxsim.discover.evidence import Evidence, near_enough
 from jaxsim.discover.fit import Problem
 from jaxsim.discover.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.nuisance import range_variance
-from jaxsim.discover.null import left_over
-from jaxsim.discover.random_effects import explained_by, levels_of, moved_by, poses
+from jaxsim.discover.random_effects import explained_by, left_over, levels_of, moved_by, poses
 from jaxsim.effects.draw import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.likelihood import CHANNELS, NORMAL, return_terms
-from jaxsim.discover.nuisance import intensity_variance, range_variance
-from jaxsim.discover.null import left_over
+from jaxsim.discover.likelihood import CHANNELS, NORMAL, log_lost
+from jaxsim.discover.nuisance import Noise, intensity_variance, range_variance
+from jaxsim.discover.random_effects import left_over
 from jaxsim.frame import Array
 
 CLIP = 4.0
@@ -21,28 +21,26 @@ CLIP = 4.0
 
 
 @jax.jit
-def _raw(
-    problem_ev: Evidence, noise: Array, w: Array, fitted: Float[Array, " b"]
-) -> dict[str, tuple[Array, Array, Array]]:
-    """By channel: residual, its standard deviation, and where it counts."""
-    ev = problem_ev
-    off_i, off_r = left_over(ev, w, fitted)
-    lost, _, _ = return_terms(ev.rays, ev, noise, w, clutter=True)
+def _spread(ev: Evidence, noise: Noise) -> tuple[Array, Array, Array]:
+    """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
-    p = jnp.clip(gone + (1 - gone) * jnp.exp(lost), 1e-4, 1 - 1e-4)
-    smooth = ev.rays.hit & ev.returned & ~ev.edge
-    return {
-        "intensity": (off_i, jnp.sqrt(intensity_variance(ev, noise)), ev.compared),
-        "range": (off_r, jnp.sqrt(range_variance(ev, noise) + (NORMAL * ev.rays.noise_m) ** 2), smooth),
-        "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
-    }
+    p = jnp.clip(gone + (1 - gone) * jnp.exp(log_lost(ev.rays, ev, noise)), 1e-4, 1 - 1e-4)
+    of_range = jnp.sqrt(range_variance(ev, noise) + (NORMAL * ev.rays.noise_m) ** 2)
+    return jnp.sqrt(intensity_variance(ev, noise)), of_range, p
 
 
 def residuals(
     problem: Problem, fitted: Float[np.ndarray, " b"]
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """By channel: residuals in their own unit (nats, m, share lost), standardised ones, and where they count."""
-    found = _raw(problem.ev, problem.noise, problem.weights, jnp.asarray(fitted, jnp.float32))
+    ev = problem.ev
+    off_i, off_r = left_over(ev, problem.weights, jnp.asarray(fitted, jnp.float32))
+    sd_i, sd_r, p = _spread(ev, problem.noise)
+    found = {
+        "intensity": (off_i, sd_i, ev.compared),
+        "range": (off_r, sd_r, ev.rays.hit & ev.returned & ~ev.edge),
+        "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
+    }
     result = {}
     for name in CHANNELS:
         off, sd, counts = found[name]

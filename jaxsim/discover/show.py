@@ -17,16 +17,15 @@ from jaxtyping import Float
 from jaxsim.discover.additive import RIDGE
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.likelihood import CHANNELS, return_terms
+from jaxsim.discover.likelihood import CHANNELS, log_lost
 from jaxsim.discover.localise import CATEGORICAL, COVARIATES, curve_basis, values_of
-from jaxsim.discover.nuisance import Noise, Weights
+from jaxsim.discover.nuisance import Noise
 from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
-from jaxsim.discover.random_effects import pose_shift, reflectance
+from jaxsim.discover.random_effects import left_over
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.result import CurveLine
 from jaxsim.discover.verdict import Gap, Interval
 from jaxsim.effects import Effect
-from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
 UNITS = {
@@ -37,20 +36,25 @@ UNITS = {
 CLIP_M = 1.0
 
 
-@jax.jit
-def distances(rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, "b 3 2"]:
+def distances(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Float[Array, "b 3 2"]:
     """Sums and counts of each block's distances by channel."""
-    off = jnp.where(ev.compared, ev.log_intensity - rays.log_intensity, 0)
-    off = jnp.abs(off - reflectance(ev, w, fitted, off)[0])
-    smooth = rays.hit & ev.returned & ~ev.edge
-    wrong = jnp.where(smooth, ev.range_m - rays.reading_m, 0)
-    wrong = jnp.minimum(jnp.abs(wrong - pose_shift(ev, w, rays.reading_m, smooth)[0]), CLIP_M)
-    lost, _, _ = return_terms(rays, ev, noise, w, clutter=True)
+    left = left_over(problem.ev, problem.weights, jnp.asarray(fitted, jnp.float32))
+    return _distances(problem.ev, problem.noise, *left)
+
+
+@jax.jit
+def _distances(
+    ev: Evidence, noise: Noise, off_i: Float[Array, "b c r"], off_r: Float[Array, "b c r"]
+) -> Float[Array, "b 3 2"]:
+    rays, smooth = ev.rays, ev.rays.hit & ev.returned & ~ev.edge
     gone = jnp.clip(rays.column_loss, 0, 0.999)
-    lost = jnp.clip(jnp.logaddexp(jnp.log1p(-gone) + lost, jnp.log(gone + 1e-9)), -30.0, -1e-7)
+    lost = jnp.logaddexp(jnp.log1p(-gone) + log_lost(rays, ev, noise), jnp.log(gone + 1e-9))
+    lost = jnp.clip(lost, -30.0, -1e-7)
     miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)
-    sums = [jnp.where(m, x, 0).sum((1, 2)) for x, m in ((off, ev.compared), (wrong, smooth), (miss, rays.hit))]
-    counts = [m.sum((1, 2)).astype(jnp.float32) for m in (ev.compared, smooth, rays.hit)]
+    wrong = jnp.minimum(jnp.abs(off_r), CLIP_M)
+    pairs = ((jnp.abs(off_i), ev.compared), (wrong, smooth), (miss, rays.hit))
+    sums = [jnp.where(counts, x, 0).sum((1, 2)) for x, counts in pairs]
+    counts = [counts.sum((1, 2)).astype(jnp.float32) for _, counts in pairs]
     return jnp.stack([jnp.stack(sums, -1), jnp.stack(counts, -1)], axis=-1)
 
 

@@ -6,7 +6,9 @@ the effects of geometry share it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,27 +22,33 @@ from jaxsim.frame import Array
 
 Z = dict[str, Array]
 Fields = dict[str, Array]
+Step = Callable[[Any], Any]
+"""Of the chain rule: what `jax.vjp` gives, a tree of arrays as well as a function."""
+Back = tuple[Step, ...]
 
 
-def seen_through(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields]:
-    """Of the rays with an effect: the fields that the likelihood is differentiated in, and those that it takes."""
+def seen_through(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Back]:
+    """Of the rays with an effect: the fields that the likelihood is differentiated in, those that it takes, and what
+    makes of slopes in the former (`slopes_back`) those in z."""
     if isinstance(effect.apply, Displaced):
-        return _seen_again(_displaced(effect, z, rays), effect.apply.passes, rays, scan)
-    return _seen(effect, z, rays, scan)
+        by, to_z = _displaced(effect, z, rays)
+        seen, taken, to_by = _seen_again(by, effect.apply.passes, rays, scan)
+        return seen, taken, (to_by, to_z)
+    seen, taken, to_z = _seen(effect, z, rays, scan)
+    return seen, taken, (to_z,)
 
 
-def slopes_back(effect: Effect, z: Z, rays: Rays, scan: Scan, slopes: Fields) -> Z:
-    """Slopes in z, of those in the fields that `seen_through` gives."""
-    if isinstance(effect.apply, Displaced):
-        by = _back_again(_displaced(effect, z, rays), effect.apply.passes, rays, scan, slopes)
-        return _displaced_back(effect, z, rays, by)
-    return _back(effect, z, rays, scan, slopes)
+def slopes_back(back: Back, slopes: Fields) -> Z:
+    """Slopes in z, of those in the fields that `seen_through` gives beside `back`."""
+    for step in back:
+        slopes = _back(step, slopes)
+    return slopes
 
 
 def placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
     """The rays with an effect."""
     if isinstance(effect.apply, Displaced):
-        return _again(_displaced(effect, z, rays), effect.apply.passes, rays, scan)
+        return _again(_displaced(effect, z, rays)[0], effect.apply.passes, rays, scan)
     return _placed(effect, z, rays, scan)
 
 
@@ -55,34 +63,26 @@ def _placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
 
 
 @partial(jax.jit, static_argnames="effect")
-def _seen(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields]:
-    return _fields(effect.apply(to_values(effect, z), rays, scan))
+def _seen(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
+    seen, back, taken = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays, scan)), z, has_aux=True)
+    return seen, taken, back
 
 
 @partial(jax.jit, static_argnames="effect")
-def _back(effect: Effect, z: Z, rays: Rays, scan: Scan, slopes: Fields) -> Z:
-    return jax.vjp(lambda z: _seen(effect, z, rays, scan), z, has_aux=True)[1](slopes)[0]
-
-
-@partial(jax.jit, static_argnames="effect")
-def _displaced(effect: Effect, z: Z, rays: Rays) -> Displacement:
+def _displaced(effect: Effect, z: Z, rays: Rays) -> tuple[Displacement, Step]:
     assert isinstance(effect.apply, Displaced)
-    return effect.apply.displace(to_values(effect, z), rays)
-
-
-@partial(jax.jit, static_argnames="effect")
-def _displaced_back(effect: Effect, z: Z, rays: Rays, slopes: Displacement) -> Z:
-    return jax.vjp(lambda z: _displaced(effect, z, rays), z)[1](slopes)[0]
+    return jax.vjp(lambda z: effect.apply.displace(to_values(effect, z), rays), z)
 
 
 _again = jax.jit(lambda by, passes, rays, scan: recast(rays, scan, by, passes))
 
 
 @jax.jit
-def _seen_again(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields]:
-    return _fields(recast(rays, scan, by, passes))
+def _seen_again(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
+    seen, back, taken = jax.vjp(lambda by: _fields(recast(rays, scan, by, passes)), by, has_aux=True)
+    return seen, taken, back
 
 
 @jax.jit
-def _back_again(by: Displacement, passes: Array, rays: Rays, scan: Scan, slopes: Fields) -> Displacement:
-    return jax.vjp(lambda by: _seen_again(by, passes, rays, scan), by, has_aux=True)[1](slopes)[0]
+def _back(step: Step, slopes: Any) -> Any:
+    return step(slopes)[0]

@@ -17,7 +17,7 @@ from jaxsim.discover.add import in_place, parameters_of, refit
 from jaxsim.discover.answer import decide
 from jaxsim.discover.calibrate import bars_of, run_nulls
 from jaxsim.discover.columns import Blocks, blocks
-from jaxsim.discover.evidence import Evidence, gather, with_planes
+from jaxsim.discover.evidence import Cast, Evidence, cast, gather, with_planes
 from jaxsim.discover.fit import CLUTTER, Problem
 from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
@@ -186,13 +186,15 @@ class _Scenes:
     """As the folder has it, with the incidence that was given."""
     measured: Any
     chosen: Blocks
+    rays: Cast
     parts: Split
 
     @classmethod
     def of(cls, comparison: Comparison) -> _Scenes:
         given, measured = (jax.tree.map(jnp.asarray, side) for side in (comparison.scan, comparison.measured))
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-        return cls(with_planes(given), given, measured, chosen, split(chosen.unit))
+        scan = with_planes(given)
+        return cls(scan, given, measured, chosen, cast(scan, chosen.frame, chosen.column), split(chosen.unit))
 
     def evidence(self, names: Sequence[str], known: SensorModel = NOTHING_YET) -> tuple[Evidence, np.ndarray]:
         """The evidence of the named units, and the place of each block's unit among `names`; `known` effects in
@@ -201,5 +203,6 @@ class _Scenes:
         order = {name: k for k, name in enumerate(names)}
         unit = np.array([order[name] for name, kept in zip(self.chosen.unit, keep, strict=True) if kept])
         frame, column = self.chosen.frame[keep], self.chosen.column[keep]
-        ev = gather(self.scan, self.measured, frame, column, unit, given_rad=self.given.incidence_rad)
+        rays, given_rad = self.rays.part(keep), self.given.incidence_rad
+        ev = gather(self.scan, self.measured, frame, column, unit, given_rad=given_rad, rays=rays)
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects else ev), unit

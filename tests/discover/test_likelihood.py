@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from jaxsim.discover.likelihood import intensity_terms, log_below, log_likelihood, return_terms
+from jaxsim.discover.likelihood import (
+    CHANNELS,
+    SEEN,
+    TAKEN,
+    intensity_terms,
+    log_below,
+    return_terms,
+    value_and_slopes,
+)
 from jaxsim.discover.nuisance import START, weights
 
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
@@ -72,9 +80,16 @@ def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_f
 def test_channels_that_are_not_asked_for_are_zero(evidence):
     zero = jnp.zeros(evidence.edge.shape)
     w = weights(evidence, START, zero, zero)
-    found = np.asarray(log_likelihood(evidence.rays, evidence, START, w, jnp.ones(6), channels=("intensity",)))
-    assert (found[:, 1:] == 0).all()
-    assert (found[:, 0] != 0).all()
+    seen, taken = ({name: getattr(evidence.rays, name) for name in names} for names in (SEEN, TAKEN))
+    one, by = jnp.ones(6), {}
+    for asked in (("intensity",), ("range", "drop"), CHANNELS):
+        value, blocks, by[asked], _ = value_and_slopes(seen, taken, evidence, START, w, one, one, channels=asked)
+        found = np.asarray(blocks)
+        assert ((found != 0).all(0) == [channel in asked for channel in CHANNELS]).all()
+        assert (found[:, [channel not in asked for channel in CHANNELS]] == 0).all()
+        assert float(value) == pytest.approx(-found.sum(), rel=1e-5)
+    for name, slope in by[CHANNELS].items():
+        np.testing.assert_array_equal(slope, by["intensity",][name] + by["range", "drop"][name], err_msg=name)
 
 
 def test_a_reading_of_nothing_has_the_probability_of_all_that_is_weaker():

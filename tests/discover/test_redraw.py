@@ -8,7 +8,8 @@ import pytest
 
 from jaxsim.discover.evidence import gather
 from jaxsim.discover.fit import fit, on_top
-from jaxsim.discover.null import fit_null, left_over
+from jaxsim.discover.null import fit_null
+from jaxsim.discover.random_effects import left_over
 from jaxsim.discover.redraw import redraw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR

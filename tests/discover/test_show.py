@@ -13,7 +13,6 @@ from .conftest import device, toy
 
 def problem(gain: float):
     import jax
-    import jax.numpy as jnp
 
     from jaxsim.discover.evidence import gather
 
@@ -23,7 +22,7 @@ def problem(gain: float):
     fitted = (frames < 6).astype(np.float32)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         found, _ = fit_null(scan, ev, fitted)
-        per_block = np.asarray(distances(ev.rays, ev, found.noise, found.weights, jnp.asarray(fitted)))
+        per_block = np.asarray(distances(found, fitted))
     return found, fitted, frames >= 6, frames, by_scene(per_block[frames >= 6], frames[frames >= 6])
 
 
