@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxsim.discover import Result
-from jaxsim.discover.survey import FOLDS, Candidate
+from jaxsim.discover.split import FOLDS
+from jaxsim.discover.survey import Candidate
 from jaxsim.effects import EFFECTS
 
 RIVALS = {

@@ -29,8 +29,10 @@ def refit(
     values, result = dict(enumerate(z)), {}
     for _ in range(sweeps if len(effects) > 1 else 1):
         for k in range(len(effects)):
-            problem = in_place(null, [(effects[j], values[j]) for j in range(len(effects)) if j != k])
-            problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
+            others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
+            problem = in_place(null, others)
+            if others:
+                problem, _ = fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)
             # Values that are read off the data (steps of rounding) stay.
             start = ({n: np.asarray(v) for n, v in to_values(effects[k], values[k]).items()},)
             found = fit(effects[k], problem, everyone, starts=start, steps=80, fixed=effects[k].name in FINEST)

@@ -6,6 +6,7 @@ The likelihood is compiled once for all effects: each effect's own function is s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -19,6 +20,7 @@ from jaxsim.discover.flat import flat, restorer
 from jaxsim.discover.likelihood import CHANNELS, value_and_slopes
 from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.discover.parameters import prior, to_z
+from jaxsim.discover.split import folds
 from jaxsim.discover.through import Back, placed, seen_through, slopes_back
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
@@ -44,6 +46,11 @@ class Problem:
     """Rays already carry clutter."""
     loss: float = 1e4
     """Of the null: the scale of a fit's loss."""
+
+    @cached_property
+    def null_fits(self) -> list[Fit]:
+        """The null on each fold (`folds`)."""
+        return [fit(NOTHING, self, fitted, steps=100, enough=1e-3) for fitted in folds(np.asarray(self.ev.unit))]
 
 
 @dataclass(frozen=True)

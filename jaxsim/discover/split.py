@@ -10,6 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 JUDGE_SHARE = 1 / 3
+FOLDS = 3
+"""Parts of the find scenes, each held out of a fit once."""
 FEWEST = 10
 """Units that a verdict needs: 7 to find with, for the signs of fewer cannot agree so well that chance is ruled out at
 the level that naming asks for (`name.LEVEL`, of the better of two tests: 2 x 2^-7), and 3 to judge on."""
@@ -44,7 +46,7 @@ def split(names: Sequence[str]) -> Split:
     return Split(tuple(find), tuple(judge), hashlib.sha256(text.encode()).hexdigest())
 
 
-def folds(unit: Int[np.ndarray, " b"], count: int) -> Float[np.ndarray, "k b"]:
+def folds(unit: Int[np.ndarray, " b"], count: int = FOLDS) -> Float[np.ndarray, "k b"]:
     """For each fold, 1 for the blocks that are fitted and 0 for those held out; units stay together."""
     units = np.unique(unit)
     group = np.searchsorted(units, unit) % min(count, len(units))

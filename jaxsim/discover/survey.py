@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.beams import by_beam, smooth_score
-from jaxsim.discover.fit import CHANNELS, NOTHING, Fit, Problem, channels_of, fit, partway
+from jaxsim.discover.fit import CHANNELS, Fit, Problem, channels_of, fit, partway
 from jaxsim.discover.hints import hints, rounded
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import p_value
 from jaxsim.discover.split import folds
 from jaxsim.effects import Effect
 
-FOLDS = 3
 THREADS = 2
 PART = 0.25
 """Of the way from the null to a fit at which units are asked whether they agree on its direction."""
@@ -74,20 +73,13 @@ class Candidate:
         return float(clipped(self.by_unit).sum())
 
 
-def null_fits(problem: Problem, *, count: int = FOLDS) -> list[Fit]:
-    """The null on each fold."""
-    groups = folds(np.asarray(problem.ev.unit), count)
-    return [fit(NOTHING, problem, fitted, steps=100, enough=1e-3) for fitted in groups]
-
-
 def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
     `null` saves its fits where they are known.
     """
     unit = np.asarray(problem.ev.unit)
-    groups = folds(unit, FOLDS)
-    null = null or null_fits(problem)
+    groups, null = folds(unit), null or problem.null_fits
     problems = [replace(problem, noise=base.noise) for base in null]
 
     steps, more_starts = rounded(problem), hints(problem)

@@ -13,7 +13,7 @@ from jaxsim.discover.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED
 from jaxsim.discover.name import BAR, accepted
 from jaxsim.discover.over_scenes import fold_half_width
 from jaxsim.discover.parameters import to_values
-from jaxsim.discover.survey import THREADS, Candidate, null_fits, survey
+from jaxsim.discover.survey import THREADS, Candidate, survey
 from jaxsim.discover.verdict import Unexplained
 
 READ = {
@@ -34,7 +34,7 @@ TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed")}
 def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
     like effects; best first."""
-    null = null_fits(problem)
+    null = problem.null_fits
 
     def one(place: Place) -> tuple[Place, Candidate]:
         [candidate] = survey(with_basis(problem, place.covariate), [CURVES[place.channel]], null=null)
