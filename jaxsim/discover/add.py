@@ -25,7 +25,8 @@ def in_place(null: Problem, effects: Sequence[tuple[Effect, dict[str, Any]]], *,
 def refit(
     null: Problem, effects: Sequence[Effect], z: Sequence[dict[str, Any]], everyone: np.ndarray, *, sweeps: int = 2
 ) -> list[tuple[Effect, Problem, Any]]:
-    """Each effect fitted with all others in place: the effect, the problem that it was fitted in, the fit."""
+    """Each effect fitted with all others in place: the effect, the problem that it was fitted in, the fit. The
+    nuisances of `null` are fitted; they are again beside other effects."""
     values, result = dict(enumerate(z)), {}
     for _ in range(sweeps if len(effects) > 1 else 1):
         for k in range(len(effects)):

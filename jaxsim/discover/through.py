@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxsim.discover.likelihood import SEEN, TAKEN
+from jaxsim.discover.likelihood import SEEN, TAKEN, Fields
 from jaxsim.discover.parameters import to_values
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
@@ -21,7 +21,6 @@ from jaxsim.effects.recast import Displaced, Displacement, recast
 from jaxsim.frame import Array
 
 Z = dict[str, Array]
-Fields = dict[str, Array]
 Step = Callable[[Any], Any]
 """Of the chain rule: what `jax.vjp` gives, a tree of arrays as well as a function."""
 Back = tuple[Step, ...]

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import BLURRED, STEEPEST_RAD, gather, with_planes
+from jaxsim.discover.evidence import BLURRED, STEEPEST_RAD, cast, gather, with_planes
 from tests.discover.conftest import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
@@ -67,3 +67,12 @@ def test_readings_that_rounding_blurs_are_not_compared(frames):
     assert not np.asarray(coarse.compared)[dark].any()
     bright = np.asarray(fine.compared) & (predicted > BLURRED * step)
     assert np.asarray(coarse.compared)[bright].all()
+
+
+def test_rays_that_were_cast_with_other_frames_give_the_same_evidence(frames):
+    scan, measured = device(*frames)
+    alone = gather(scan, measured, FRAMES[1:], COLUMNS[1:], FRAMES[1:])
+    rays = cast(scan, FRAMES, COLUMNS).part(FRAMES > 0)
+    shared = gather(scan, measured, FRAMES[1:], COLUMNS[1:], FRAMES[1:], rays=rays)
+    for one, other in zip(jax.tree.leaves(alone), jax.tree.leaves(shared), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
