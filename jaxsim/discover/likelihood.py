@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
-from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, range_variance
+from jaxsim.discover.nuisance import Noise, Weights, intensity_variance, reading_variance
 from jaxsim.discover.random_effects import pose_shift, reflectance
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, NEVER, Rays
 from jaxsim.frame import Array
@@ -26,9 +26,6 @@ CHANNELS = ("intensity", "range", "drop")
 DEGREES = 4.0
 """Of freedom of the Student-t."""
 _T = float(np.log(3 / 8))  # log of the density of Student-t with 4 degrees at 0, scale 1
-NORMAL = 0.86
-"""Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
-sum: 0.89 where the noise is weak, 0.83 where it is all."""
 _PILE = 0.01
 """Intensities within this (nats) of the sensor's top count as at the top."""
 _EDGE_SD_M = 0.05
@@ -136,7 +133,7 @@ def return_terms(
     shift, cost = pose_shift(ev, w, rays.reading_m, ev.returned & hit)
     off = off - shift
 
-    sd = jnp.sqrt(range_variance(ev, noise) + (NORMAL * rays.noise_m) ** 2 + rays.range_step_m**2 / 12)
+    sd = jnp.sqrt(reading_variance(rays, ev, noise))
     core = log_student(off, sd)
     beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4)
     near = log_normal(ev.range_m[..., None] - beside, near_sd(ev.range_m[..., None]))

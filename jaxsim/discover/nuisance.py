@@ -16,10 +16,14 @@ from flax import struct
 from jaxtyping import Float, Int
 
 from jaxsim.discover.evidence import FIRM, POSE_SD, STREET_SD, STRIP_SD, Evidence
+from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
 POSE_MOST = 0.15
 """Of its range that a frame's pose moves a reading at most."""
+NORMAL = 0.86
+"""Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
+sum: 0.89 where the noise is weak, 0.83 where it is all."""
 OTHERS = 4
 """Features behind the classes: curvature and the three of disagreeing normals."""
 
@@ -110,12 +114,17 @@ def range_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
     return jnp.exp(2 * noise.range_) + aim + jnp.where(ev.edge, jnp.exp(2 * noise.edge), 0)
 
 
+def reading_variance(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
+    """`range_variance` with what effects that `rays` carry scatter, and with the lattice that they put readings on."""
+    return range_variance(ev, noise) + (NORMAL * rays.noise_m) ** 2 + rays.range_step_m**2 / 12
+
+
 @jax.jit
 def weights(ev: Evidence, noise: Noise, off_i: Float[Array, "b c r"], off_r: Float[Array, "b c r"]) -> Weights:
     """Robust weights at the residuals `off_i` (nats) and `off_r` (m) of the null model."""
     variance = intensity_variance(ev, noise)
     w_i = jnp.where(ev.compared, 5 / (4 + off_i**2 / variance) / variance, 0.0)
-    spread = range_variance(ev, noise)
+    spread = reading_variance(ev.rays, ev, noise)
     smooth = ev.rays.hit & ev.returned & ~ev.edge & (jnp.abs(off_r) < jnp.maximum(0.3, POSE_MOST * ev.rays.range_m))
     w_r = jnp.where(smooth, 5 / (4 + off_r**2 / spread) / spread, 0.0)
     weighted = ev.features * w_i[..., None]

@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.likelihood import CHANNELS, NORMAL, log_lost
-from jaxsim.discover.nuisance import Noise, intensity_variance, range_variance
+from jaxsim.discover.likelihood import CHANNELS, log_lost
+from jaxsim.discover.nuisance import Noise, intensity_variance, reading_variance
 from jaxsim.discover.random_effects import left_over
 from jaxsim.frame import Array
 
@@ -25,8 +25,7 @@ def _spread(ev: Evidence, noise: Noise) -> tuple[Array, Array, Array]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
     p = jnp.clip(gone + (1 - gone) * jnp.exp(log_lost(ev.rays, ev, noise)), 1e-4, 1 - 1e-4)
-    of_range = jnp.sqrt(range_variance(ev, noise) + (NORMAL * ev.rays.noise_m) ** 2)
-    return jnp.sqrt(intensity_variance(ev, noise)), of_range, p
+    return jnp.sqrt(intensity_variance(ev, noise)), jnp.sqrt(reading_variance(ev.rays, ev, noise)), p
 
 
 def residuals(

@@ -1,5 +1,7 @@
 """The closed forms against plain generalised least squares, and against finite differences."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -87,3 +89,12 @@ def test_pose_derivatives_are_those_of_a_road(evidence):
     slope = np.asarray(evidence.rays.range_m) / np.tan(-np.asarray(evidence.rays.elevation_rad))
     cosine = np.cos(np.asarray(evidence.rays.azimuth_rad))
     np.testing.assert_allclose(np.asarray(evidence.pose[..., 4])[ahead], -(slope * cosine)[ahead], rtol=0.03)
+
+
+def test_what_an_effect_scatters_is_no_outlier_to_the_pose(evidence):
+    off = jnp.full(evidence.edge.shape, 0.05)
+    sure = START.replace(range_=jnp.float32(np.log(1e-3)))
+    usual = START.replace(range_=jnp.float32(np.log(np.hypot(1e-3, 0.05 / np.sqrt(12)))))
+    rounded = evidence.replace(rays=replace(evidence.rays, range_step_m=jnp.float32(0.05)))
+    by_step = weights(rounded, sure, off, off)
+    np.testing.assert_allclose(by_step.range_, weights(evidence, usual, off, off).range_, rtol=1e-4)
