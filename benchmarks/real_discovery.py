@@ -135,6 +135,8 @@ def answer(case: Path, nulls: int) -> Verdict:
             f"gap, {channel}: {gap.before:.4f} -> {gap.after:.4f} ({gap.unit}; shrinks by {gap.low:.4f} to "
             f"{gap.high:.4f}), floor {gap.floor:.4f}, placebo {gap.placebo:.4f}"
         )
+        if gained := gap.gained:
+            print(f"  log-likelihood: {gained.value:+.1f} ({gained.low:.1f} to {gained.high:.1f}) {gained.unit}")
     if verdict.closure:
         print(f"closure: {verdict.closure.value:.2f} ({verdict.closure.low:.2f}-{verdict.closure.high:.2f})")
     rivals = ", ".join(f"{rank.name} {rank.gain:.1f}" for rank in verdict.ranking[:6])

@@ -29,7 +29,8 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
         key, settings, seed, code; seconds and cpu_seconds of the answer alone; memory_gib, the process's largest;
         rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden;
         where, ranking: the verdict's first places and gains; drawn: its nulls, if any were drawn; closure;
-        gap: {channel: [before, after, floor, placebo]};
+        gap: {channel: [before, after, floor, placebo]}, mean errors; gained: {channel: [answer, floor, placebo]}, nats
+            per scene of the judge scenes' log-likelihood;
         known: the same of the true effects, fitted from their true parameters (rightly named cases; else None).
     """
     seed, case = job.seed(sealed=settings.sealed), folder / case_name(job.place(sealed=settings.sealed))
@@ -90,7 +91,8 @@ def _rays(comparison: Comparison, units: int) -> int:
 
 def _gap(gap: Mapping[str, Any], closure: Any) -> dict[str, Any]:
     numbers = {name: [float(x) for x in (g.before, g.after, g.floor, g.placebo)] for name, g in gap.items()}
-    return {"closure": closure.value if closure else None, "gap": numbers}
+    gained = {name: [float(x) for x in (g.gained.value, g.gained.floor, g.gained.placebo)] for name, g in gap.items()}
+    return {"closure": closure.value if closure else None, "gap": numbers, "gained": gained}
 
 
 def true_effects(key: Mapping[str, Any], comparison: Comparison) -> dict[str, dict[str, Any]]:

@@ -161,23 +161,19 @@ def _parameters(rows: Sequence[Row]) -> str:
     return _table("| parameters of rightly named effects | value |", lines)
 
 
-def shrinkage(gap: dict[str, list[float]], channels: Iterable[str], place: int) -> float:
-    """How much of each channel's distance goes, summed: `place` 1 is after, 3 the placebo."""
-    return sum((gap[name][0] - gap[name][place]) / gap[name][0] for name in channels if gap[name][0] > 0)
-
-
 def closures(row: Row) -> tuple[float, float] | None:
-    """(answer, placebo) as shares of what the true effects reach, fitted from their true parameters, in the channels
-    that these change; None where they shrink nothing."""
+    """(answer, placebo) as shares of what the judge scenes' log-likelihood gains with the true effects, fitted from
+    their true parameters, in the channels that these change; None where that is less than LEAST."""
     channels = sorted({channel for name in row["truth"] for channel in EFFECTS[name].channels})
-    reach = shrinkage(row["known"]["gap"], channels, 1)
+    reach = sum(row["known"]["gained"][name][0] for name in channels)
     if reach < LEAST:
         return None
-    return shrinkage(row["gap"], channels, 1) / reach, shrinkage(row["gap"], channels, 3) / reach
+    answer, _, placebo = np.sum([row["gained"][name] for name in channels], axis=0)
+    return float(answer / reach), float(placebo / reach)
 
 
-LEAST = 1e-3
-"""A gap that the truth shrinks by less than a tenth of a per cent has nothing to close."""
+LEAST = 1.0
+"""Nats per scene below which there is no gap that the truth could close: a tenth of the bar."""
 
 
 def _gaps(rows: Sequence[Row]) -> str:
@@ -188,15 +184,15 @@ def _gaps(rows: Sequence[Row]) -> str:
         return ""
     reached, placebo = (np.array(x) for x in zip(*found, strict=True))
     return _table(
-        "| gap on judge scenes, exactly named cases | value |",
+        "| gap on judge scenes (log-likelihood), exactly named cases | value |",
         [
-            f"| median closure against the black box's floor | {np.median(named):.2f} of {len(named)} |",
+            f"| median closure against free curves | {np.median(named):.2f} of {len(named)} |",
             f"| median share of what the true effects reach, fitted from their true parameters | "
             f"{np.median(reached):.2f} of {len(reached)} |",
             f"| of these at least 90 % | {rate(reached >= 0.9)} |",
             f"| median share that the placebo reaches | {np.median(placebo):.2f} |",
             f"| placebo at most half | {rate(placebo <= 0.5)} |",
-            f"| the truth shrinks nothing | {len(right) - len(found)} of {len(right)} |",
+            f"| the truth gains less than {LEAST:g} nat per scene | {len(right) - len(found)} of {len(right)} |",
         ],
     )
 

@@ -11,17 +11,20 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.add import in_place
+from jaxsim.discover.black_box import black_box
+from jaxsim.discover.distance import Distance, distance
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem, fit
+from jaxsim.discover.gap import closure, gaps
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import COVARIATES
+from jaxsim.discover.maps import curves_along, maps_of
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
 from jaxsim.discover.null import first_residuals, fit_null
 from jaxsim.discover.parameters import to_values
 from jaxsim.discover.random_effects import left_over
 from jaxsim.discover.result import Judged
-from jaxsim.discover.show import by_scene, curves_along, distances, floors, gaps, maps_of
 from jaxsim.discover.survey import Candidate
 from jaxsim.effects import Effect
 
@@ -45,23 +48,28 @@ def judge(
     judged = unit >= find
 
     def problem_of(effects: Added, noise: Noise) -> Problem:
-        problem = in_place(Problem(scan, ev, null.weights, noise, null.clutter), effects, simulated=True)
-        raw = weights(problem.ev, noise, *first_residuals(problem.ev))
-        off = left_over(problem.ev, raw, jnp.asarray(fitted))
-        return replace(problem, weights=weights(problem.ev, noise, *off))
+        problem = Problem(scan, ev, null.weights, noise, null.clutter)
+        return settled(in_place(problem, effects, simulated=True))
 
-    def distance(problem: Problem) -> np.ndarray:
-        return by_scene(np.asarray(distances(problem, fitted))[judged], unit[judged])
+    def settled(problem: Problem) -> Problem:
+        """With the weights that its own residuals have."""
+        raw = weights(problem.ev, problem.noise, *first_residuals(problem.ev))
+        off = left_over(problem.ev, raw, jnp.asarray(fitted))
+        return replace(problem, weights=weights(problem.ev, problem.noise, *off))
 
     before, after = problem_of([], null.noise), problem_of(chain, noise)
     instead = problem_of(*placebo) if placebo else before
     channels = {name for effect, _ in chain for name in effect.channels}
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
-    floor = floors(before, fitted, judged, unit, distance(before), sorted(covariates))
-    gap, closure = gaps(distance(before), distance(after), distance(instead), floor, sorted(channels))
+    free = settled(black_box(before, fitted, sorted(covariates)))
+
+    def far(problem: Problem) -> Distance:
+        return distance(problem, fitted, before.weights, unit)
+
+    near = [far(problem) for problem in (before, after, instead, free)]
     return Judged(
-        gap,
-        closure,
+        gaps(*near),
+        closure(near[0], near[1], near[3], channels),
         maps_of(before, fitted, judged),
         maps_of(after, fitted, judged),
         curves_along(before, after, fitted, judged, unit, [effect for effect, _ in chain]),

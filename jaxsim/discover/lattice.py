@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
 """Effects whose step is read off the values, and the finest step that counts as rounding."""
@@ -41,6 +42,17 @@ def _refined(x: np.ndarray, step: float) -> float:
 
 
 def _share(x: np.ndarray, step: float) -> float:
+    return float(np.mean(_on(x, step)))
+
+
+def _on(x: np.ndarray, step: float) -> Bool[np.ndarray, "*n"]:
     off = np.abs(x / step - np.round(x / step))
     # Values kept as float32 carry their own rounding.
-    return float(np.mean(off < NEAR + 1e-6 * x / step))
+    return off < NEAR + 1e-6 * x / step
+
+
+def log_rounding(values: Float[np.ndarray, "*n"], step: float, *, finest: float) -> Float[np.ndarray, "*n"]:
+    """Nats by which each reading is more probable if SHARE of all lie on the lattice of `step` than if they are known
+    to `finest`: many where it lies there, and fewer than none where it does not."""
+    x = np.asarray(values, np.float64)
+    return np.where(_on(x, step), np.log(SHARE * step / finest), np.log(1 - SHARE))

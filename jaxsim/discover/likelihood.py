@@ -170,6 +170,35 @@ def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Arra
     return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))
 
 
+def intensity_by_block(
+    rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]
+) -> Float[Array, " b"]:
+    """Log-likelihood of the intensities, what surfaces' reflectances cost taken off."""
+    terms, cost = intensity_terms(rays, ev, noise, w, fitted)
+    return terms.sum((1, 2)) - cost
+
+
+def returns_by_block(
+    rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
+) -> tuple[Float[Array, " b"], Float[Array, " b"]]:
+    """Log-likelihood of the ranges, what the pose costs taken off, and of what returned."""
+    lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
+    total = of_columns(rays, ev, lost, seen).sum(-1)
+    back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
+    drop = of_columns(rays, ev, lost, back).sum(-1)
+    return total - drop - cost, drop
+
+
+@partial(jax.jit, static_argnames="clutter")
+def log_likelihood(
+    ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"], *, clutter: bool
+) -> Float[Array, "b 3"]:
+    """Of every block by channel (intensity, range, drop), of the rays as they stand; `value_and_slopes` without
+    slopes."""
+    returns = returns_by_block(ev.rays, ev, noise, w, clutter=clutter)
+    return jnp.stack([intensity_by_block(ev.rays, ev, noise, w, fitted), *returns], axis=-1)
+
+
 OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
 SEEN = (*OF_INTENSITY, "range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m")
 SEEN += ("ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m")
@@ -216,8 +245,7 @@ def _of_intensity(
     seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, fitted: Array, counted: Array
 ) -> Slopes:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        terms, cost = intensity_terms(rays, ev, noise, w, fitted)
-        return _in_channel(0, terms.sum((1, 2)) - cost)
+        return _in_channel(0, intensity_by_block(rays, ev, noise, w, fitted))
 
     return _slopes(by_block, seen, taken, ev, noise, counted)
 
@@ -227,11 +255,8 @@ def _of_returns(
     seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, counted: Array, *, clutter: bool
 ) -> Slopes:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
-        total = of_columns(rays, ev, lost, seen).sum(-1)
-        back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
-        drop = of_columns(rays, ev, lost, back).sum(-1)
-        return _in_channel(1, total - drop - cost) + _in_channel(2, drop)
+        range_, drop = returns_by_block(rays, ev, noise, w, clutter=clutter)
+        return _in_channel(1, range_) + _in_channel(2, drop)
 
     return _slopes(by_block, seen, taken, ev, noise, counted)
 

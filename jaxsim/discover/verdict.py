@@ -68,6 +68,23 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
+class Gained:
+    """Log-likelihood that one channel of unseen scenes gains by the effects, nats per scene."""
+
+    value: float
+    low: float
+    """90 % interval, from the scatter between scenes."""
+    high: float
+    floor: float
+    """What free curves along the named effects' covariates gain with the same data."""
+    placebo: float
+    """With the runner-up in place of the named effect."""
+    win_rate: float
+    """Share of judge scenes that gain."""
+    unit: str = "nats per scene"
+
+
+@dataclass(frozen=True)
 class Gap:
     """One channel's distance between simulation and measurement on judge scenes."""
 
@@ -83,6 +100,8 @@ class Gap:
     """With the runner-up in place of the named effect."""
     win_rate: float
     """Share of judge scenes where it shrank."""
+    gained: Gained | None = None
+    """None where no likelihood is computed (unpaired)."""
 
     @property
     def not_worse(self) -> bool:

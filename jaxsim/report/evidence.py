@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsim.discover.localise import CATEGORICAL
 from jaxsim.discover.result import CurveLine, Result
-from jaxsim.discover.verdict import WORSE, Gap, Verdict, Where
+from jaxsim.discover.verdict import WORSE, Gained, Gap, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
@@ -17,6 +17,8 @@ from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, numbe
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
+FAINT = 1.0
+"""Nats per scene: a tenth of what an effect must gain to be named."""
 
 
 def where(places: Sequence[Where]) -> str:
@@ -95,7 +97,7 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
 
 
 def gap(verdict: Verdict) -> str:
-    """Distances by channel before and after, beside floor and placebo, and the closure."""
+    """Errors by channel before and after, what the likelihood gains, beside floor and placebo, and the closure."""
     if not verdict.gap:
         return ""
     added = bool(verdict.effects)
@@ -112,22 +114,54 @@ def gap(verdict: Verdict) -> str:
     more = ["after", "before − after, 90 %", "scenes better"] if added else []
     head = ["channel", "before", *more, "floor", *(["placebo"] if added else [])]
     words = (
-        "Distance between simulation and measurement on scenes that nothing was fitted to; a scene counts once. "
+        "Mean errors of the simulation on scenes that nothing was fitted to; a scene counts once. "
         "Floor: what a free additive model reaches with the same data."
     )
     if added:
         words += (
             " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
-            f"each held against itself. Not worse: at 95 %, the distance grew by less than {percent(WORSE)}."
+            f"each held against itself. Not worse: at 95 %, the error grew by less than {percent(WORSE)}."
         )
-    closure = ""
+    return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
+
+
+def _gained(verdict: Verdict) -> str:
+    """What the likelihood of judge scenes gains by channel, and the closure."""
+    sides = {name: g.gained for name, g in verdict.gap.items() if g.gained}
+    if not sides or not verdict.effects:
+        return ""
+    rows = [
+        [
+            escape(name),
+            number(g.value),
+            f"{number(g.low)} to {number(g.high)}<br><small>{_gain(g)}</small>",
+            percent(g.win_rate),
+            number(g.floor),
+            number(g.placebo),
+        ]
+        for name, g in sides.items()
+    ]
+    words = (
+        "Log-likelihood that the same scenes gain with the effects, nats per scene: the measure that effects are named "
+        "by, here on scenes that nothing was fitted to. It also counts scatter, lattices and rare readings, which a "
+        "mean error does not see."
+    )
+    head = ["channel", "gained", "90 %", "scenes better", "floor", "placebo"]
+    told = paragraph(words) + table(head, rows, text=1)
     if verdict.closure:
         c = verdict.closure
-        closure = paragraph(
-            f"Closure, (before − after) / (before − floor) over the channels that the named effects change: "
+        told += paragraph(
+            f"Closure, gained / gained by the floor over the channels that the named effects change: "
             f"{percent(c.value)} (90 % interval {percent(c.low)} to {percent(c.high)})."
         )
-    return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + closure)
+    return told
+
+
+def _gain(gained: Gained) -> str:
+    """What the interval says."""
+    if max(abs(gained.low), abs(gained.high)) < FAINT:
+        return "as before"
+    return "gains" if gained.low > 0 else "loses" if gained.high < 0 else "undecided"
 
 
 def _change(gap: Gap) -> str:

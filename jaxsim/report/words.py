@@ -16,17 +16,19 @@ Line = Float[np.ndarray, " k"]
 
 
 class Sides(NamedTuple):
-    """What the two signs of a channel's residual mean."""
+    """A channel in words: what the two signs of its residual mean."""
 
     unit: str
     more: str
     less: str
+    word: str
+    """Of the readings themselves."""
 
 
 CHANNELS = {
-    "intensity": Sides("ln I, nats", "measured brighter than simulated", "measured darker"),
-    "range": Sides("range, m", "measured farther than simulated", "measured nearer"),
-    "drop": Sides("share of rays", "more rays lost than expected", "fewer lost"),
+    "intensity": Sides("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
+    "range": Sides("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
+    "drop": Sides("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
 }
 """Of residuals, measured minus simulated."""
 
@@ -143,16 +145,30 @@ def verdict_sentence(verdict: Verdict) -> str:
 
 
 def _closed(verdict: Verdict) -> str:
-    if verdict.closure is None:
-        return ""
+    """What adding the effects did on judge scenes."""
     c, count = verdict.closure, len(verdict.judge)
     it = "them" if len(verdict.effects) > 1 else "it"
-    where = f"on {count} scenes that nothing was fitted to"
+    where = f"{count} scenes that nothing was fitted to"
+    if c is None:
+        return _gained(verdict, f"; adding {it} makes {{}} of {where} more probable")
     if min(c.value, c.low) > 0.999:
-        return f"; adding {it} brings the two as near as free curves can, or nearer, {where}"
+        return f"; adding {it} brings the two as near as free curves can, or nearer, on {where}"
     return (
         f"; adding {it} closes {percent(c.value)} of the explainable gap (90 % interval {percent(c.low)} to "
-        f"{percent(c.high)}) {where}"
+        f"{percent(c.high)}) on {where}"
+    )
+
+
+def _gained(verdict: Verdict, words: str) -> str:
+    """The channel of the named effects that gains most for certain; empty where none does."""
+    channels = {channel for effect in verdict.effects for channel in effect.channels}
+    sides = {name: g.gained for name, g in verdict.gap.items() if name in channels and g.gained and g.gained.low > 0}
+    if not sides:
+        return ""
+    name, g = max(sides.items(), key=lambda side: side[1].value)
+    return (
+        f"{words.format(CHANNELS[name].word)}, by {number(g.value)} nats per scene (90 % interval {number(g.low)} to "
+        f"{number(g.high)}), where free curves gain nothing for certain"
     )
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.evidence import Evidence, Measured, gather
+from jaxsim.discover.null import fit_null
 from jaxsim.effects import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
@@ -60,3 +61,13 @@ def standard_promotion():
     """SciPy's and NumPy's float64 meet the kernels' float32 here."""
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
+
+
+def judged_toy(gain: float = 0.0):
+    """(null problem, fitted, unit) of nine toy frames, six of which find."""
+    scan, measured = device(*toy(frames=9, gain=gain))
+    frames = np.arange(9)
+    ev = gather(scan, measured, frames, np.broadcast_to(np.arange(0, 60, 2), (9, 30)), frames)
+    fitted = (frames < 6).astype(np.float32)
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        return fit_null(scan, ev, fitted)[0], fitted, frames

@@ -162,12 +162,12 @@ def test_the_best_covariate_stands_for_the_most_specific_effect():
 
 
 def test_closure_is_held_against_the_truth_in_the_channels_that_it_changes():
-    known = {"intensity": [0.2, 0.1, 0.1, 0.2], "range": [0.02, 0.02, 0.02, 0.02]}
-    answer = {"intensity": [0.2, 0.11, 0.1, 0.18], "range": [0.02, 0.03, 0.02, 0.02]}
+    known = {"intensity": [50.0, 45.0, 0.0], "range": [3.0, 0.0, 0.0]}
+    answer = {"intensity": [45.0, 45.0, 10.0], "range": [-90.0, 0.0, 0.0]}
     row = {"truth": ["beam_gain"]}
-    assert closures(row | {"gap": answer, "known": {"gap": known}}) == pytest.approx((0.9, 0.2))
-    same = {name: [values[0]] * 4 for name, values in known.items()}
-    assert closures(row | {"gap": answer, "known": {"gap": same}}) is None
+    assert closures(row | {"gained": answer, "known": {"gained": known}}) == pytest.approx((0.9, 0.2))
+    little = {name: [0.5, 0.0, 0.0] for name in known}
+    assert closures(row | {"gained": answer, "known": {"gained": little}}) is None
 
 
 def test_the_command_shows_what_is_there_without_computing(tmp_path, capsys):

@@ -129,6 +129,28 @@ def test_sentences():
     )
 
 
+def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():
+    verdict = replace(results.named().verdict, closure=None)
+    assert (
+        "adding them makes the intensities of 2 scenes that nothing was fitted to more probable, by 180 nats per scene "
+        "(90 % interval 150 to 210), where free curves gain nothing for certain" in verdict_sentence(verdict)
+    )
+    silent = {name: replace(g, gained=None) for name, g in verdict.gap.items()}
+    assert "more probable" not in verdict_sentence(replace(verdict, gap=silent))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"), [(2.0, 9.0, "gains"), (-9, -2, "loses"), (-9, 9, "undecided"), (-0.5, 0.7, "as before")]
+)
+def test_the_page_says_what_the_likelihood_of_judge_scenes_gains(tmp_path: Path, low: float, high: float, word: str):
+    result = results.named()
+    one = result.verdict.gap["intensity"]
+    gap = {"intensity": replace(one, gained=replace(one.gained, low=low, high=high))}
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
+    assert f"<small>{word}</small>" in text
+    assert "nats per scene" in text
+
+
 def test_before_and_after_share_one_colour_scale():
     weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
     chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
