@@ -29,10 +29,11 @@ from jaxsim.data import open_dataset, read_pcap
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders
 from jaxsim.discover.columns import blocks
-from jaxsim.discover.evidence import gather, with_planes
+from jaxsim.discover.evidence import gather
 from jaxsim.discover.fit import Problem, fit
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.parameters import to_values
+from jaxsim.discover.planes import with_planes
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.residuals import residuals
 from jaxsim.discover.verdict import Verdict

@@ -17,9 +17,10 @@ from scipy.optimize import minimize
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.flat import flat, restorer
-from jaxsim.discover.likelihood import CHANNELS, value_and_slopes
+from jaxsim.discover.likelihood import CHANNELS
 from jaxsim.discover.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.discover.parameters import prior, to_z
+from jaxsim.discover.slopes import value_and_slopes
 from jaxsim.discover.split import folds
 from jaxsim.discover.through import Back, placed, seen_through, slopes_back
 from jaxsim.effects import Effect

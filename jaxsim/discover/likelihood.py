@@ -7,8 +7,6 @@ The drop channel is the part of it that says whether a ray returned; the rest is
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import jax
@@ -197,83 +195,3 @@ def log_likelihood(
     slopes."""
     returns = returns_by_block(ev.rays, ev, noise, w, clutter=clutter)
     return jnp.stack([intensity_by_block(ev.rays, ev, noise, w, fitted), *returns], axis=-1)
-
-
-OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
-SEEN = (*OF_INTENSITY, "range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m")
-SEEN += ("ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m")
-"""Fields of rays that the likelihood is differentiated in; the first three matter to intensities, the others to
-returns."""
-TAKEN = ("hit", "beside_m")
-"""Fields that it takes as they are."""
-Fields = dict[str, Array]
-Slopes = tuple[Array, Array, Fields, Noise]
-
-
-def value_and_slopes(
-    seen: Fields,
-    taken: Fields,
-    ev: Evidence,
-    noise: Noise,
-    w: Weights,
-    fitted: Float[Array, " b"],
-    counted: Float[Array, " b"],
-    *,
-    channels: tuple[str, ...] = CHANNELS,
-    clutter: bool = False,
-) -> Slopes:
-    """Minus the log-likelihood of the counted blocks; that of all by block and channel (b, 3: intensity, range, drop),
-    0 in channels that are not asked for; and the derivatives of the first in the rays' fields and in the noise.
-    Nuisances shared by frames follow from the blocks with `fitted` > 0.
-
-    Intensities and returns share neither fields nor noise: each is a program of its own, compiled once for all effects.
-    """
-    parts: list[Slopes] = []
-    if "intensity" in channels:
-        parts.append(_of_intensity(seen, taken, ev, noise, w, fitted, counted))
-    if {"range", "drop"} & set(channels):
-        parts.append(_of_returns(seen, taken, ev, noise, w, counted, clutter=clutter))
-    if len(parts) == 1:
-        return parts[0]
-    (value, blocks, by_seen, by_noise), (*more, by_returns, by_others) = parts
-    value, blocks, by_noise = _sum((value, blocks, by_noise), (*more, by_others))
-    return value, blocks, by_returns | {name: by_seen[name] for name in OF_INTENSITY}, by_noise
-
-
-@jax.jit
-def _of_intensity(
-    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, fitted: Array, counted: Array
-) -> Slopes:
-    def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        return _in_channel(0, intensity_by_block(rays, ev, noise, w, fitted))
-
-    return _slopes(by_block, seen, taken, ev, noise, counted)
-
-
-@partial(jax.jit, static_argnames="clutter")
-def _of_returns(
-    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, counted: Array, *, clutter: bool
-) -> Slopes:
-    def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        range_, drop = returns_by_block(rays, ev, noise, w, clutter=clutter)
-        return _in_channel(1, range_) + _in_channel(2, drop)
-
-    return _slopes(by_block, seen, taken, ev, noise, counted)
-
-
-def _in_channel(number: int, block: Float[Array, " b"]) -> Float[Array, "b 3"]:
-    return jnp.outer(block, jnp.eye(len(CHANNELS))[number])
-
-
-def _slopes(
-    by_block: Callable[[Rays, Noise], Array], seen: Fields, taken: Fields, ev: Evidence, noise: Noise, counted: Array
-) -> Slopes:
-    def loss(seen: Fields, noise: Noise) -> tuple[Array, Array]:
-        blocks = by_block(replace(ev.rays, **seen, **taken), noise)
-        return -jnp.where(counted > 0, blocks.sum(-1), 0).sum(), blocks
-
-    (value, blocks), (by_seen, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(seen, noise)
-    return value, blocks, by_seen, by_noise
-
-
-_sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))

@@ -15,7 +15,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Float, Int
 
-from jaxsim.discover.evidence import FIRM, POSE_SD, STREET_SD, STRIP_SD, Evidence
+from jaxsim.discover.evidence import POSE_SD, Evidence
+from jaxsim.discover.surfaces import FIRM, STREET_SD, STRIP_SD
 from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.evidence import POSE_SD, STREET_SD, Evidence
+from jaxsim.discover.evidence import POSE_SD, Evidence
 from jaxsim.discover.nuisance import OTHERS, POSE_MOST, Weights
+from jaxsim.discover.surfaces import STREET_SD
 from jaxsim.frame import Array
 
 CLASS_MOST = 0.7

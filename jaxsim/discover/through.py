@@ -13,8 +13,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxsim.discover.likelihood import SEEN, TAKEN, Fields
 from jaxsim.discover.parameters import to_values
+from jaxsim.discover.slopes import SEEN, TAKEN, Fields
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.recast import Displaced, Displacement, recast

@@ -16,8 +16,9 @@ from jaxsim.discover import account
 from jaxsim.discover.add import in_place, parameters_of, refit
 from jaxsim.discover.answer import decide
 from jaxsim.discover.calibrate import bars_of, run_nulls
+from jaxsim.discover.cast import Cast, cast
 from jaxsim.discover.columns import Blocks, blocks
-from jaxsim.discover.evidence import Cast, Evidence, cast, gather, with_planes
+from jaxsim.discover.evidence import Evidence, gather
 from jaxsim.discover.fit import CLUTTER, Problem
 from jaxsim.discover.interactions import interactions, spelled
 from jaxsim.discover.intervals import intervals
@@ -26,6 +27,7 @@ from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
 from jaxsim.discover.name import BAR, choose
 from jaxsim.discover.null import fit_null
 from jaxsim.discover.parameters import to_z
+from jaxsim.discover.planes import with_planes
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.residuals import standardised
 from jaxsim.discover.result import Result

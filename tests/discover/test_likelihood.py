@@ -9,14 +9,12 @@ from scipy.stats import t as student
 
 from jaxsim.discover.likelihood import (
     CHANNELS,
-    SEEN,
-    TAKEN,
     intensity_terms,
     log_below,
     return_terms,
-    value_and_slopes,
 )
 from jaxsim.discover.nuisance import START, weights
+from jaxsim.discover.slopes import SEEN, TAKEN, value_and_slopes
 
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
 """Ranges so noisy that sums over steps of 0.1 m are integrals."""
