@@ -124,7 +124,7 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     if not within(intensity, 0, 1):
         raise ValueError(
             f"polar frames: {path}: intensity spans {span(intensity)}; it must lie in 0..1 "
-            "(divide by your sensor's scale)"
+            "(divide by your sensor's scale; 0 where nothing returned)"
         )
     for name in [name for name in WHOLE if name in arrays]:
         if not np.isfinite(arrays[name]).all() or (arrays[name] != np.round(arrays[name])).any():
@@ -153,8 +153,10 @@ def within(values: np.ndarray, low: int | float, high: int | float) -> bool:
 
 
 def span(values: np.ndarray) -> str:
-    """From least to largest; NaN where one is."""
-    return f"{values.min():g}..{values.max():g}" if values.size else "nothing"
+    """From least to largest, and how many are not finite."""
+    known = values[np.isfinite(values)]
+    told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
+    return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"
 
 
 def shown(value: Any) -> str:

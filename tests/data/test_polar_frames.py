@@ -57,6 +57,10 @@ def test_grid_without_elevation_is_named(tmp_path):
         ({"intensity": None}, "lacks intensity"),
         ({"intensity": np.full((3, 5), 128.0)}, "must lie in 0..1"),
         ({"intensity": np.zeros((2, 5))}, "both must be"),
+        (
+            {"intensity": np.where(np.arange(15) == 7, np.nan, 0.5).reshape(3, 5)},
+            r"0\.5\.\.0\.5, 1 of 15 NaN or infinite",
+        ),
         ({"range": np.full((3, 5), np.nan)}, "finite metres"),
     ],
 )
@@ -86,10 +90,10 @@ WORDS = np.full((3, 5), "road")
         ("instance", np.full((3, 5), 1.5), "whole numbers"),
         ("incidence", np.ones((3, 5, 2)), r"incidence is \(3, 5, 2\)"),
         ("incidence", np.full((3, 5), 80.0), "in radians, 0 head on to pi/2"),
-        ("incidence", np.full((3, 5), np.nan), r"incidence spans nan\.\.nan"),
+        ("incidence", np.full((3, 5), np.nan), "incidence spans nothing, 15 of 15 NaN or infinite"),
         ("rgb", np.ones((3, 5), np.uint8), r"rgb is \(3, 5\); it must be \(rows, columns, 3\)"),
         ("rgb", np.ones((3, 5, 4), np.uint8), r"rgb is \(3, 5, 4\)"),
-        ("rgb", np.full((3, 5, 3), np.nan), r"rgb spans nan\.\.nan; it must lie in 0\.\.255"),
+        ("rgb", np.full((3, 5, 3), np.nan), r"rgb spans nothing, 45 of 45 NaN or infinite; it must lie in 0\.\.255"),
         ("rgb", np.full((3, 5, 3), 300), r"must lie in 0\.\.255"),
         ("rgb", np.full((3, 5, 3), 0.5), r"must lie in 0\.\.255"),
         ("time", WORDS, "time holds <U4"),
