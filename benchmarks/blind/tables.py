@@ -173,7 +173,7 @@ def closures(row: Row) -> tuple[float, float] | None:
 
 
 LEAST = 1.0
-"""Nats per scene below which there is no gap that the truth could close: a tenth of the bar."""
+"""Nats per scene below which there is no gap that the truth could close: about what the bar asks for."""
 
 
 def _gaps(rows: Sequence[Row]) -> str:

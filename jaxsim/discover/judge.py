@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.add import in_place
+from jaxsim.discover.along import curves_along
 from jaxsim.discover.black_box import black_box
 from jaxsim.discover.distance import Distance, distance
 from jaxsim.discover.evidence import Evidence
@@ -18,7 +19,7 @@ from jaxsim.discover.fit import Problem, fit
 from jaxsim.discover.gap import closure, gaps
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import COVARIATES
-from jaxsim.discover.maps import curves_along, maps_of
+from jaxsim.discover.maps import maps_of
 from jaxsim.discover.name import Choice
 from jaxsim.discover.nuisance import Noise, weights
 from jaxsim.discover.null import first_residuals, fit_null

@@ -27,6 +27,8 @@ class CurveLine:
     band: Float[np.ndarray, " k"]
     """Half width of the 90 % interval of `before`, from the scatter between scenes; NaN where fewer than two have a
     value."""
+    spread: bool = False
+    """Whether it is not the mean of the residuals but their spread over the expected one, less 1."""
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,6 @@ from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, numbe
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
-FAINT = 1.0
-"""Nats per scene: a tenth of what an effect must gain to be named."""
 
 
 def where(places: Sequence[Where]) -> str:
@@ -81,18 +79,22 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
             pair,
             np.asarray(curve.band, float),
             x_label=axis.label,
-            y_label=CHANNELS[curve.channel].unit if curve.channel in CHANNELS else curve.unit,
+            y_label=curve.unit if curve.spread or curve.channel not in CHANNELS else CHANNELS[curve.channel].unit,
             joined=curve.covariate != "class",
             whole=curve.covariate in CATEGORICAL,
         )
         caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
-        parts.append(draw(file_name("curve", curve.channel, curve.covariate), chart, caption))
+        kind = ("spread",) if curve.spread else ()
+        parts.append(draw(file_name("curve", curve.channel, curve.covariate, *kind), chart, caption))
     if not parts:
         return ""
     legend = key(
         [("before, with its 90 % band from the scatter between scenes", BEFORE, True), ("after", AFTER, False)]
     )
-    intro = paragraph("Mean residual on judge scenes along the covariates by which the effect betrays itself.")
+    intro = paragraph(
+        "Mean residual on judge scenes along the covariates by which the effect betrays itself; of an effect that "
+        "makes readings scatter, also their spread over the one that each ray is expected to have."
+    )
     return section("Along the effect's own covariates", intro + legend + "".join(parts))
 
 
@@ -130,11 +132,12 @@ def _gained(verdict: Verdict) -> str:
     sides = {name: g.gained for name, g in verdict.gap.items() if g.gained}
     if not sides or not verdict.effects:
         return ""
+    bar = verdict.ranking[0].bar if verdict.ranking else 0.0
     rows = [
         [
             escape(name),
             number(g.value),
-            f"{number(g.low)} to {number(g.high)}<br><small>{_gain(g)}</small>",
+            f"{number(g.low)} to {number(g.high)}<br><small>{_gain(g, bar)}</small>",
             percent(g.win_rate),
             number(g.floor),
             number(g.placebo),
@@ -157,9 +160,9 @@ def _gained(verdict: Verdict) -> str:
     return told
 
 
-def _gain(gained: Gained) -> str:
-    """What the interval says."""
-    if max(abs(gained.low), abs(gained.high)) < FAINT:
+def _gain(gained: Gained, bar: float) -> str:
+    """What the interval says; less than an effect must gain to be named is as good as nothing."""
+    if max(abs(gained.low), abs(gained.high)) < bar:
         return "as before"
     return "gains" if gained.low > 0 else "loses" if gained.high < 0 else "undecided"
 

@@ -108,6 +108,15 @@ def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_pa
     assert "nan" not in text
 
 
+def test_a_curve_of_the_spread_is_a_figure_of_its_own(tmp_path: Path):
+    result = results.named()
+    spread = replace(result.curves[0], channel="range", unit="spread over the one expected, less 1", spread=True)
+    text = page(tmp_path, replace(result, curves=(*result.curves, spread)))
+    assert "Range along row: spread over the one expected, less 1." in text
+    assert (tmp_path / "figures" / "curve_range_row_spread.png").is_file()
+    assert (tmp_path / "figures" / "curve_intensity_row.png").is_file()
+
+
 def test_effects_and_covariates_that_the_catalogue_does_not_know_are_drawn_all_the_same(tmp_path: Path):
     result = results.named()
     strange = replace(result.verdict.effects[0], name="new_effect", parameters={"a b": (Interval(1.0, 0.5, 1.5, ""),)})
