@@ -62,7 +62,10 @@ def judge(
     instead = problem_of(*placebo) if placebo else before
     channels = {name for effect, _ in chain for name in effect.channels}
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
-    free = settled(black_box(before, fitted, sorted(covariates)))
+    curves = black_box(before, fitted, sorted(covariates))
+    find_alone = np.ones(int(fitted.sum()), np.float32)
+    curved, _ = fit_null(scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
+    free = settled(replace(before, ev=curves.on(ev), noise=curved.noise))
 
     def far(problem: Problem) -> Distance:
         return distance(problem, fitted, before.weights, unit)

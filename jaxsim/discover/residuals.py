@@ -21,7 +21,7 @@ CLIP = 4.0
 
 
 @jax.jit
-def _spread(ev: Evidence, noise: Noise) -> tuple[Array, Array, Array]:
+def spread(ev: Evidence, noise: Noise) -> tuple[Array, Array, Array]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
     p = jnp.clip(gone + (1 - gone) * jnp.exp(log_lost(ev.rays, ev, noise)), 1e-4, 1 - 1e-4)
@@ -34,7 +34,7 @@ def residuals(
     """By channel: residuals in their own unit (nats, m, share lost), standardised ones, and where they count."""
     ev = problem.ev
     off_i, off_r = left_over(ev, problem.weights, jnp.asarray(fitted, jnp.float32))
-    sd_i, sd_r, p = _spread(ev, problem.noise)
+    sd_i, sd_r, p = spread(ev, problem.noise)
     found = {
         "intensity": (off_i, sd_i, ev.compared),
         "range": (off_r, sd_r, ev.rays.hit & ev.returned & ~ev.edge),
