@@ -130,21 +130,26 @@ def run_case(
         **score(key, verdict.to_json()),
         "look_alikes": [list(claim.look_alikes) for claim in verdict.effects],
         "closure": closure,
+        "gained": {name: [gap.gained.value, gap.gained.low] for name, gap in verdict.gap.items() if gap.gained},
     }
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """The answers case by case, and the rates."""
-    lines = ["| planted | severity | answer | look-alikes | closure |", "|---|---|---|---|---|"]
+    lines = ["| planted | severity | answer | look-alikes | judge scenes gain | closure |", "|---|---|---|---|---|---|"]
     for row in sorted(rows, key=lambda row: (row["kind"], row["truth"], row["severity"])):
         alike = ", ".join(name for names in row["look_alikes"] for name in names) or "-"
         closure = "-" if row["closure"] is None else f"{row['closure']:.2f}"
         answer = " + ".join(row["answer"]) or row["verdict"]
-        lines.append(f"| {', '.join(row['truth']) or 'none'} | {row['severity']:g} | {answer} | {alike} | {closure} |")
+        planted = ", ".join(row["truth"]) or "none"
+        gained = sum(value for value, _ in row["gained"].values())
+        lines.append(f"| {planted} | {row['severity']:g} | {answer} | {alike} | {gained:.1f} | {closure} |")
     single, null = ([row for row in rows if row["kind"] == kind] for kind in ("single", "none"))
     lines += ["", "| measure | value (95 % interval) |", "|---|---|"]
     lines.append(f"| right name first | {rate(row['first_right'] for row in single)} |")
     lines.append(f"| in the set | {rate(row['in_set'] for row in single)} |")
+    right = [max(low for _, low in row["gained"].values()) > 0 for row in single if row["exact"]]
+    lines.append(f"| rightly named: the judge scenes' likelihood gains for certain (90 %) | {rate(right)} |")
     lines.append(f"| nothing planted: an effect named | {rate(row['named'] for row in null)} |")
     found = [p for row in single for p in row["parameters"]]
     if found:
