@@ -17,11 +17,10 @@ from jaxtyping import Float
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.lattice import FINEST, log_rounding
 from jaxsim.discover.likelihood import log_likelihood, log_lost
 from jaxsim.discover.nuisance import Noise, Weights
 from jaxsim.discover.random_effects import left_over
-from jaxsim.effects.rays import FLOOR
+from jaxsim.discover.rounding import gained_by
 from jaxsim.frame import Array
 
 UNITS = {
@@ -49,7 +48,9 @@ def distance(problem: Problem, fitted: Float[np.ndarray, " b"], w: Weights, unit
     shared = jnp.asarray(fitted, jnp.float32)
     errors = np.asarray(_errors(problem.ev, problem.noise, *left_over(problem.ev, problem.weights, shared)))
     score = np.asarray(log_likelihood(problem.ev, problem.noise, w, shared, clutter=problem.clutter))
-    score = score + of_lattices(problem.ev)
+    rays = problem.ev.rays
+    steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
+    score = score + gained_by(problem.ev, steps)
     units, place = np.unique(unit[judged], return_inverse=True)
     total, scores = np.zeros((len(units), 3, 2)), np.zeros((len(units), 3))
     np.add.at(total, place, errors[judged])
@@ -73,19 +74,3 @@ def _errors(
     sums = [jnp.where(counts, x, 0).sum((1, 2)) for x, counts in pairs]
     counts = [counts.sum((1, 2)).astype(jnp.float32) for _, counts in pairs]
     return jnp.stack([jnp.stack(sums, -1), jnp.stack(counts, -1)], axis=-1)
-
-
-def of_lattices(ev: Evidence) -> Float[np.ndarray, "b 3"]:
-    """Nats that the blocks' readings gain by lying on the lattices on which the rays put them; 0 without one."""
-    found = np.zeros((len(ev.unit), 3))
-    returned, intensity = np.asarray(ev.returned), np.exp(np.asarray(ev.log_intensity))
-    dark = np.where(intensity > FLOOR * 1.001, intensity, 0)
-    sides = (
-        ("intensity_quantization", ev.rays.intensity_step, dark),
-        ("range_quantization", ev.rays.range_step_m, ev.range_m),
-    )
-    for k, (name, step, values) in enumerate(sides):
-        if float(step) > FINEST[name]:
-            nats = log_rounding(np.asarray(values), float(step), finest=FINEST[name])
-            found[:, k] = np.where(returned, nats, 0).sum((1, 2))
-    return found

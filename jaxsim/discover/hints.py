@@ -1,6 +1,6 @@
 """Values read off the measurement: where a fit from elsewhere would feel no pull, it begins here.
 
-Borders between all and nothing (a ceiling, a gate, a hidden sector) and lattices have no slope away from themselves.
+Borders between all and nothing (a ceiling, a gate, a hidden sector) have no slope away from themselves.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 
 from jaxsim.discover.evidence import Evidence
 from jaxsim.discover.fit import Problem
-from jaxsim.discover.lattice import FINEST, lattice_step
 
 PILE, PILED = 0.005, 0.002
 """Readings within this share of the largest are piled up there, if they are at least so many of all."""
@@ -23,22 +22,6 @@ HIDDEN = 0.8
 """Share lost above which a bin of azimuth counts as hidden."""
 
 Start = dict[str, float]
-
-
-def rounded(problem: Problem) -> dict[str, float]:
-    """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
-    ev, steps = problem.ev, {}
-    back = np.asarray(ev.returned)
-    both = np.asarray(ev.rays.hit)
-    pairs = {
-        "intensity_quantization": (np.exp(ev.log_intensity)[back], np.exp(ev.rays.log_intensity)[both]),
-        "range_quantization": (np.asarray(ev.range_m)[back], np.asarray(ev.rays.range_m)[both]),
-    }
-    for name, (measured, simulated) in pairs.items():
-        step = lattice_step(measured, finest=FINEST[name])
-        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
-            steps[name] = step
-    return steps
 
 
 def hints(problem: Problem) -> dict[str, tuple[Start, ...]]:

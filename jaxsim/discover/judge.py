@@ -70,10 +70,10 @@ def judge(
     def far(problem: Problem) -> Distance:
         return distance(problem, fitted, before.weights, unit)
 
-    near = [far(problem) for problem in (before, after, instead, free)]
+    was, now, rival, floor = (far(problem) for problem in (before, after, instead, free))
     return Judged(
-        gaps(*near),
-        closure(near[0], near[1], near[3], channels),
+        gaps(was, now, rival, floor),
+        closure(was, now, floor, channels),
         maps_of(before, fitted, judged),
         maps_of(after, fitted, judged),
         curves_along(before, after, fitted, judged, unit, [effect for effect, _ in chain]),

@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from jaxsim.discover.beams import by_beam, smooth_score
 from jaxsim.discover.fit import CHANNELS, Fit, Problem, channels_of, fit, partway
-from jaxsim.discover.hints import hints, rounded
+from jaxsim.discover.hints import hints
 from jaxsim.discover.lattice import FINEST
 from jaxsim.discover.localise import p_value
+from jaxsim.discover.rounding import gained_by, rounded
 from jaxsim.discover.split import folds
 from jaxsim.effects import Effect
 
@@ -82,9 +83,8 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
     groups, null = folds(unit), null or problem.null_fits
     problems = [replace(problem, noise=base.noise) for base in null]
 
-    steps, more_starts = rounded(problem), hints(problem)
+    steps, more_starts = rounded(problem.ev), hints(problem)
     effects = [effect for effect in effects if effect.name not in FINEST or effect.name in steps]
-    returned = np.asarray(problem.ev.returned).sum((1, 2))
 
     def one(effect: Effect) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
@@ -99,8 +99,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
             more = np.zeros((len(unit), 3))
             more[:, used] = (found.score - base.score)[:, used]
             if step is not None:
-                # A reading known to a step instead of to the finest step is as much more probable.
-                more[:, CHANNELS.index(effect.channels[0])] += returned * np.log(step / FINEST[effect.name])
+                more += gained_by(problem.ev, {effect.name: step})
             inside.append(more[fitted > 0].sum())
             more[fitted > 0] = 0
             begun = more if at else np.zeros((len(unit), 3))

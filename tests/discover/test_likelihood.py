@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from jaxsim.discover.likelihood import (
-    CHANNELS,
-    intensity_terms,
-    log_below,
-    return_terms,
-)
+from jaxsim.discover.likelihood import CHANNELS, intensity_terms, log_below, return_terms
 from jaxsim.discover.nuisance import START, weights
 from jaxsim.discover.slopes import SEEN, TAKEN, value_and_slopes
 

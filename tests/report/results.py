@@ -49,42 +49,19 @@ def named() -> Result:
         parameters={"scale": Interval(0.0021, 0.0018, 0.0024, "1")},
     )
     x = np.arange(ROWS, dtype=float)
-    bright, far, lost = (
-        Gained(180, 150, 210, 193, 41.5, 1),
-        Gained(24, 11, 37, 30, 0, 0.83),
-        Gained(0.1, -2, 2, 0, 0, 0.5),
-    )
+    bright, far = Gained(180, 150, 210, 193, 41.5, 1), Gained(24, 11, 37, 30, 0, 0.83)
+    lost = Gained(0.1, -2, 2, 0, 0, 0.5)
     verdict = Verdict(
         verdict="named",
         effects=(gain, scale),
         where=(Where("intensity", "row", 0.0002, 0.41), Where("range", "range", 0.004, 0.07)),
         unexplained=None,
         gap={
-            "intensity": Gap(
-                0.21,
-                0.09,
-                0.11,
-                0.13,
-                "mean absolute error of ln I",
-                0.08,
-                0.17,
-                1.0,
-                bright,
-            ),
+            "intensity": Gap(0.21, 0.09, 0.11, 0.13, "mean absolute error of ln I", 0.08, 0.17, 1.0, bright),
             "range": Gap(0.052, 0.041, 0.008, 0.014, "mean absolute error, m", 0.04, 0.052, 0.83, far),
-            "drop": Gap(
-                0.12,
-                0.12,
-                -0.001,
-                0.001,
-                "log loss of return, nats a ray",
-                0.11,
-                0.12,
-                0.5,
-                lost,
-            ),
+            "drop": Gap(0.12, 0.12, -0.001, 0.001, "log loss of return, nats a ray", 0.11, 0.12, 0.5, lost),
         },
-        closure=Interval(0.93, 0.88, 0.97, "share of what can be explained"),
+        closure=Interval(0.93, 0.88, 0.97, "share of what free curves gain"),
         find=("drive 1", "drive 2", "drive <b>3</b> & Co", "drive 4"),
         judge=("drive 5", "drive 6"),
         sha256="ab" * 32,
