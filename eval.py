@@ -20,24 +20,17 @@ from jaxsim.cli.detection import Detection, judge
 from jaxsim.cli.detector_run import judge_run
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
+from jaxsim.evaluate.fid import frechet_line, frechet_of_run, require_images
+from jaxsim.evaluate.generation import generation_scores, open_folder
+from jaxsim.evaluate.paired import baseline_scores, score_pairs
 from jaxsim.metrics import Score
 from jaxsim.metrics.generation.rangenet import load_rangenet
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.pairs.prepared import pairs_before, prepared
 from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
-from jaxsim.simulate import (
-    baseline_scores,
-    frechet_line,
-    frechet_of_run,
-    generation_scores,
-    is_detector,
-    load,
-    make_predict,
-    open_folder,
-    pairs_before,
-    prepared,
-    require_images,
-    score_pairs,
-)
+from jaxsim.runs.run import is_detector
+from jaxsim.simulate.predict import make_predict
+from jaxsim.simulate.sensor import load
 
 
 @dataclass(frozen=True)

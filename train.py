@@ -22,27 +22,17 @@ from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
 from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import ahead, batches
+from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
+from jaxsim.evaluate.paired import score_pairs
 from jaxsim.metrics import Score
+from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.prepare.depth.penet.training import DepthExperiment
 from jaxsim.report import detection_picture, pair_picture, save_picture, write_card, write_detector_card
-from jaxsim.simulate import (
-    Checkpoints,
-    DetectorRun,
-    Run,
-    Scribe,
-    describe,
-    experiment_scenes,
-    main_scores,
-    make_batch,
-    make_find,
-    make_predict,
-    prepared,
-    score_detector,
-    score_pairs,
-    start_run,
-)
+from jaxsim.runs.metrics_log import Scribe
+from jaxsim.runs.run import Checkpoints, DetectorRun, Run, describe, start_run
+from jaxsim.simulate.predict import make_batch, make_predict
 
 Tree = Any
 

@@ -18,11 +18,11 @@ from pydantic import TypeAdapter
 from tqdm import tqdm
 
 from jaxsim import devices
-from jaxsim.atomic import replacing
 from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.data.pair_settings import differences
 from jaxsim.detect import ahead
+from jaxsim.files import hold, replacing
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics import Score
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
@@ -41,9 +41,8 @@ from jaxsim.prepare.depth.penet.training import (
     train_step,
 )
 from jaxsim.report import depth_picture, save_picture
-from jaxsim.simulate import Checkpoints, Scribe
-from jaxsim.simulate.lock import hold
-from jaxsim.simulate.run import FREE
+from jaxsim.runs.metrics_log import Scribe
+from jaxsim.runs.run import FREE, Checkpoints
 
 SETTINGS = TypeAdapter(DepthExperiment)
 THREADS = 4

@@ -5,7 +5,7 @@ import pkgutil
 
 from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.prepare.depth.penet.training import DepthExperiment
-from jaxsim.simulate.loop import LoopConfig
+from jaxsim.studies.loop import LoopConfig
 
 LOOPS = ("real2sim2real", "real2sim2real_kitti")
 """Of `jaxsim real2sim2real`; the others are for train.py."""

@@ -11,12 +11,13 @@ from jaxsim.cloud import points_of
 from jaxsim.data import open_dataset
 from jaxsim.detect.batches import inside
 from jaxsim.detect.scenes import scene_of
+from jaxsim.evaluate.detector import load_detector, make_find
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
 from jaxsim.report import beside, draw_above, draw_cloud, draw_on_image, pair_picture, save_picture, strip
 from jaxsim.report.frames import intensity_panel
-from jaxsim.simulate import load_detector, make_find, make_predict
+from jaxsim.simulate.predict import make_predict
 
 PICTURES = Path(__file__).parent / "pictures"
 RUN = Path("runs/synthetic")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxsim.cloud import save_cloud
     from jaxsim.data import open_dataset
-    from jaxsim.simulate import LearnedSensor, load
+    from jaxsim.simulate.sensor import LearnedSensor, load
 
 __all__ = ["LearnedSensor", "load", "open_dataset", "save_cloud"]
 

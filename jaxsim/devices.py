@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from threadpoolctl import threadpool_limits
 
 Array = Any
 Tree = Any
@@ -133,3 +134,7 @@ def wait(name: str) -> None:
     """Waits until every process has come to this place."""
     if jax.process_count() > 1:
         multihost_utils.sync_global_devices(name)
+
+
+one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
+"""Decorator."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]

@@ -12,7 +12,7 @@ from jaxsim.frame import CameraFrame
 from jaxsim.geometry import preset
 from jaxsim.pix2pix import ema_generator, state_shapes
 from jaxsim.prepare import input_channels
-from jaxsim.simulate import Checkpoints, DetectorRun, describe, start_run
+from jaxsim.runs.run import Checkpoints, DetectorRun, describe, start_run
 
 
 def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Path:

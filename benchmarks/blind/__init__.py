@@ -1,1 +1,1 @@
-"""Parts of benchmarks/hidden_effects.py: which cases, one case, what others would answer, tables, pictures."""
+"""Parts of benchmarks/blind/effects.py: which cases, one case, what others would answer, tables, pictures."""

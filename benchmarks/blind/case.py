@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.hidden import case_name, key_path, make_case, oracle_power, score_case
 from benchmarks.blind.plan import Job, Settings
 from benchmarks.blind.rivals import rival_answers
 from benchmarks.blind.rows import code_version
 from jaxsim.discover import Comparison, discover, judge_known, read_comparison
-from jaxsim.discover.columns import blocks
+from jaxsim.discover.model.columns import blocks
 from jaxsim.effects import EFFECTS, get_effect
-from tests.hidden import case_name, key_path, make_case, oracle_power, score_case
 
 
 def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[str] = tuple(EFFECTS)) -> dict[str, Any]:
     """Makes a case in `folder`, lets `discover` answer with `effects` as candidates, writes the verdict, and only then
     opens the key. Frames are removed in the end; verdict and key stay.
 
-    Returns the row of cases.jsonl: the score (tests/hidden/score.py) and
+    Returns the row of cases.jsonl: the score (benchmarks/blind/hidden/score.py) and
         key, settings, seed, code; seconds and cpu_seconds of the answer alone; memory_gib, the process's largest;
         rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden;
         where, ranking: the verdict's first places and gains; drawn: its nulls, if any were drawn; closure;

@@ -109,7 +109,11 @@ def power(rows: Sequence[Row]) -> Canvas:
         canvas.line([(x, y - 4), (x + 24, y - 4)], colour=colour, width=2)
         canvas.text(x + 30, y, what, size=12)
     canvas.text(
-        GAP + 340, y, "severity: 1 is the size worth caring about (tests/hidden/units.json)", size=11, colour=FAINT
+        GAP + 340,
+        y,
+        "severity: 1 is the size worth caring about (benchmarks/blind/hidden/units.json)",
+        size=11,
+        colour=FAINT,
     )
     return canvas
 

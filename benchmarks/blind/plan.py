@@ -6,7 +6,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
-from tests.hidden import list_combinations, list_effects, list_outside
+from benchmarks.blind.hidden import list_combinations, list_effects, list_outside
 
 DEVELOPMENT = 10_000
 """Seeds below this are for development; sealed cases have seeds from here on."""
@@ -32,7 +32,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One case: what it hides (in tests.hidden's words), how strongly, in which nuisances, and its number."""
+    """One case: what it hides (in the hidden world's words), how strongly, in which nuisances, and its number."""
 
     effect: str
     severity: float

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from jaxsim.discover import Result
-from jaxsim.discover.split import FOLDS
-from jaxsim.discover.survey import Candidate
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.scenes import FOLDS
 from jaxsim.effects import EFFECTS
 
 RIVALS = {

@@ -14,13 +14,16 @@ import numpy as np
 from jaxsim.cli.common import parse_experiment
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
+from jaxsim.evaluate.fid import require_images
+from jaxsim.evaluate.paired import baseline_scores
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.pairs.prepared import prepared
 from jaxsim.report import save_picture
-from jaxsim.report.ablation import ablation_picture, ablation_table, write_ablation
-from jaxsim.simulate import baseline_scores, load, make_predict, prepared, require_images
-from jaxsim.simulate.ablation import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
-from jaxsim.simulate.paired import simulate_batch, take
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.beside_drive import simulate_batch, take
+from jaxsim.simulate.predict import make_predict
+from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.studies.ablation import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
+from jaxsim.studies.ablation_page import ablation_picture, ablation_table, write_ablation
 
 
 @dataclass(frozen=True)

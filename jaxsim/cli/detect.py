@@ -16,15 +16,15 @@ import numpy as np
 import tyro
 from pydantic import TypeAdapter
 
-from jaxsim.atomic import replacing
 from jaxsim.config import DetectorExperiment
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels, read_velodyne
 from jaxsim.data.pair_settings import differences
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points, seen_by
+from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
+from jaxsim.files import replacing
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.report import draw_above, draw_on_image, save_picture
-from jaxsim.simulate import LearnedDetector, find_all, load_detector, make_find
 
 SUFFIXES = (".bin", ".npz")
 AT_LIDAR = View(

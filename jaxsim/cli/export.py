@@ -24,9 +24,8 @@ from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
-from jaxsim.simulate import load
 from jaxsim.simulate.clouds import CloudRecipe, check_recipe, grid_file, make_cloud
-from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.simulate.sensor import LearnedSensor, load
 
 _SAVE_EVERY = 20
 

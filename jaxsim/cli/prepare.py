@@ -62,7 +62,7 @@ class Prepare:
     prepare: PrepareConfig = field(default_factory=PrepareConfig)
 
     def __call__(self) -> None:
-        from jaxsim.simulate.pair_set import make_set  # imports TFDS, which the other commands need not wait for
+        from jaxsim.pairs.sets import make_set  # imports TFDS, which the other commands need not wait for
 
         if self.dataset == "prepared":
             raise ValueError("prepare: a prepared set is made already; name the data set of its frames")

@@ -14,19 +14,19 @@ import tyro
 from pydantic import TypeAdapter, ValidationError
 from tqdm import tqdm
 
-from jaxsim.atomic import replacing
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
 from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
+from jaxsim.files import hold, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
-from jaxsim.report.clouds import check_text, checked_kinds, write_checks
-from jaxsim.report.loop import draw_kinds, draw_loop, loop_tables, write_loop
-from jaxsim.simulate import Checkpoints, experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.simulate.lock import hold
-from jaxsim.simulate.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
+from jaxsim.runs.run import Checkpoints
+from jaxsim.studies.clouds import check_text, checked_kinds, write_checks
+from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
+from jaxsim.studies.loop_page import draw_kinds, draw_loop, loop_tables, write_loop
 
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""

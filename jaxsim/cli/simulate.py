@@ -21,11 +21,10 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
-from jaxsim.simulate import load
+from jaxsim.simulate.beside_drive import about_of, rasters, simulate_batch, take
 from jaxsim.simulate.effects import check_motion, settle_sensor, with_effects
 from jaxsim.simulate.origin import settle_origin
-from jaxsim.simulate.paired import about_of, rasters, simulate_batch, take
-from jaxsim.simulate.sensor import Projection
+from jaxsim.simulate.sensor import Projection, load
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Float32
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.frame import Cloud
 
 Points = Float32[np.ndarray, "n 4"]

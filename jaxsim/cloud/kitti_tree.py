@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
-from jaxsim.atomic import replacing
 from jaxsim.cloud.export import points_of, save_cloud
+from jaxsim.files import replacing
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 
 SUFFIXES = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jaxsim.atomic import replacing
 from jaxsim.cloud.kitti_tree import files_of
+from jaxsim.files import replacing
 
 
 @dataclass

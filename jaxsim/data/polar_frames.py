@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.atomic import replacing
 from jaxsim.data.polar_checks import angles_of, check_about, check_arrays, origin_of
+from jaxsim.files import replacing
 from jaxsim.frame import PolarGrid, PolarImage
 
 REQUIRED = ("range", "intensity")

@@ -27,9 +27,9 @@ from etils import epath
 from pydantic import TypeAdapter
 from tensorflow_datasets.core import example_serializer
 
-from jaxsim.atomic import replacing
 from jaxsim.config import DataKind
 from jaxsim.data.records import ARRAYS, Example
+from jaxsim.files import replacing
 from jaxsim.geometry import LidarSpec
 
 NAME, VERSION = "jaxsim_pairs", "1.0.0"

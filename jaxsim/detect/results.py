@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32
 
-from jaxsim.atomic import replacing
 from jaxsim.detect.scenes import View
+from jaxsim.files import replacing
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import camera_boxes, wrapped
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from tqdm import tqdm
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
 

@@ -1,9 +1,8 @@
 """Which effect is missing from a simulation: found, named, added, and shown on unseen scenes."""
 
 from jaxsim.discover.read import Comparison, read_comparison
-from jaxsim.discover.result import CurveLine, Result
 from jaxsim.discover.unpaired import discover_unpaired
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.verdict import CurveLine, Result, Verdict
 from jaxsim.discover.workflow import disagreements, discover, discover_folders, judge_known
 
 __all__ = [

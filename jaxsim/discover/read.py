@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
-from jaxsim.discover.evidence import Measured
+from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.pairing import check_pairs
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of

@@ -12,28 +12,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover import account
-from jaxsim.discover.add import in_place, parameters_of, refit
-from jaxsim.discover.answer import decide
-from jaxsim.discover.calibrate import bars_of, run_nulls
-from jaxsim.discover.cast import Cast, cast
-from jaxsim.discover.columns import Blocks, blocks
-from jaxsim.discover.evidence import Evidence, gather
-from jaxsim.discover.fit import CLUTTER, Problem
-from jaxsim.discover.interactions import interactions, spelled
-from jaxsim.discover.intervals import intervals
-from jaxsim.discover.judge import judge, placebo_of, runner_up
-from jaxsim.discover.localise import CHANCE, NAMED, Place, localise, reported
-from jaxsim.discover.name import BAR, choose
-from jaxsim.discover.null import fit_null
-from jaxsim.discover.parameters import to_z
-from jaxsim.discover.planes import with_planes
+from jaxsim.devices import one_blas_thread
+from jaxsim.discover import explain as account
+from jaxsim.discover.add import in_place, intervals, parameters_of, refit
+from jaxsim.discover.find.interactions import interactions, spelled
+from jaxsim.discover.find.localise import CHANCE, NAMED, Place, localise, reported
+from jaxsim.discover.model.cast import Cast, cast
+from jaxsim.discover.model.columns import Blocks, blocks
+from jaxsim.discover.model.evidence import Evidence, gather
+from jaxsim.discover.model.fit import CLUTTER, Problem
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.parameters import to_z
+from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.model.surfaces import with_planes
+from jaxsim.discover.name.answer import decide
+from jaxsim.discover.name.null_bar import bars_of, run_nulls
+from jaxsim.discover.name.select import BAR, choose
 from jaxsim.discover.read import Comparison, read_comparison
-from jaxsim.discover.residuals import standardised
-from jaxsim.discover.result import Result
-from jaxsim.discover.split import Split, split
-from jaxsim.discover.threads import one_blas_thread
-from jaxsim.discover.verdict import Gap, Interval, Verdict, Where
+from jaxsim.discover.scenes import Split, split
+from jaxsim.discover.show.judge import judge, placebo_of, runner_up
+from jaxsim.discover.verdict import Gap, Interval, Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan

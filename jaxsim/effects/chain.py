@@ -12,11 +12,11 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxsim.atomic import replacing
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.draw import sample
 from jaxsim.effects.effect import Effect, check_bounds, check_names, wrong_length
 from jaxsim.effects.rays import Array, Rays, Scan, all_rays
+from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
 Value = float | tuple[float, ...]

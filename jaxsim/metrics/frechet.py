@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Convolution on a CPU: forms of the same sums that XLA computes fast there.
 
-`benchmarks/pix2pixhd.py` measures the whole; what XLA's own forms lose is
+`benchmarks/speed/pix2pixhd.py` measures the whole; what XLA's own forms lose is
 
 - unpadded convolutions of several images: factors of 3 to 10, unless one column of zero padding is added
   (and cut off again);

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.metrics.detection.rules import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas

@@ -6,9 +6,8 @@ import re
 from html import escape
 from pathlib import Path
 
-from jaxsim.atomic import replacing
-from jaxsim.discover.result import Result
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.verdict import Result, Verdict
+from jaxsim.files import replacing
 from jaxsim.report.answer import named_effects, ranking, unexplained
 from jaxsim.report.canvas import Canvas
 from jaxsim.report.chance import chance

@@ -7,9 +7,8 @@ from html import escape
 
 import numpy as np
 
-from jaxsim.discover.localise import CATEGORICAL
-from jaxsim.discover.result import CurveLine, Result
-from jaxsim.discover.verdict import WORSE, Gained, Gap, Verdict, Where
+from jaxsim.discover.find.localise import CATEGORICAL
+from jaxsim.discover.verdict import WORSE, CurveLine, Gained, Gap, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 NOTHING = np.array([38, 38, 42], np.uint8)

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.metrics import Score
 from jaxsim.report.markdown import markdown_table
-from jaxsim.simulate import DetectorRun, Run
+from jaxsim.runs.run import DetectorRun, Run
 
 Scores = dict[str, dict[str, Score]]
 """Predictor -> score's name -> score."""

@@ -63,7 +63,7 @@ AXES = {
     "heading": Axis("direction in the world, °", np.rad2deg, "the direction in the world in rad"),
     "rgb": Axis("brightness of the camera pixel, 0..1"),
 }
-"""Of the covariates of jaxsim.discover.localise."""
+"""Of the covariates of jaxsim.discover.find.localise."""
 
 NUISANCES = {
     "intensity": ("spread of ln I that nothing explains", "nats"),
@@ -80,7 +80,7 @@ NUISANCES = {
     "false": ("returns where the simulated ray hits nothing", ""),
     "false_edge": ("the same, beside a surface", ""),
 }
-"""Meaning and unit of jaxsim.discover.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
+"""Meaning and unit of jaxsim.discover.model.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
 def nuisance(name: str, value: float) -> str:

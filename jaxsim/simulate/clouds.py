@@ -22,8 +22,8 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Cloud, Frame, PolarGrid
 from jaxsim.geometry import PRESETS, full_grid, polar_to_points
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.beside_drive import take
 from jaxsim.simulate.effects import with_effects
-from jaxsim.simulate.paired import take
 from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"

@@ -12,7 +12,7 @@ import numpy as np
 from jaxsim.effects import scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Painted, PolarGrid, PolarImage
-from jaxsim.simulate.paired import rasters
+from jaxsim.simulate.beside_drive import rasters
 
 NEEDS = {"emitter_drift": "time", "ambient_light": "heading", "motion_distortion": "speed"}
 """Effects that act by what a frame says of itself."""

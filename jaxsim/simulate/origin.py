@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 
 MEANINGS = {
     "sensor": "another trained sensor (another run, or the same one trained on)",

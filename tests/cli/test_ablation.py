@@ -11,8 +11,8 @@ import configs
 from jaxsim.cli.ablation import Ablation, ablation, train_all
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
-from jaxsim.report.ablation import ablation_table, best_networks
-from jaxsim.simulate.ablation import MODALITIES, AblationRow, besides, modality
+from jaxsim.studies.ablation import MODALITIES, AblationRow, besides, modality
+from jaxsim.studies.ablation_page import ablation_table, best_networks
 from tests.untrained import untrained_run
 
 INPUTS = (("depth", "row"), ("semantic", "row", "rgb", "edges", "depth"))

@@ -9,8 +9,10 @@ import pytest
 
 from jaxsim.cli.detect import Detect, cloud_files, read_cloud
 from jaxsim.detect.state import create_state
+from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
-from jaxsim.simulate import Checkpoints, DetectorRun, load, load_detector, start_run
+from jaxsim.runs.run import Checkpoints, DetectorRun, start_run
+from jaxsim.simulate.sensor import load
 from tests.detect.tiny import EXPERIMENT
 
 UNTRAINED = replace(EXPERIMENT, detector=replace(EXPERIMENT.detector, score=0.0))

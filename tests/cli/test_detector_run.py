@@ -10,7 +10,8 @@ from jaxsim.cli.detector_run import judge_run, said_mean
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Found
 from jaxsim.detect.state import create_state
-from jaxsim.simulate import Checkpoints, DetectorRun, kitti_curves, start_run
+from jaxsim.evaluate.detector import kitti_curves
+from jaxsim.runs.run import Checkpoints, DetectorRun, start_run
 from tests.detect.tiny import EXPERIMENT, scene
 
 SCENES = [scene(seed) for seed in range(8)]

@@ -16,8 +16,9 @@ from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_f
 from jaxsim.discover import discover_folders
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarImage
-from jaxsim.simulate import load, prepared
-from jaxsim.simulate.paired import comparable, measured_in
+from jaxsim.pairs.prepared import prepared
+from jaxsim.simulate.beside_drive import comparable, measured_in
+from jaxsim.simulate.sensor import load
 from tests.report import results
 from tests.untrained import untrained_run
 

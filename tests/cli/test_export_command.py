@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,9 +17,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, full_grid, preset
 from jaxsim.simulate.clouds import CloudRecipe
-
-sys.path.append(str(Path(__file__).parents[1] / "cloud"))
-import openpcdet_rules as rules
+from tests.cloud import openpcdet_rules as rules
 
 SIZE = (38, 124)
 

@@ -13,8 +13,8 @@ from jaxsim.cli.real2sim2real import Stages
 from jaxsim.detect.results import Found
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.report.loop import PANEL, draw_loop
-from jaxsim.simulate.loop import settle_loop
+from jaxsim.studies.loop import settle_loop
+from jaxsim.studies.loop_page import PANEL, draw_loop
 from tests.detect.tiny import EXPERIMENT, scene
 
 ROOT = Path(__file__).parents[2]
@@ -187,8 +187,8 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
         boxes = many.boxes[:2] if network == "real" else many.boxes[:0]
         return Found(boxes, np.full(len(boxes), 0.9, np.float32)), {}
 
-    monkeypatch.setattr("jaxsim.report.loop.make_find", lambda experiment: find)
-    monkeypatch.setattr("jaxsim.report.loop.load_detector", lambda run: type("Loaded", (), {"network": run.name}))
+    monkeypatch.setattr("jaxsim.studies.loop_page.make_find", lambda experiment: find)
+    monkeypatch.setattr("jaxsim.studies.loop_page.load_detector", lambda run: type("Loaded", (), {"network": run.name}))
     pictures = draw_loop(loop, scenes)
     assert asked == ["raw_64", "simulated_64", "real"]
     width = PANEL + 4  # the tiny range is square
@@ -202,6 +202,6 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
 
 
 def test_no_frame_in_all_kinds_is_no_picture_of_kinds(loop, monkeypatch):
-    monkeypatch.setattr("jaxsim.report.loop.draw_found", lambda loop, scenes: {})
+    monkeypatch.setattr("jaxsim.studies.loop_page.draw_found", lambda loop, scenes: {})
     scenes = {"real": [scene(0)], "raw_64": [scene(1)], "simulated_64": [scene(2)]}
     assert draw_loop(loop, scenes) == {}

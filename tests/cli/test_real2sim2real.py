@@ -10,7 +10,7 @@ import configs
 from jaxsim.cli import main, read_experiment
 from jaxsim.cli.real2sim2real import Stages, checkout, run
 from jaxsim.simulate.clouds import CloudRecipe
-from jaxsim.simulate.loop import settle_loop
+from jaxsim.studies.loop import settle_loop
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import openpcdet_rules as rules
 import pytest
 
 from jaxsim.cloud.kitti_tree import (
@@ -21,6 +20,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Boxes, CameraFrame, Cloud
 from jaxsim.geometry import lidar_boxes
 from jaxsim.metrics.detection import read_truth
+from tests.cloud import openpcdet_rules as rules
 
 SIZE = (38, 124)
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import write_step
-from round_room import scan, write_image, write_scan
-from virtual_drives import write_vkitti2
 
 import configs
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.frame import Frame
 from jaxsim.geometry import preset
+from tests.data.drives import write_step
+from tests.data.round_room import scan, write_image, write_scan
+from tests.data.virtual_drives import write_vkitti2
 from tests.untrained import untrained_run
 
 P2 = "721.5377 0 609.5593 44.85728 0 721.5377 172.854 0.2163791 0 0 1 0.002745884"

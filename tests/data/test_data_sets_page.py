@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from drives import CAM_FROM_VELO, PROJECTION, RECTIFY
-from round_room import scan, write_image, write_scan
 
 from jaxsim.data import DATASETS, Dataset
 from jaxsim.data.cityscapes import IDS
 from jaxsim.geometry import project
+from tests.data.drives import CAM_FROM_VELO, PROJECTION, RECTIFY
+from tests.data.round_room import scan, write_image, write_scan
 
 PAGE = (Path(__file__).parents[2] / "docs" / "data-sets.md").read_text()
 

@@ -1,6 +1,5 @@
 """`jaxsim export --data vkitti2`, read back by an independent reader's rules."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,12 +14,9 @@ from jaxsim.detect.scenes import scene_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
-from jaxsim.simulate import load
 from jaxsim.simulate.clouds import CloudRecipe, make_cloud
-from jaxsim.simulate.sensor import LearnedSensor
-
-sys.path.append(str(Path(__file__).parents[1] / "cloud"))
-import openpcdet_rules as rules
+from jaxsim.simulate.sensor import LearnedSensor, load
+from tests.cloud import openpcdet_rules as rules
 
 
 @pytest.fixture(scope="module")

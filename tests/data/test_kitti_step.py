@@ -5,13 +5,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from drives import STEP_THINGS, TRAIN_ID, write_png
 
 from jaxsim.config import DataConfig
 from jaxsim.data import KittiStep, open_dataset, select
 from jaxsim.data.cityscapes import IDS, TRAIN_CLASSES, ids_of_train_ids
 from jaxsim.data.kitti_step import EVALUATION, LENGTHS, NO_SCAN, SEQUENCES
 from jaxsim.geometry import project
+from tests.data.drives import STEP_THINGS, TRAIN_ID, write_png
 
 TWO = ("0000", "0001")
 

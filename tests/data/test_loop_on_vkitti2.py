@@ -9,7 +9,7 @@ import numpy as np
 import configs
 from jaxsim.cli.real2sim2real import Stages, check_sources
 from jaxsim.data import KittiObject
-from jaxsim.simulate.loop import settle_loop
+from jaxsim.studies.loop import settle_loop
 
 
 def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_training(virtual, object_root, tmp_path):

@@ -16,11 +16,11 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.tfds_builder import NAME
+from jaxsim.pairs.sets import make_set
 from jaxsim.prepare.denoise.lidia import Variant
 from jaxsim.prepare.denoise.lidia.published import published_shapes
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.published import create
-from jaxsim.simulate.pair_set import make_set
 from tests.prepare.lidia_oracle import random_state
 
 ROOT = Path(__file__).parents[2]

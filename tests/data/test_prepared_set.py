@@ -19,10 +19,11 @@ from jaxsim.data.batches import batches
 from jaxsim.data.records import example_of
 from jaxsim.data.tfds_builder import JaxsimPairs, Shard, cut
 from jaxsim.geometry import preset
-from jaxsim.simulate import describe, pair_shards, prepared
-from jaxsim.simulate.pair_set import make_set
-from jaxsim.simulate.pair_shards import Job, make_all
-from jaxsim.simulate.prepared import make_record
+from jaxsim.pairs import shards as pair_shards
+from jaxsim.pairs.prepared import make_record, prepared
+from jaxsim.pairs.sets import make_set
+from jaxsim.pairs.shards import Job, make_all
+from jaxsim.runs.run import describe
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64)
 
@@ -173,7 +174,7 @@ def test_a_set_of_other_settings_is_not_added_to(raw_root, out, change, message,
 def test_files_of_other_code_are_not_mixed_with_new_ones(raw_root, tmp_path, monkeypatch):
     monkeypatch.setattr(pair_shards, "make", None)
     for code in ("old", "new"):
-        monkeypatch.setattr("jaxsim.simulate.pair_set.fingerprint", lambda *_, code=code: code)
+        monkeypatch.setattr("jaxsim.pairs.sets.fingerprint", lambda *_, code=code: code)
         with pytest.raises((TypeError, ValueError), match="not callable" if code == "old" else "code was another"):
             make_set(tmp_path, kitti(raw_root), PREPARE, workers=1)
 
@@ -276,7 +277,7 @@ class Nothing:
 
 
 def test_a_data_set_without_frames_is_empty(monkeypatch, raw_root, tmp_path):
-    monkeypatch.setattr("jaxsim.simulate.pair_set.open_dataset", lambda data: Nothing())
+    monkeypatch.setattr("jaxsim.pairs.sets.open_dataset", lambda data: Nothing())
     with pytest.raises(ValueError, match="kitti_raw has no frames here; look into its root"):
         make_set(tmp_path, kitti(raw_root), PREPARE)
 
@@ -316,7 +317,7 @@ def test_real_frames_come_back_as_their_pairs(samples, tmp_path):
 
 
 def test_two_commands_do_not_write_to_one_folder(raw_root, out):
-    code = "import sys; from pathlib import Path; from jaxsim.simulate.lock import hold; hold(Path(sys.argv[1]))"
+    code = "import sys; from pathlib import Path; from jaxsim.files import hold; hold(Path(sys.argv[1]))"
     command = [sys.executable, "-c", f"{code}; print('held', flush=True); sys.stdin.read()", out]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "held\n"

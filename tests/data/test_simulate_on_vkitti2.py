@@ -10,7 +10,7 @@ from jaxsim.cli.simulate import Simulate
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.data.vkitti2 import VirtualKitti2
-from jaxsim.simulate import load
+from jaxsim.simulate.sensor import load
 
 
 @pytest.fixture(scope="module")

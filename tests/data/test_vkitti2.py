@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from virtual_drives import BASELINE_M, CLASS_OF, K
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset, select
@@ -15,6 +14,7 @@ from jaxsim.data.vkitti2 import LENGTHS, VARIATIONS, VirtualKitti2
 from jaxsim.data.vkitti2_files import CLASSES, COLOURS, KINDS, boxes_of, read_objects
 from jaxsim.geometry import preset, unproject
 from jaxsim.prepare import dense_view, prepare_frame
+from tests.data.virtual_drives import BASELINE_M, CLASS_OF, K
 
 RASTERS = {
     "rgb/Camera_{}/rgb_{:05d}.jpg",

@@ -1,23 +1,19 @@
 """What training leaves out is counted at every step, told, and comes with the flag that helps."""
 
 import json
-import sys
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import train
 from jaxsim.detect import LeftOut
 from jaxsim.detect.backbone3d import DOWN
 from jaxsim.detect.left_out import REMEDIES
 from jaxsim.metrics import Score
-from jaxsim.simulate import DetectorRun
+from jaxsim.runs.run import DetectorRun
 from tests.detect.tiny import EXPERIMENT
-
-sys.path.append(str(Path(__file__).parents[2]))
-import train
 
 
 def lost(**counts):

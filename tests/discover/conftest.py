@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import Evidence, Measured, gather
-from jaxsim.discover.null import fit_null
+from jaxsim.discover.model.evidence import Evidence, Measured, gather
+from jaxsim.discover.model.null import fit_null
 from jaxsim.effects import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 

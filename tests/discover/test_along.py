@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.along import Bins, curves_along
+from jaxsim.discover.show.residual_curves import Bins, curves_along
 from jaxsim.effects import get_effect
 
 from .conftest import judged_toy

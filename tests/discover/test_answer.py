@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover import answer
-from jaxsim.discover.account import why_not
-from jaxsim.discover.answer import outdone
-from jaxsim.discover.judge import runner_up
-from jaxsim.discover.localise import Place
-from jaxsim.discover.name import BAR, Choice, Step
-from jaxsim.discover.survey import Candidate
-from jaxsim.discover.unexplained import shape_of
+from jaxsim.discover.explain import why_not
+from jaxsim.discover.find.localise import Place
+from jaxsim.discover.name import answer
+from jaxsim.discover.name.answer import outdone
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.select import BAR, Choice, Step
+from jaxsim.discover.name.unexplained import shape_of
+from jaxsim.discover.show.judge import runner_up
 from jaxsim.effects import EFFECTS
 
 CHANNEL = {"intensity": 0, "range": 1, "drop": 2}

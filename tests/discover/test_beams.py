@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.beams import REACH, by_beam, smooth
-from jaxsim.discover.name import accepted
-from jaxsim.discover.survey import Candidate
+from jaxsim.discover.name.beams import REACH, by_beam, smooth
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.select import accepted
 from jaxsim.effects import EFFECTS
 
 

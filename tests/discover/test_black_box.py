@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.black_box import black_box, log_odds, robust
-from jaxsim.discover.distance import distance
-from jaxsim.discover.likelihood import CHANNELS
-from jaxsim.discover.residuals import residuals
+from jaxsim.discover.model.likelihood import CHANNELS
+from jaxsim.discover.model.residuals import residuals
+from jaxsim.discover.show.additive_floor import black_box, log_odds, robust
+from jaxsim.discover.show.distance import distance
 
 from .conftest import judged_toy
 

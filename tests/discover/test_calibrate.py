@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover import calibrate, name
-from jaxsim.discover.account import ranking, why_not
-from jaxsim.discover.calibrate import bars_of, run_nulls
-from jaxsim.discover.name import BAR, Bars, accepted, choose
+from jaxsim.discover.explain import ranking, why_not
+from jaxsim.discover.name import null_bar as calibrate
+from jaxsim.discover.name import select as name
+from jaxsim.discover.name.null_bar import bars_of, run_nulls
+from jaxsim.discover.name.select import BAR, Bars, accepted, choose
 from tests.discover.test_survey import candidate
 
 UNITS = 11

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jaxsim.discover.distance import distance
-from jaxsim.discover.likelihood import DEGREES
+from jaxsim.discover.model.likelihood import DEGREES
+from jaxsim.discover.show.distance import distance
 
 from .conftest import judged_toy
 

@@ -6,9 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.cast import cast
-from jaxsim.discover.evidence import BLURRED, STEEPEST_RAD, gather
-from jaxsim.discover.planes import with_planes
+from jaxsim.discover.model.cast import cast
+from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, gather
+from jaxsim.discover.model.surfaces import with_planes
 from tests.discover.conftest import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))

@@ -7,12 +7,12 @@ import jax
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders, read_comparison
 from jaxsim.effects import scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
-from tests.hidden import make_case
 
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 

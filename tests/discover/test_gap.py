@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.distance import Distance
-from jaxsim.discover.gap import closure, gaps
+from jaxsim.discover.show.distance import Distance
+from jaxsim.discover.show.gap import closure, gaps
 
 NOTHING = np.zeros((5, 3))
 

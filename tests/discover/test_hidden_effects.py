@@ -5,15 +5,14 @@ from dataclasses import asdict
 
 import pytest
 
-from benchmarks import hidden_where
 from benchmarks.blind.case import run_case
+from benchmarks.blind.effects import failed, main
+from benchmarks.blind.hidden import list_effects
 from benchmarks.blind.pictures import save_pictures
 from benchmarks.blind.plan import DEVELOPMENT, Counts, Job, Settings, plan
 from benchmarks.blind.rivals import RIVALS, best_covariate, judge_rival
 from benchmarks.blind.rows import append_row, check_settings, read_rows
 from benchmarks.blind.tables import closures, summary, wilson
-from benchmarks.hidden_effects import failed, main
-from tests.hidden import list_effects
 
 SMALL = Settings(scenes=12, rows=24, columns=192)
 CANDIDATES = ("beam_gain", "range_falloff", "random_dropout", "range_walk")
@@ -181,9 +180,9 @@ def test_the_command_shows_what_is_there_without_computing(tmp_path, capsys):
 
 
 def test_where_is_asked_of_the_same_cases_and_scored_by_the_key(tmp_path, standard_promotion):
-    rows = [hidden_where._answer(job, SMALL, tmp_path / "case") for job in (SLICE[0], SLICE[3])]
+    rows = [where._answer(job, SMALL, tmp_path / "case") for job in (SLICE[0], SLICE[3])]
     assert [row["where_right"] for row in rows] == [True, None]
     assert not any(tmp_path.iterdir())
-    lines = hidden_where.summary(rows).splitlines()
+    lines = where.summary(rows).splitlines()
     assert "| one effect, severity 4 | 100 % (1 of 1; 21 to 100 %) | 100 % (1 of 1; 21 to 100 %) |" in lines
     assert any(line.startswith("| beam_gain | 4 | intensity on row") for line in lines)

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.hints import hints
-from jaxsim.discover.null import fit_null
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.name.starts import hints
 from tests.discover.conftest import toy
 
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.interactions import interactions, spelled
-from jaxsim.discover.localise import NAMED
+from jaxsim.discover.find.interactions import interactions, spelled
+from jaxsim.discover.find.localise import NAMED
 from tests.discover.test_localise import rays
 
 SHAPE = (12, 24, 16)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import Measured, gather
-from jaxsim.discover.fit import fit
-from jaxsim.discover.intervals import WIDER, intervals
-from jaxsim.discover.nuisance import MOST
-from jaxsim.discover.null import fit_null
-from jaxsim.discover.power import implied_level
+from jaxsim.discover.add import WIDER, intervals
+from jaxsim.discover.model.echo_power import implied_level
+from jaxsim.discover.model.evidence import Measured, gather
+from jaxsim.discover.model.fit import fit
+from jaxsim.discover.model.nuisance import MOST
+from jaxsim.discover.model.null import fit_null
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.conftest import device, toy

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.lattice import lattice_step
+from jaxsim.discover.model.lattice import lattice_step
 
 
 @pytest.mark.parametrize("step", [0.004, 1 / 255, 0.01, 0.05])

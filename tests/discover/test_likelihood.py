@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from jaxsim.discover.likelihood import CHANNELS, intensity_terms, log_below, return_terms
-from jaxsim.discover.nuisance import START, weights
-from jaxsim.discover.slopes import SEEN, TAKEN, value_and_slopes
+from jaxsim.discover.model.gradients import SEEN, TAKEN, value_and_slopes
+from jaxsim.discover.model.likelihood import CHANNELS, intensity_terms, log_below, return_terms
+from jaxsim.discover.model.nuisance import START, weights
 
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
 """Ranges so noisy that sums over steps of 0.1 m are integrals."""

@@ -3,7 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover.localise import Place, chance_of_best, curve_basis, localise, p_value, reported
+from jaxsim.discover.find.localise import Place, curve_basis, localise, reported
+from jaxsim.discover.scenes import chance_of_best, p_value
 
 
 def rays(rng, shape):

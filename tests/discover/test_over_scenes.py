@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.over_scenes import fold_half_width, half_width, mean_interval, ratio_interval
+from jaxsim.discover.scenes import fold_half_width, half_width, mean_interval, ratio_interval
 
 
 @pytest.mark.parametrize("scenes", [2, 3, 5, 20])

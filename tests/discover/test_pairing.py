@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
 from jaxsim.discover.pairing import agreement, check_pairs
-from tests.hidden.case import make_case
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
 

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import gather
-from jaxsim.discover.fit import on_top
-from jaxsim.discover.null import fit_null
-from jaxsim.discover.parameters import to_z
+from jaxsim.discover.model.evidence import gather
+from jaxsim.discover.model.fit import on_top
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.parameters import to_z
 from jaxsim.effects import EFFECTS
 from tests.discover.conftest import device, toy
 

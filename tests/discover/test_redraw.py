@@ -6,11 +6,11 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.evidence import gather
-from jaxsim.discover.fit import fit, on_top
-from jaxsim.discover.null import fit_null
-from jaxsim.discover.random_effects import left_over
-from jaxsim.discover.redraw import redraw
+from jaxsim.discover.model.evidence import gather
+from jaxsim.discover.model.fit import fit, on_top
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.name.bootstrap import redraw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR
 from tests.discover.conftest import device, toy

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.distance import distance
-from jaxsim.discover.rounding import gained_by, rounded
+from jaxsim.discover.model.rounding import gained_by, rounded
+from jaxsim.discover.show.distance import distance
 
 from .conftest import judged_toy
 

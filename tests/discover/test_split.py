@@ -3,10 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from jaxsim.discover.columns import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks
-from jaxsim.discover.localise import p_value
-from jaxsim.discover.name import LEVEL
-from jaxsim.discover.split import FEWEST, folds, split
+from jaxsim.discover.model.columns import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks
+from jaxsim.discover.name.select import LEVEL
+from jaxsim.discover.scenes import FEWEST, folds, p_value, split
 
 NAMES = [f"drive {k}" for k in range(16)]
 

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxsim.discover import name
-from jaxsim.discover.name import accepted, padded
-from jaxsim.discover.survey import Candidate, clipped
-from jaxsim.discover.unexplained import agreed
+from jaxsim.discover.name import select as name
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.select import accepted, padded
+from jaxsim.discover.name.unexplained import agreed
+from jaxsim.discover.scenes import clipped
 from jaxsim.effects import EFFECTS
 
 

@@ -5,8 +5,8 @@ import inspect
 import pytest
 from threadpoolctl import threadpool_info
 
+from jaxsim.devices import one_blas_thread
 from jaxsim.discover import disagreements, discover, discover_unpaired
-from jaxsim.discover.threads import one_blas_thread
 from jaxsim.discover.workflow import judge_known
 
 

@@ -5,9 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.parameters import to_values, to_z
-from jaxsim.discover.slopes import SEEN
-from jaxsim.discover.through import placed, seen_through, slopes_back
+from jaxsim.discover.model.gradients import SEEN, placed, seen_through, slopes_back
+from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS, all_rays
 from tests.discover.conftest import device, toy
 from tests.quick import quick_jit

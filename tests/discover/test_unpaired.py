@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
@@ -16,7 +17,6 @@ from jaxsim.discover.unpaired.shared import untold
 from jaxsim.discover.unpaired.streets import read_streets, roughness_m
 from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.effects.chain import SensorModel
-from tests.hidden.streets import make_unpaired
 
 SMALL = {"scenes": 12, "rows": 24, "columns": 192}
 RAYS = 1000

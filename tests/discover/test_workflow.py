@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.blind.hidden import make_case, score
 from jaxsim.discover import disagreements, discover_folders, read_comparison
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
-from tests.hidden import make_case, score
 
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 """Candidates of the small form; the slow one takes the whole catalogue."""

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import clutter_of_everything, grid_of, road_and_walls
 
 from jaxsim.effects import EFFECTS, STAGES, all_rays
 from jaxsim.effects.chain import SensorModel, frame_of
 from jaxsim.effects.draw import clutter_range, sample
+from tests.effects.streets import clutter_of_everything, grid_of, road_and_walls
 
 KEY = jax.random.key(3)
 

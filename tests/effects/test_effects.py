@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import clutter_of_everything
 
 from jaxsim.effects import CHANNELS, COVARIATES, EFFECTS, STAGES, all_rays, get_effect
+from tests.effects.streets import clutter_of_everything
 from tests.quick import quick_jit
 
 ROWS = 5

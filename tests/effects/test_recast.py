@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from streets import cast, directions_of, grid_of, road_and_walls
 
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.planes import slopes_of
+from tests.effects.streets import cast, directions_of, grid_of, road_and_walls
 from tests.quick import quick_jit
 
 

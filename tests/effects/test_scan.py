@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from streets import directions_of, grid_of, road_and_walls
 
 from jaxsim.effects.scan import nearest_glare, scan_of
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import incidence
+from tests.effects.streets import directions_of, grid_of, road_and_walls
 
 
 def image(rows=24, columns=96, range_m=10.0):

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from kitti_scans import OBJECT, points
 
 from jaxsim.data.kitti_files import object_rect_from_velo, read_labels
 from jaxsim.frame import Boxes
@@ -21,6 +20,7 @@ from jaxsim.geometry import (
     points_per_box,
     wrapped,
 )
+from tests.geometry.kitti_scans import OBJECT, points
 
 
 def some_boxes(rng, n, spread=4.0):

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kitti_scans import CROP, OBJECT, RAW, camera, cropped_camera, points
 
 from jaxsim.frame import Camera, Cloud
 from jaxsim.geometry import (
@@ -21,6 +20,7 @@ from jaxsim.geometry import (
     transform,
     unproject,
 )
+from tests.geometry.kitti_scans import CROP, OBJECT, RAW, camera, cropped_camera, points
 
 SPEC = preset("hdl64e")
 CAM_FROM_VELO = np.array([[0, -1, 0, 0.1], [0, 0, -1, -0.1], [1, 0, 0, -0.3], [0, 0, 0, 1]], np.float32)

@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
 from jaxsim.frame import Cloud, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import (
@@ -24,6 +23,7 @@ from jaxsim.geometry import (
     scatter_nearest,
     window_grid,
 )
+from tests.geometry.kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
 SPEC = preset("hdl64e")
 WINDOW = window_grid(SPEC, 0.6, -0.5, 32, (10, 18))

@@ -4,17 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kitti_scans import COMPENSATED, CROPPED, FULL, OBJECT, RAW, points
 
-from jaxsim.geometry import (
-    UnorderedCloud,
-    fit_beams,
-    full_grid,
-    preset,
-    recover_rows,
-    rows_by_elevation,
-    rows_of,
-)
+from jaxsim.geometry import UnorderedCloud, fit_beams, full_grid, preset, recover_rows, rows_by_elevation, rows_of
+from tests.geometry.kitti_scans import COMPENSATED, CROPPED, FULL, OBJECT, RAW, points
 
 SPEC = preset("hdl64e")
 

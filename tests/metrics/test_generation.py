@@ -19,13 +19,7 @@ from jaxsim.metrics.generation import (
     sliced_wasserstein,
 )
 from jaxsim.metrics.generation.bev import LIDM_MATCH_CELL_M, counts, lidm_cells, spherical_image
-from jaxsim.metrics.generation.sliced_wasserstein import (
-    _standardised,
-    laplacian_pyramid,
-    levels_of,
-    patches_at,
-    sliced,
-)
+from jaxsim.metrics.generation.sliced_wasserstein import _standardised, laplacian_pyramid, levels_of, patches_at, sliced
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.pairs.prepared import cache_folder
 from jaxsim.prepare import denoise
 from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.prepare.denoise.lidia.published import published_shapes
-from jaxsim.simulate.prepared import cache_folder
 from tests.prepare.lidia_oracle import random_state
 
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxsim.discover.result import CurveLine, Result
-from jaxsim.discover.verdict import Gained, Gap, Interval, Named, Rank, Unexplained, Verdict, Where
+from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Result, Unexplained, Verdict, Where
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
 

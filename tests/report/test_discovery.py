@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.discover.result import Result
-from jaxsim.discover.verdict import Interval, Nulls
+from jaxsim.discover.verdict import Interval, Nulls, Result
 from jaxsim.frame import PolarGrid
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.report.charts import azimuth_ticks, colour_limit, diverging, residual_maps, ticks

@@ -10,11 +10,11 @@ import configs
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import REST, count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
-from jaxsim.report.cloud_charts import class_chart, drop_picture, intensity_chart
-from jaxsim.report.clouds import check_tables, checked_kinds, write_checks
-from jaxsim.report.loop import answer, loop_tables, write_loop
-from jaxsim.report.loop_charts import epochs_chart
-from jaxsim.simulate.loop import settle_loop, write_score
+from jaxsim.studies.cloud_charts import class_chart, drop_picture, intensity_chart
+from jaxsim.studies.clouds import check_tables, checked_kinds, write_checks
+from jaxsim.studies.loop import settle_loop, write_score
+from jaxsim.studies.loop_charts import epochs_chart
+from jaxsim.studies.loop_page import answer, loop_tables, write_loop
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])
 AP = {"raw_64": 40.0, "simulated_64": 55.0, "real": 80.0}

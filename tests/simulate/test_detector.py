@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.detect.results import Found
 from jaxsim.detect.state import Network
-from jaxsim.simulate import find_all, kitti_curves, main_scores, mean_curves
+from jaxsim.evaluate.detector import find_all, kitti_curves, main_scores, mean_curves
 from tests.detect.tiny import EXPERIMENT, scene
 
 SCENES = [scene(seed) for seed in range(8)]

@@ -7,10 +7,10 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
+from jaxsim.evaluate.fid import _in_batches, frechet_line, frechet_of_run, make_images
 from jaxsim.metrics.frechet import frechet_distance, moments
 from jaxsim.metrics.inception import Extractor
-from jaxsim.simulate.fid import _in_batches, frechet_line, frechet_of_run, make_images
-from jaxsim.simulate.prepared import prepared
+from jaxsim.pairs.prepared import prepared
 
 PREPARE = PrepareConfig(inputs=("row",), columns=64, network_size=(48, 64))
 

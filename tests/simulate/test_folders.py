@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.evaluate.generation import generation_scores, open_folder
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.simulate.folders import generation_scores, open_folder
 
 ROWS, COLUMNS = 20, 48
 

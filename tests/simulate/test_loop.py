@@ -9,7 +9,7 @@ import pytest
 
 import configs
 from jaxsim.metrics.detection import COLUMNS, Curve
-from jaxsim.simulate.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
+from jaxsim.studies.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
 
 
 def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", truths=10):

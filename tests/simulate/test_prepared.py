@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.simulate.prepared import cache_folder, prepared
+from jaxsim.pairs.prepared import cache_folder, prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
 

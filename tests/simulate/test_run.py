@@ -10,7 +10,7 @@ import pytest
 from jaxsim.config import Experiment
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import preset
-from jaxsim.simulate import describe, load_run, start_run
+from jaxsim.runs.run import describe, load_run, start_run
 
 CAMERA = Camera(np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32))
 VIEW = CameraFrame(np.zeros((375, 1242, 3), np.uint8), CAMERA)

@@ -3,7 +3,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.simulate import Scribe, TrainingDiverged
+from jaxsim.runs.metrics_log import Scribe, TrainingDiverged
 
 
 def test_a_resumed_run_writes_again_what_came_after_its_checkpoint(tmp_path):

@@ -13,7 +13,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import CameraFrame
 from jaxsim.geometry import camera_at_lidar, preset, window_grid
 from jaxsim.prepare import paint, paint_raster, shrink
-from jaxsim.simulate import describe
+from jaxsim.runs.run import describe
 from jaxsim.simulate.checks import check_field_of_view, check_image
 from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
 

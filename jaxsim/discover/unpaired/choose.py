@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.localise import p_value
-from jaxsim.discover.survey import clipped
+from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.unpaired.conditional import Candidate, Conditional
 from jaxsim.discover.unpaired.law import Block, lowered, solve
 

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.localise import CATEGORICAL
-from jaxsim.discover.over_scenes import half_width, mean_interval, ratio_interval
-from jaxsim.discover.result import CurveLine, Judged
+from jaxsim.discover.find.localise import CATEGORICAL
+from jaxsim.discover.scenes import half_width, mean_interval, ratio_interval
 from jaxsim.discover.unpaired.choose import Step
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, solve
 from jaxsim.discover.unpaired.refine import Refined, equations_of
-from jaxsim.discover.verdict import Gap, Interval
+from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged
 from jaxsim.effects import EFFECTS
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from jaxsim.discover.intervals import LEVEL, WIDER
-from jaxsim.discover.parameters import fitted_parameters
+from jaxsim.discover.add import LEVEL, WIDER
+from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.unpaired.conditional import PATCH_SD, Conditional, own_columns, own_sd
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.unpaired.shared import Columns, at, change_of

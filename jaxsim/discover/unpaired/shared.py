@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.parameters import LOOSE, fitted_parameters
+from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.rays import Rays, Scan
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
-from jaxsim.discover.lattice import FINEST, lattice_step
+from jaxsim.discover.model.lattice import FINEST, lattice_step
 from jaxsim.discover.read import plausible, same_grid
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.scan import scan_of

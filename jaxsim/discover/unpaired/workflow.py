@@ -16,13 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.lattice import FINEST
-from jaxsim.discover.localise import Place, p_value
-from jaxsim.discover.result import Result
-from jaxsim.discover.split import Split, split
-from jaxsim.discover.survey import clipped
-from jaxsim.discover.threads import one_blas_thread
-from jaxsim.discover.unexplained import shape_of
+from jaxsim.devices import one_blas_thread
+from jaxsim.discover.find.localise import Place
+from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.name.unexplained import shape_of
+from jaxsim.discover.scenes import Split, clipped, p_value, split
 from jaxsim.discover.unpaired.choose import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
 from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.gap import show
@@ -31,7 +29,7 @@ from jaxsim.discover.unpaired.lost import Losses, losses
 from jaxsim.discover.unpaired.refine import Refined, refine
 from jaxsim.discover.unpaired.shared import INCIDENCE_SET, untold
 from jaxsim.discover.unpaired.streets import PER_SCENE, Streets, read_streets
-from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained, Verdict, Where
+from jaxsim.discover.verdict import Interval, Named, Rank, Result, Unexplained, Verdict, Where
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract
 from jaxsim.prepare.denoise.lidia.network import Variant
 from jaxsim.weights import ABOUT, Arrays, Converter, Weights, fit, load_weights

@@ -14,7 +14,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float, UInt8
 
-from jaxsim.atomic import replacing
+from jaxsim.files import replacing
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.penet.geometry import Convention
 from jaxsim.prepare.depth.penet.network import MULTIPLE

@@ -53,7 +53,7 @@ SAME = ((1, 1), (1, 1))
 def _doubled(x: Array, kernel: Array) -> Array:
     """The spread-out input's convolution with a kernel of 5 taps, without work on the zeros in between: each of an
     input cell's 2 x 2 outputs has a part of the taps. XLA's gradients of spread-out inputs take ten times as long on a
-    CPU (`benchmarks/penet.py`)."""
+    CPU (`benchmarks/speed/penet.py`)."""
 
     def split(taps: Array, axis: int) -> Array:
         """Along an axis: even outputs see the cells before, at and after with taps 0, 2, 4; odd ones the cells at and

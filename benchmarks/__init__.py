@@ -1,0 +1,1 @@
+"""Benchmarks: speed/, studies/, blind/ (hidden worlds)."""

@@ -1,0 +1,202 @@
+"""Effects planted on real KITTI scans: `python -m benchmarks.blind.planted_on_kitti OUT [--root DATA] [--help]`.
+
+DATA (by default $JAXSIM_SAMPLE_DATA) holds kitti_raw/, kitti_object/ and semantickitti/ in those sets' own layouts.
+Each full scan of another drive counts: the first raw frame of each drive, all object frames, each SemanticKITTI
+sequence's first. A scan is put onto the HDL-64E's polar grid and cut into four quarters of 90 degrees less a guard of
+5 degrees on either side; a quarter is one frame and one scene, turned so that its middle lies ahead. Five scans
+make 20 scenes: less independent than 20 drives, since quarters share sensor and street.
+
+What the scan says, with its hundredths of intensity spread evenly over their step, is the simulated frame; the
+measured one is the same with an effect of benchmarks/blind/hidden (NumPy; nothing of jaxsim.effects), noise of
+intensity and range, a gain and a few lost returns. There are no classes, and no errors of pose; effects that move rays
+or act on classes cannot be planted.
+
+One line a case in OUT/cases.jsonl; the same command again goes on. Prints the table that docs/discover.md quotes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import time
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.blind.hidden import case_name, score
+from benchmarks.blind.hidden.frames import Grid
+from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on
+from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
+from benchmarks.blind.tables import coverage, rate
+from jaxsim.cli import enable_compilation_cache
+from jaxsim.data.kitti_files import read_velodyne
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.discover import discover_folders
+from jaxsim.frame import Cloud, PolarGrid, PolarImage
+from jaxsim.geometry import fit_beams, full_grid, points_to_polar, preset, recover_rows
+
+COLUMNS = 1024
+QUARTERS = 4
+GUARD_RAD = np.deg2rad(5.0)
+STEP = 0.01
+"""Of KITTI's intensity."""
+
+
+def scan_files(root: Path) -> dict[str, Path]:
+    """One scan a drive, by name. Raises ValueError where `root` holds none."""
+    found = {}
+    for drive in sorted(root.glob("kitti_raw/*/*_sync")):
+        files = sorted((drive / "velodyne_points" / "data").glob("*.bin"))
+        found |= {f"raw {drive.name}": files[0]} if files else {}
+    found |= {f"object {p.stem}": p for p in sorted(root.glob("kitti_object/training/velodyne/*.bin"))}
+    for sequence in sorted(root.glob("semantickitti/sequences/*")):
+        files = sorted((sequence / "velodyne").glob("*.bin"))
+        found |= {f"sequence {sequence.name}": files[0]} if files else {}
+    if not found:
+        raise ValueError(
+            f"planted_on_kitti: {root} holds no kitti_raw/DATE/*_sync, kitti_object/training/velodyne or "
+            "semantickitti/sequences; pass the folder above them as --root, or set JAXSIM_SAMPLE_DATA"
+        )
+    return found
+
+
+def quarters(files: dict[str, Path]) -> tuple[PolarGrid, dict[str, Scan]]:
+    """The grid of a quarter, and every scan's quarters by name."""
+    spec, images = preset("hdl64e"), {}
+    clouds = {name: read_velodyne(path) for name, path in files.items()}
+    rows = {name: recover_rows(xyz, lines=spec.rows, spec=spec) for name, (xyz, _) in clouds.items()}
+    first = next(iter(clouds))
+    grid = full_grid(fit_beams(clouds[first][0], rows[first], lines=spec.rows, name="hdl64e of these scans"), COLUMNS)
+    for name, (xyz, intensity) in clouds.items():
+        cloud = Cloud(xyz, intensity, np.ones(len(xyz), bool), rows[name])
+        images[name] = points_to_polar(cloud, grid)[0]
+    azimuth, width = np.asarray(grid.azimuth_rad, float), COLUMNS // QUARTERS
+    guard = int(np.ceil(GUARD_RAD / (azimuth[0] - azimuth[1])))
+    inner = slice(guard, width - guard)
+    own = azimuth[:width][inner]
+    middle = own.mean()
+    found = {}
+    for name, image in images.items():
+        rng = np.random.default_rng(list(name.encode()))
+        range_m, valid = np.asarray(image.range_m, float), np.asarray(image.valid)
+        spread = np.asarray(image.intensity) + STEP * (rng.random(valid.shape) - 0.5)
+        # A reading of 0 lies in the upper half of its step.
+        intensity = np.clip(np.where(spread > 0, spread, -spread), 1e-4, 1)
+        for k in range(QUARTERS):
+            part = (slice(None), slice(k * width + inner.start, k * width + inner.stop))
+            turn = float(np.angle(np.exp(1j * (azimuth[:width][inner].mean() - k * 2 * np.pi / QUARTERS))))
+            there = valid[part]
+            found[f"{name} quarter {k}"] = Scan(
+                np.where(there, range_m[part], 0.0), np.where(there, intensity[part], 0.0), turn
+            )
+    beams = np.asarray(grid.elevation_rad, np.float32)
+    return PolarGrid((own - middle).astype(np.float32), beams, np.asarray(grid.origin_m, np.float32)), found
+
+
+def run_case(
+    grid: PolarGrid, scenes: dict[str, Scan], effect: str, severity: float, seed: int, folder: Path
+) -> dict[str, Any]:
+    """Plants, lets `discover` answer, and scores."""
+    plain = Grid(np.asarray(grid.azimuth_rad, float), np.asarray(grid.elevation_rad, float))
+    measured, key = plant_on(list(scenes.values()), plain, effect=effect, severity=severity, seed=seed)
+    if folder.exists():
+        shutil.rmtree(folder)
+    about = {f"{k:04d}": {"scene": name, "heading": scan.heading_rad} for k, (name, scan) in enumerate(scenes.items())}
+    for part in ("simulated", "measured"):
+        write_grid(folder / part, grid, frames=about)
+    for name, scan, reading in zip(about, scenes.values(), measured, strict=True):
+        for part, range_m, intensity in (
+            ("simulated", scan.range_m, scan.intensity),
+            ("measured", reading["range"], reading["intensity"]),
+        ):
+            image = PolarImage(range_m.astype(np.float32), intensity.astype(np.float32), range_m > 0)
+            write_frame(folder / part, name, image)
+    began = time.monotonic()
+    verdict = discover_folders(simulated=folder / "simulated", measured=folder / "measured").verdict
+    verdict.save(folder / "out")
+    closure = verdict.closure.value if verdict.closure else None
+    for part in ("simulated", "measured"):
+        shutil.rmtree(folder / part)
+    return {
+        "key": f"{effect} {severity:g} {seed}",
+        "settings": {"scenes": list(scenes)},
+        "code": code_version(),
+        "seconds": round(time.monotonic() - began, 1),
+        **score(key, verdict.to_json()),
+        "look_alikes": [list(claim.look_alikes) for claim in verdict.effects],
+        "closure": closure,
+        "gained": {name: [gap.gained.value, gap.gained.low] for name, gap in verdict.gap.items() if gap.gained},
+    }
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """The answers case by case, and the rates."""
+    lines = ["| planted | severity | answer | look-alikes | judge scenes gain | closure |", "|---|---|---|---|---|---|"]
+    for row in sorted(rows, key=lambda row: (row["kind"], row["truth"], row["severity"])):
+        alike = ", ".join(name for names in row["look_alikes"] for name in names) or "-"
+        closure = "-" if row["closure"] is None else f"{row['closure']:.2f}"
+        answer = " + ".join(row["answer"]) or row["verdict"]
+        planted = ", ".join(row["truth"]) or "none"
+        gained = sum(value for value, _ in row["gained"].values())
+        lines.append(f"| {planted} | {row['severity']:g} | {answer} | {alike} | {gained:.1f} | {closure} |")
+    single, null = ([row for row in rows if row["kind"] == kind] for kind in ("single", "none"))
+    lines += ["", "| measure | value (95 % interval) |", "|---|---|"]
+    lines.append(f"| right name first | {rate(row['first_right'] for row in single)} |")
+    lines.append(f"| in the set | {rate(row['in_set'] for row in single)} |")
+    right = [max(low for _, low in row["gained"].values()) > 0 for row in single if row["exact"]]
+    lines.append(f"| rightly named: the judge scenes' likelihood gains for certain (90 %) | {rate(right)} |")
+    lines.append(f"| nothing planted: an effect named | {rate(row['named'] for row in null)} |")
+    found = [p for row in single for p in row["parameters"]]
+    if found:
+        error = [p["relative_error"] for p in found if p["relative_error"] is not None]
+        lines.append(f"| 90 % intervals that cover | {coverage(found)} parameters |")
+        lines.append(f"| median relative error | {100 * np.median(error):.0f} % |")
+    return "\n".join(lines)
+
+
+def plan(
+    effects: Sequence[str], severities: Sequence[float], nulls: int, seed: int
+) -> Iterator[tuple[str, float, int]]:
+    for severity in severities:
+        yield from ((effect, severity, seed) for effect in effects)
+    yield from (("none", 1.0, seed + k) for k in range(nulls))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--root", type=Path, default=os.environ.get("JAXSIM_SAMPLE_DATA"), help="folder of the sets")
+    parser.add_argument("--effects", nargs="+", default=list_plantable(), help="default: all that can be planted")
+    parser.add_argument("--severity", type=float, nargs="+", default=[4.0])
+    parser.add_argument("--nulls", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    if args.root is None:
+        parser.error("give --root DATA, or set JAXSIM_SAMPLE_DATA")
+    enable_compilation_cache()
+    grid, scenes = quarters(scan_files(Path(args.root)))
+    print(f"{len(scenes)} scenes of {len(grid.elevation_rad)} x {len(grid.azimuth_rad)} rays: {', '.join(scenes)}")
+    args.out.mkdir(parents=True, exist_ok=True)
+    kept = args.out / "cases.jsonl"
+    rows = {row["key"]: row for row in read_rows(kept)}
+    check_settings(list(rows.values()), {"scenes": list(scenes)})
+    jobs = list(plan(args.effects, args.severity, args.nulls, args.seed))
+    for effect, severity, seed in tqdm(jobs, unit="case"):
+        key = f"{effect} {severity:g} {seed}"
+        if key in rows:
+            continue
+        row = run_case(grid, scenes, effect, severity, seed, args.out / "cases" / case_name(zlib.crc32(key.encode())))
+        append_row(kept, row)
+        rows[row["key"]] = row
+    text = summary(list(rows.values()))
+    (args.out / "summary.md").write_text(text + "\n")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Hot paths against their strongest peers."""

@@ -1,0 +1,185 @@
+"""A sparse convolution's forward pass, and a whole stage with its neighbours, against spconv's CPU wheel; the backward
+pass and the tables alone.
+
+    python benchmarks/speed/sparse_conv.py [VELODYNE.bin]
+
+Sites are the voxels of a KITTI scan ahead of the car (or, without a file, of a made-up street of the same density),
+0.05 x 0.05 x 0.1 m, at most 16000. spconv (`pip install spconv`, and torch) has no backward pass on a CPU, and its
+forward pass has a data race there with more than one thread (218 of 30000 rows wrong): it runs on one. The stage is
+the backbone's second: a strided convolution and two submanifold ones with ReLU, neighbours found anew on both sides.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from timing import interleave
+
+from jaxsim.config import VoxelConfig
+from jaxsim.detect.sparse import Sites, cells, sparse_conv, strided_sites, strided_tables, submanifold_tables
+from jaxsim.detect.voxelize import voxelize
+
+CONFIG, CAP = VoxelConfig(), 16000
+FORM = ((3, 3, 3), (2, 2, 2), (1, 1, 1))
+STAGE = (16, 32)
+"""Channels before and after the strided convolution."""
+
+
+def street(rng: np.random.Generator) -> np.ndarray:
+    """A road with walls and boxes, 19000 points ahead of the car, denser near it."""
+    reach = 3 + 60 * rng.random(19000) ** 2
+    side = rng.uniform(-0.7, 0.7, 19000)
+    x, y = reach * np.cos(side), reach * np.sin(side)
+    wall = np.abs(y) > 8
+    z = np.where(wall, rng.uniform(-1.7, 0.9, 19000), -1.7 + 0.02 * rng.standard_normal(19000))
+    return np.column_stack([x, np.clip(y, -8, 8), z, rng.random(19000)]).astype(np.float32)
+
+
+def ahead(path: Path) -> np.ndarray:
+    """Points of a scan that a camera of 81 degrees sees."""
+    points = np.fromfile(path, "<f4").reshape(-1, 4)
+    return points[(points[:, 0] > 0) & (np.abs(points[:, 1]) < 0.85 * points[:, 0])]
+
+
+def in_spconv(sites: Sites, features: np.ndarray, kernel: np.ndarray):
+    """spconv's submanifold convolution of the same numbers, or None where it is not installed."""
+    try:
+        import spconv.pytorch as spconv
+        import torch
+    except ModuleNotFoundError as error:
+        print(f"{error.name} is not installed: no comparison with spconv")
+        return None
+    torch.set_num_threads(1)
+    used = np.asarray(sites.valid)
+    places = np.column_stack([np.zeros(used.sum()), np.asarray(sites.zyx)[used]]).astype(np.int32)
+    layer = spconv.SubMConv3d(features.shape[1], kernel.shape[-1], 3, bias=False, indice_key="same")
+    layer.weight.data = torch.from_numpy(np.moveaxis(kernel, -1, 0).copy())
+    rows = torch.from_numpy(features[used])
+    first = spconv.SparseConvTensor(rows, torch.from_numpy(places), list(sites.shape), 1)
+    with torch.no_grad():
+        known = layer(first).indice_dict  # neighbours once, as we have our tables
+
+    def run() -> np.ndarray:
+        again = spconv.SparseConvTensor(rows, first.indices, list(sites.shape), 1, indice_dict=known)
+        with torch.no_grad():
+            return layer(again).features.numpy()
+
+    return run
+
+
+def stage(sites: Sites, features: jax.Array, kernels: list[jax.Array], capacity: int) -> tuple[Sites, jax.Array]:
+    """A strided convolution and two submanifold ones, each with ReLU, and the tables that they need."""
+    out, _ = strided_sites(sites, *FORM, capacity=capacity)
+    x = jax.nn.relu(sparse_conv(features, kernels[0], strided_tables(sites, out, *FORM)))
+    same = submanifold_tables(out, FORM[0])
+    for kernel in kernels[1:]:
+        x = jax.nn.relu(sparse_conv(x, kernel, same))
+    return out, x
+
+
+def stage_in_spconv(sites: Sites, features: np.ndarray, kernels: list[np.ndarray]):
+    """The same stage of the same numbers in spconv: gives keys of its sites and features. None where not installed."""
+    try:
+        import spconv.pytorch as spconv
+        import torch
+    except ModuleNotFoundError:
+        return None  # in_spconv said so
+    torch.set_num_threads(1)
+    (size, stride, padding), (low, high) = FORM, STAGE
+    layers = [
+        spconv.SparseConv3d(low, high, size, stride=stride, padding=padding, bias=False),
+        spconv.SubMConv3d(high, high, size, bias=False, indice_key="same"),
+        spconv.SubMConv3d(high, high, size, bias=False, indice_key="same"),
+    ]
+    for layer, kernel in zip(layers, kernels, strict=True):
+        layer.weight.data = torch.from_numpy(np.moveaxis(kernel, -1, 0).copy())
+    used = np.asarray(sites.valid)
+    places = np.column_stack([np.zeros(used.sum()), np.asarray(sites.zyx)[used]]).astype(np.int32)
+    rows, indices = torch.from_numpy(features[used]), torch.from_numpy(places)
+
+    def run() -> tuple[np.ndarray, np.ndarray]:
+        x = spconv.SparseConvTensor(rows, indices, list(sites.shape), 1)
+        with torch.no_grad():
+            for layer in layers:
+                x = layer(x)
+                x = x.replace_feature(torch.relu(x.features))
+        return x.indices.numpy()[:, 1:], x.features.numpy()
+
+    return run
+
+
+def compare_stages(sites: Sites, rng: np.random.Generator) -> None:
+    """Times both, after checking that sites and features are the same."""
+    low, high = STAGE
+    capacity = round(CONFIG.growth[0] * CAP)
+    features = rng.standard_normal((CAP, low)).astype(np.float32)
+    widths = (low, high, high)
+    kernels = [(rng.standard_normal((3, 3, 3, c, high)) / (27 * c) ** 0.5).astype(np.float32) for c in widths]
+    x, w = jnp.asarray(features), [jnp.asarray(kernel) for kernel in kernels]
+    ours = jax.jit(lambda s, x, w: stage(s, x, w, capacity))
+    peers = {"jaxsim": lambda: jax.block_until_ready(ours(sites, x, w))}
+    theirs = stage_in_spconv(sites, features, kernels)
+    if theirs is not None:
+        places, values = theirs()
+        out, found = ours(sites, x, w)
+        used = np.asarray(out.valid)
+        order = np.lexsort(places.T[::-1])
+        if not np.array_equal(np.asarray(out.zyx)[used], places[order]):
+            raise SystemExit(f"the stages have other sites: {used.sum()} and {len(places)}")
+        print(
+            f"stage: {used.sum()} sites; largest difference {np.abs(np.asarray(found)[used] - values[order]).max():.2g}"
+        )
+        peers["spconv"] = theirs
+    interleave(f"a stage with its tables: strided {low} to {high}, two submanifold, forward", peers)
+
+
+def main() -> None:
+    rng = np.random.default_rng(0)
+    points = ahead(Path(sys.argv[1])) if len(sys.argv) > 1 else street(rng)
+    valid = np.ones(len(points), bool)
+    make = jax.jit(lambda p, v: voxelize(p, v, CONFIG, max_voxels=CAP))
+    voxels = make(points, valid)
+    sites = voxels.sites
+    same = jax.jit(lambda s: submanifold_tables(s, (3, 3, 3)))
+    tables = same(sites)
+    filled = float((tables.forward < CAP).mean())
+    print(f"{int(sites.valid.sum())} voxels of {cells(sites.shape):,} cells, {filled:.1%} of the table's places filled")
+
+    @jax.jit
+    def down(s: Sites):
+        out, dropped = strided_sites(s, *FORM, capacity=5 * CAP // 2)
+        return strided_tables(s, out, *FORM), dropped
+
+    interleave(
+        "tables, in ms",
+        {
+            "submanifold": lambda: jax.block_until_ready(same(sites).forward),
+            "strided": lambda: jax.block_until_ready(down(sites)[0].backward),
+            "voxelize": lambda: jax.block_until_ready(make(points, valid).features),
+        },
+    )
+    convolve = jax.jit(sparse_conv)
+    for channels in (16, 32, 64):
+        features = rng.standard_normal((CAP, channels)).astype(np.float32)
+        kernel = rng.standard_normal((3, 3, 3, channels, channels)).astype(np.float32)
+        x, w = jnp.asarray(features), jnp.asarray(kernel)
+        both = jax.jit(jax.value_and_grad(lambda x, w: (sparse_conv(x, w, tables) ** 2).sum(), (0, 1)))
+        peers = {
+            "jaxsim forward": lambda x=x, w=w: jax.block_until_ready(convolve(x, w, tables)),
+            "jaxsim both": lambda x=x, w=w, both=both: jax.block_until_ready(both(x, w)),
+        }
+        theirs = in_spconv(sites, features, kernel)
+        if theirs is not None:
+            off = np.abs(theirs() - np.asarray(convolve(x, w, tables))[np.asarray(sites.valid)]).max()
+            print(f"largest difference to spconv: {off:.2g}")
+            peers["spconv forward"] = theirs
+        interleave(f"submanifold 3 x 3 x 3, {channels} to {channels} channels", peers)
+    compare_stages(sites, rng)
+
+
+if __name__ == "__main__":
+    main()

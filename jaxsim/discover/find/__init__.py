@@ -1,0 +1,1 @@
+"""Find: which channel's residuals depend on which covariate."""

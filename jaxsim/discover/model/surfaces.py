@@ -1,0 +1,100 @@
+"""Surfaces that share a reflectance of their own: objects, and patches of what is no object."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.effects.rays import Rays, Scan, neighbours_m
+from jaxsim.frame import Array
+from jaxsim.geometry.normals import incidence
+from jaxsim.geometry.polar import directions
+
+OBJECT_SD, PATCH_SD, STRIP_SD, STREET_SD = 0.2, 0.15, 0.1, 0.1
+"""Of the reflectance, nats: of an object and of a patch of ground or wall about its class in the street, of a strip
+about its surface, of all that is of one class in one street about the class."""
+FIRM = 1e12
+"""1 / variance of what has no reflectance of its own."""
+PATCH_M = 6.0
+"""Ground and walls are alike over about so much."""
+ROOM = 2048
+"""Strips and surfaces are counted up to a multiple of this, so that fits of other frames need not be compiled again."""
+
+
+def surfaces_of(
+    scan: Scan, at: tuple[np.ndarray, ...]
+) -> tuple[Int[np.ndarray, "b c r"], Int[np.ndarray, " t"], Float[np.ndarray, " s"]]:
+    """`Evidence.strip`, `surface` and `hold`: each surface lies in one block."""
+    instance = np.asarray(scan.instance)[at].astype(np.int64)
+    hit, kind, range_m = (np.asarray(raster)[at] for raster in (scan.hit, scan.semantic, scan.range_m))
+    ray = np.asarray(directions(scan.grid))[at[1], at[2]]
+    x, y = (np.floor(np.where(hit, range_m * ray[..., k], 0) / PATCH_M).astype(np.int64) for k in (0, 1))
+    block = np.broadcast_to(np.arange(len(instance))[:, None, None], instance.shape)
+    thing = instance > 0
+    key = np.stack([block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y)])
+    _, first, number = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
+    _, begin, of = np.unique(np.stack([number.ravel(), at[2][hit]]), axis=1, return_index=True, return_inverse=True)
+    strip = np.zeros(instance.shape, np.int32)
+    strip[hit] = of.ravel() + 1
+    surface = np.zeros(_room(len(begin)), np.int32)
+    surface[1 : len(begin) + 1] = number.ravel()[begin] + 1
+    hold = np.full(_room(len(first)), FIRM, np.float32)
+    hold[1 : len(first) + 1] = 1 / np.where(thing[hit][first], OBJECT_SD, PATCH_SD) ** 2
+    return strip, surface, hold
+
+
+def _room(count: int) -> int:
+    return -(-(count + 1) // ROOM) * ROOM
+
+
+BEND = 0.03
+PLANAR = 0.01
+"""Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
+
+
+def bends(
+    range_m: Float[Array, "*n"],
+    beside_m: Float[Array, "*n 4"],
+    row: Int[Array, "*n"],
+    elevation_rad: Float[Array, " r"],
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
+    1 / range (straight on a plane) over the ray's own, less 1."""
+    inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(beside_m), beside_m, 1e4), 0.1)
+    last = elevation_rad.shape[0] - 1
+    above = jnp.abs(elevation_rad[jnp.maximum(row - 1, 0)] - elevation_rad[row])
+    below = jnp.abs(elevation_rad[jnp.minimum(row + 1, last)] - elevation_rad[row])
+    share = below / jnp.maximum(above + below, 1e-6)
+    sides = (inverse[..., 0] + inverse[..., 1]) / 2 * range_m - 1
+    stack = (share * inverse[..., 2] + (1 - share) * inverse[..., 3]) * range_m - 1
+    return jnp.abs(sides), jnp.abs(stack)
+
+
+@jax.jit
+def with_planes(scan: Scan) -> Scan:
+    """The scan with incidence angles from its range image wherever that shows a plane: a simulator's normals may be
+    noisy, and effects that grow with the tangent of the angle would look weaker than they are."""
+    slant, known = incidence(scan.range_m, scan.hit, scan.grid)
+    row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
+    sides, stack = bends(scan.range_m, neighbours_m(scan), row, scan.grid.elevation_rad)
+    plane = scan.hit & known & (sides < PLANAR) & (stack < PLANAR)
+    return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
+
+
+def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
+    """Rays whose neighbours do not continue their surface, or lie beside the sky.
+
+    To the sides a step of 0.3 m and 5 % of the range counts; a bend (`bends`) of 3 % counts all round.
+    """
+    sky = ~jnp.isfinite(rays.beside_m)
+    beside = jnp.where(sky, 1e4, rays.beside_m)
+    side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
+    sides, stack = bends(rays.range_m, rays.beside_m, rays.row, elevation_rad)
+    last = elevation_rad.shape[0] - 1
+    # The border repeats the ray itself: half of the step to its one neighbour is left.
+    bent = (sides > BEND) | (stack > jnp.where((rays.row == 0) | (rays.row == last), 0.2, BEND))
+    return jnp.where(rays.hit, side.any(-1) | bent | sky.any(-1), ~sky.all(-1))

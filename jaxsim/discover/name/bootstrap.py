@@ -1,0 +1,125 @@
+"""A measurement in which nothing is missing: what the sensor would have said if the null model were true.
+
+It carries the data's own nuisances: gain and class reflectances; each street's levels, surfaces and pose, and what is
+left of its intensities and ranges, with one sign a scene, so that what scenes share is gone and what belongs together
+within one stays together (the wild cluster bootstrap of Cameron, Gelbach & Miller 2008); what the fit leaves open of
+levels and poses; neighbours read at edges, readings far off, lost and false returns at their fitted rates; effects that
+are in place already. Rounding is left out: a lattice is an effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsim.discover.model.evidence import Evidence, near_enough
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
+from jaxsim.discover.model.nuisance import range_variance
+from jaxsim.discover.model.random_effects import explained_by, left_over, levels_of, moved_by, poses
+from jaxsim.effects.draw import sample
+from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
+from jaxsim.frame import Array
+
+Array3 = Float[np.ndarray, "b c r"]
+
+
+def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
+    """`problem.ev` with returns, ranges and intensities drawn anew: its rays, which lack nothing, with the nuisances of
+    `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
+    ev, rng = problem.ev, np.random.default_rng(seed)
+    sign = rng.choice(np.array([-1, 1], np.float32), ev.units)[np.asarray(ev.unit)]
+    off_i, off_r = (np.asarray(x) for x in left_over(explained.ev, explained.weights, jnp.ones(len(sign))))
+    shine = _shines(explained, off_i, sign, rng)
+    reading, returns, log_keep = _reads(problem, explained, off_r, sign, rng)
+    dark = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
+    rays = replace(dark, reading_m=reading, hit=returns, log_keep=log_keep)
+    image = sample(jax.random.key(seed), _as_images(rays))
+    drawn_m, drawn, returned = (jnp.swapaxes(x, -1, -2) for x in (image.range_m, image.intensity, image.valid))
+    zeros = bool((np.asarray(ev.log_intensity)[np.asarray(ev.returned)] <= np.log(FLOOR) + 1e-3).any())
+    drawn = jnp.where(jnp.log(jnp.maximum(drawn, FLOOR)) < ev.lowest, 0.0, drawn) if zeros else drawn
+    return replace(
+        ev,
+        returned=returned,
+        range_m=drawn_m,
+        log_intensity=jnp.log(jnp.maximum(drawn, FLOOR)),
+        compared=ev.compared & returned & near_enough(drawn_m, ev.rays.range_m),
+    )
+
+
+def _shines(explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator) -> Array:
+    """Nats by which each surface shines brighter than simulated, noise included (b, c, r)."""
+    ev, w = explained.ev, explained.weights
+    residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    levels = jax.tree.map(np.asarray, levels_of(ev, w, jnp.ones(len(sign)), residual))
+
+    def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
+        return sign[np.asarray(block)] * level + np.sqrt(np.asarray(share)) * _normal(rng, level.shape)
+
+    street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
+    surface = own(levels.surface, w.surfaces.block, w.surfaces.share)
+    strip = own(levels.strip, w.strips.block, w.strips.share)
+    drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
+    compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * left
+    # Of rays that are not compared nothing is left; their class's reflectance and noise stand in.
+    kinds, kind = np.unique(np.asarray(ev.rays.semantic), return_inverse=True)
+    of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(left.shape)]
+    speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, left.shape)
+    return jnp.asarray(np.where(np.asarray(ev.compared), compared, of_class + speckle), jnp.float32)
+
+
+def _reads(
+    problem: Problem, explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Of each ray (b, c, r): its reading, m; whether it may return; and the log of the probability that it does."""
+    ev, w, noise, rays = explained.ev, explained.weights, explained.noise, problem.ev.rays
+    hit, shape = np.asarray(rays.hit), left.shape
+    pose = np.asarray(poses(ev, w, ev.rays.reading_m, ev.returned & ev.rays.hit))
+    pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
+    reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
+    usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)
+
+    beside, known = _one_beside(rays, rng)
+    neighbour = beside + near_sd(beside) * _normal(rng, shape)
+    switch, wide = (np.exp(np.asarray(x)) for x in log_stray(ev, noise))
+    luck = rng.random(shape)
+    astray = np.where(luck < switch, np.where(known, neighbour, usual), reading + rng.standard_cauchy(shape))
+    of_surface = np.where(luck < switch + wide, astray, usual)
+    smooth = hit & np.asarray(ev.rays.hit & ev.returned & ~ev.edge)
+    of_surface = np.where(smooth, reading + sign[:, None, None] * left, of_surface)
+    anywhere = rng.uniform(0, CLUTTER_REACH_M, shape)
+    of_nothing = np.where((rng.random(shape) < 0.5) & known, neighbour, anywhere)
+
+    reported = log_reported(rays, ev, noise)
+    false = ~hit & (rng.random(shape) < np.exp(np.asarray(reported)))
+    read = jnp.asarray(np.where(hit, of_surface, of_nothing), jnp.float32)
+    return read, jnp.asarray(hit | false), jnp.where(rays.hit, reported, 0.0)
+
+
+def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]:
+    """The range of one of the four neighbours, by chance, and whether that hits anything (0 m where not)."""
+    beside = np.asarray(rays.beside_m)
+    one = np.take_along_axis(beside, rng.integers(0, 4, (*beside.shape[:-1], 1)), axis=-1)[..., 0]
+    known = np.isfinite(one)
+    return np.where(known, one, 0), known
+
+
+def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:
+    """Normal draws, one a block."""
+    values, vectors = np.linalg.eigh(covariance.astype(np.float64))
+    draws = np.sqrt(np.maximum(values, 0)) * _normal(rng, values.shape)
+    return np.einsum("bij,bj->bi", vectors, draws).astype(np.float32)
+
+
+def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    return rng.standard_normal(shape, np.float32)
+
+
+def _as_images(rays: Rays) -> Rays:
+    """Rays of blocks of columns (b, c, r) as images (b, r, c), which `sample` draws."""
+    one = {f.name: getattr(rays, f.name) for f in fields(Rays)}
+    return Rays(**{n: jnp.swapaxes(x, 1, 2) if getattr(x, "ndim", 0) >= 3 else x for n, x in one.items()})

@@ -1,0 +1,1 @@
+"""Show: the gap on judge scenes, which nothing was fitted to."""

@@ -1,0 +1,1 @@
+"""Scores of runs: paired, between sets of clouds, FID, and a detector's average precision."""

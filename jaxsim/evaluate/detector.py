@@ -1,0 +1,195 @@
+"""A trained detector: its scenes, its run's network, what it finds, and what KITTI's evaluation says of that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import TypeAdapter
+from tqdm import tqdm
+
+from jaxsim.config import DataConfig, DetectorExperiment
+from jaxsim.detect.batches import in_range, inside
+from jaxsim.detect.published import load_published
+from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
+from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
+from jaxsim.detect.state import Network, network_shapes
+from jaxsim.detect.steps import make_detect
+from jaxsim.frame import Boxes
+from jaxsim.geometry.boxes import lidar_boxes
+from jaxsim.metrics import Score
+from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
+from jaxsim.runs.run import Checkpoints, DetectorRun, load_run
+
+STEP_POINTS = 8192
+"""Clouds are filled up to multiples of this, so that few sizes are compiled."""
+Find = Callable[[Network, np.ndarray], tuple[Found, dict[str, int]]]
+
+
+def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: DetectorExperiment) -> Scenes:
+    """Scenes at these positions of a data set (jaxsim.data), as an experiment sees them; kept in `data.cache`."""
+    data = experiment.data
+    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
+    return kept_scenes(
+        dataset,
+        positions,
+        experiment.detector.anchors.kind,
+        in_image=experiment.in_image,
+        cache=data.cache,
+        settings=TypeAdapter(DataConfig).dump_json(bare).decode(),
+    )
+
+
+def make_find(experiment: DetectorExperiment) -> Find:
+    """(network, points (n, 4) of one cloud) -> detections, and how many voxels and sites were left out, by stage.
+
+    Clouds of any size; those whose padded size is new are compiled first.
+    """
+    detect, voxels = make_detect(experiment), experiment.voxels
+
+    def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
+        points = points[in_range(points, voxels)]
+        room = max(-(-len(points) // STEP_POINTS), 1) * STEP_POINTS
+        padded = np.zeros((1, room, 4), np.float32)
+        padded[0, : len(points)] = points
+        detections, dropped = detect(network, jnp.asarray(padded), jnp.asarray(np.arange(room) < len(points))[None])
+        detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
+        valid = detections.valid[0]
+        found = Found(detections.boxes[0][valid], detections.score[0][valid])
+        return found, {name: int(count[0]) for name, count in dropped.items() if count[0]}
+
+    return find
+
+
+def find_all(
+    find: Find,
+    network: Network,
+    clouds: Iterable[tuple[str, np.ndarray]],
+    *,
+    total: int,
+    quiet: bool = False,
+    more_room: str = "train.py makes room with --voxels.max-voxels and --voxels.growth",
+) -> Iterator[tuple[str, Found]]:
+    """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
+    left_out: dict[str, dict[str, int]] = {}
+    for name, points in tqdm(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
+        found, dropped = find(network, points)
+        if dropped:
+            left_out[name] = dropped
+        yield name, found
+    if left_out:
+        name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
+        worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
+        print(
+            f"detect: {len(left_out)} of {total} clouds had more voxels or sites than there is room for; worst {name}: "
+            f"{worst} left out; {more_room}"
+        )
+
+
+def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
+    """The labels that a scene is scored by: where `scored` is `inside`, those outside the range are DontCare.
+
+    Hidden shares (fractions in `occluded`) become the levels of the same difficulty, 0 or 1: the official evaluation
+    reads no fractions. Raises ValueError for a scene without labels.
+    """
+    labels = scene.labels
+    if labels is None:
+        raise ValueError(f"detect: {scene.name} has no labels to be scored by; choose labelled frames")
+    labels = replace(labels, occluded=np.ceil(labels.occluded).astype(np.int32))
+    if experiment.scored == "all":
+        return labels
+    near = inside(lidar_boxes(labels, scene.view.rect_from_velo), experiment.voxels)
+    kinds = tuple(kind if n else "DontCare" for kind, n in zip(labels.kind, near, strict=True))
+    return replace(labels, kind=kinds)
+
+
+def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: DetectorExperiment) -> list[Curve]:
+    """KITTI's curves of an experiment's class, by the official rules.
+
+    Raises ValueError, with the scene's name, for labels and detections that are not finite.
+    """
+    kind = experiment.detector.anchors.kind
+    for scene, detections in zip(scenes, found, strict=True):
+        _check_finite(scene, detections)
+    with TemporaryDirectory() as folder:
+        labels, results = Path(folder) / "label_2", Path(folder) / "results"
+        names = [f"{k:06d}" for k in range(len(scenes))]
+        for name, scene, detections in zip(names, scenes, found, strict=True):
+            write_lines(labels / f"{name}.txt", label_lines(counted(scene, experiment)))
+            write_lines(results / f"{name}.txt", result_lines(detections, kind, scene.view))
+        return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
+
+
+def _check_finite(scene: Scene, found: Found) -> None:
+    """Scenes are scored by way of files; an error there would name a file that nobody has."""
+    broken = np.flatnonzero(~np.isfinite(np.column_stack([found.boxes, found.score])).all(axis=1))
+    if len(broken):
+        raise ValueError(
+            f"detect: {len(broken)} of {len(found.score)} detections in {scene.name} are not finite, the first "
+            f"{found.boxes[broken[0]].tolist()} with score {found.score[broken[0]]:g}: a diverged network writes such; "
+            "use an earlier checkpoint"
+        )
+    if scene.labels is None:
+        return
+    arrays = (np.asarray(getattr(scene.labels, name)) for name in ("centre_m", "size_m", "yaw_rad", "bbox_px"))
+    finite = np.column_stack([a.reshape(len(scene.labels.kind), -1) for a in arrays])
+    for k in np.flatnonzero(~np.isfinite(finite).all(axis=1))[:1]:
+        raise ValueError(
+            f"detect: label {k} of {scene.name} ({scene.labels.kind[k]}) is not finite; mend it, or leave it out"
+        )
+
+
+def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:
+    """AP R40 in space and from above at the first set of overlaps, by difficulty; count: labels."""
+    return {
+        f"AP_{curve.metric}_{curve.difficulty}": Score(curve.ap_r40, "%", curve.truths)
+        for curve in curves
+        if curve.metric in ("3d", "bev") and curve.overlap_set == "0.7" and curve.truths
+    }
+
+
+def score_detector(
+    find: Find, network: Network, scenes: Sequence[Scene], experiment: DetectorExperiment
+) -> tuple[list[Curve], list[Found]]:
+    """What a network finds in scenes, and KITTI's curves of it."""
+    clouds = ((scene.name, scene.points) for scene in scenes)
+    found = [detections for _, detections in find_all(find, network, clouds, total=len(scenes), quiet=True)]
+    return kitti_curves(scenes, found, experiment), found
+
+
+@dataclass(frozen=True)
+class LearnedDetector:
+    """A detector with everything that its use needs."""
+
+    experiment: DetectorExperiment
+    network: Network
+
+
+def load_detector(path: Path | str, *, step: int | None = None) -> LearnedDetector:
+    """The detector of a run's folder at its latest checkpoint, or at `step`; or published weights (.npz).
+
+    Raises ValueError for a step that is not kept.
+    """
+    path = Path(path)
+    if path.suffix == ".npz":
+        return LearnedDetector(DetectorExperiment(), load_published(path))
+    run, checkpoints = load_run(path, DetectorRun), Checkpoints(path)
+    if step is not None and step not in checkpoints.steps:
+        kept = ", ".join(map(str, checkpoints.steps)) or "none"
+        raise ValueError(f"run: {path} keeps no checkpoint of step {step}; it keeps {kept}")
+    return LearnedDetector(run.experiment, checkpoints.restore("network", network_shapes(run.experiment), step=step))
+
+
+def mean_curves(per_epoch: Sequence[Sequence[Curve]]) -> dict[tuple[str, str, str], tuple[float, float]]:
+    """Mean and standard deviation of AP R40 over epochs, by metric, overlap set and difficulty."""
+    values: dict[tuple[str, str, str], list[float]] = {}
+    for curves in per_epoch:
+        for curve in curves:
+            values.setdefault((curve.metric, curve.overlap_set, curve.difficulty), []).append(curve.ap_r40)
+    return {key: (float(np.mean(aps)), float(np.std(aps))) for key, aps in values.items()}

@@ -1,0 +1,129 @@
+"""The pairs of a data set: made from its frames once and kept, one file a frame, or read from a prepared set."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+import jaxsim
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data.pair_settings import pair_settings
+from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, record_of
+from jaxsim.devices import wait
+from jaxsim.files import replacing
+from jaxsim.frame import Frame, Pair
+from jaxsim.geometry import LidarSpec
+from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
+
+
+def _code() -> bytes:
+    """All code that preparation runs: pairs made by other code are not these pairs."""
+    root = Path(jaxsim.__file__).parent
+    files = [p for part in ("data", "geometry", "prepare") for p in sorted((root / part).rglob("*.py"))]
+    return b"".join(path.read_bytes() for path in [*files, root / "frame.py"])
+
+
+def fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
+    """Kind of data set, and a hash of all that pairs of these settings depend on: settings and code."""
+    settings = json.dumps(pair_settings(data, prepare), sort_keys=True)
+    return f"{data.kind}-{hashlib.sha256(settings.encode() + _code()).hexdigest()[:16]}"
+
+
+def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
+    """Where pairs of these settings are kept."""
+    return data.cache / fingerprint(data, prepare)
+
+
+def make_record(
+    frame: Frame, position: int, spec: LidarSpec, prepare: PrepareConfig, *, scan: bool = True
+) -> PairRecord:
+    """The pair of a data set's frame, ready to be kept; without `scan`, of its camera alone (`prepare_view`).
+
+    Raises ValueError where the frame lacks what `prepare` asks for.
+    """
+    pair, grid = (prepare_frame if scan else prepare_view)(frame, spec, prepare)
+    return PairRecord(
+        name=frame.name,
+        scene=frame.scene,
+        position=position,
+        pair=pair,
+        edges=np.asarray(edge_map(pair.painted.semantic, pair.painted.instance)),
+        grid=grid,
+        camera=frame.camera.camera,
+        image_size=frame.camera.rgb.shape[-3:-1],
+    )
+
+
+def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> PreparedPairs:
+    """The pairs at these positions of a data set. Of frames, those that are not kept yet are made; a prepared set has
+    them, or says what it lacks.
+
+    A killed run keeps what it has made. Several processes divide the work; where they share no disk, each then
+    makes the rest for itself.
+    """
+    if data.kind == "prepared":
+        return dataset.pairs(positions, prepare)
+    folder = cache_folder(data, prepare)
+    # Pairs for which labels were asked are those without, too.
+    labelled = cache_folder(data, replace(prepare, inputs=("semantic",)))
+    if all((labelled / f"{i:06d}.npz").is_file() for i in positions):
+        folder = labelled
+    me, processes = jax.process_index(), jax.process_count()
+    if processes > 1:
+        _make(dataset, positions[me::processes], folder, data, prepare)
+        wait("prepared pairs")
+    _make(dataset, positions, folder, data, prepare)
+    files = [folder / f"{i:06d}.npz" for i in positions]
+    return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
+
+
+def pairs_before(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> list[Pair | None]:
+    """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
+    holds = dataset.holds if data.kind == "prepared" else lambda position: True
+    there = [p for p in positions if p > 0 and holds(p - 1)]
+    own, earlier = (prepared(dataset, chosen, data, prepare) for chosen in (there, [p - 1 for p in there]))
+    same = zip(there, own.scenes, earlier.scenes, earlier, strict=True)
+    found = {p: pair for p, scene, before, pair in same if scene == before}
+    return [found.get(p) for p in positions]
+
+
+def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:
+    missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
+    if missing:
+        check_networks(prepare)
+    for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
+        record = make_record(dataset[i], i, dataset.spec, prepare)
+        with replacing(folder / f"{i:06d}.npz") as path:
+            np.savez(path, **example_of(record))
+
+
+def _read(file: Path) -> PairRecord:
+    with _opened(file) as archive:
+        return record_of(archive)
+
+
+def _entry(file: Path) -> Entry:
+    with _opened(file) as archive:
+        window = len(archive["grid/elevation_rad"]), len(archive["grid/azimuth_rad"])
+        return Entry(str(archive["name"]), str(archive["scene"]), window, f"{file.parent.name}/{file.stem}")
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[Any]:
+    """The arrays of a kept pair. Raises ValueError where they cannot be read."""
+    try:
+        with file.open("rb") as opened, np.load(opened) as archive:
+            yield archive
+    except (OSError, ValueError, KeyError, BadZipFile, zlib.error) as error:
+        raise ValueError(f"prepared: {file} is damaged ({error}); delete it, and it is made anew") from error

@@ -1,0 +1,213 @@
+"""A prepared set: planned, its files made, described, and put in place in one step."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from importlib.metadata import version
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.data import Dataset, open_dataset, select
+from jaxsim.data.pair_settings import differences, pair_settings
+from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
+from jaxsim.files import hold, let_go, replacing
+from jaxsim.pairs.beam import make_by_beam
+from jaxsim.pairs.prepared import fingerprint
+from jaxsim.pairs.shards import Job, make_all, read_note, write_shard
+from jaxsim.prepare import check_networks
+
+
+def make_set(
+    out: Path,
+    data: DataConfig,
+    prepare: PrepareConfig,
+    *,
+    train: str = "",
+    evaluation: str = "",
+    size: int = 64,
+    workers: int = 0,
+    beam: Sequence[str] | None = None,
+) -> Path:
+    """Makes the pairs of a data set's frames, and gives the folder that they lie in, below `out`.
+
+    `train` and `evaluation` choose frames as `select` does; none named: the data set's own parts of these names, or
+    all of it for training. `size` pairs go to a file; `workers` processes make them (0: one a core), or Beam with the
+    options `beam`. What is there is not made again: a killed command goes on.
+
+    Raises ValueError for frames that lack something, and where `out` holds a set of other settings.
+    """
+    if size < 1 or workers < 0:
+        raise ValueError(
+            f"prepare: {size} pairs a file and {workers} workers; a file holds one or more, 0 is one a core"
+        )
+    dataset = open_dataset(data)
+    splits = choose(dataset, data.kind, train, evaluation)
+    folder = Path(out) / NAME / data.kind / VERSION
+    hold(Path(out), doing="writing to", instead="another --out")
+    try:
+        if (folder / "dataset_info.json").is_file():
+            _check_finished(folder, data, prepare, splits)
+            _tidy(folder)
+        else:
+            first = dataset[next(iter(splits.values()))[0]]
+            job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
+            _make(folder, dataset, job, splits, size=size, workers=workers, beam=beam)
+    finally:
+        let_go(Path(out))
+    return folder
+
+
+def _make(
+    folder: Path,
+    dataset: Dataset,
+    job: Job,
+    splits: dict[str, list[int]],
+    *,
+    size: int,
+    workers: int,
+    beam: Sequence[str] | None,
+) -> None:
+    """Makes what is missing of a set, and puts it in place."""
+    if job.scan:
+        check_networks(job.prepare)
+    making = folder.with_name(folder.name + MAKING)
+    _settle_plan(making, job, splits, size)
+
+    # Files: those that an earlier command made stay as they are.
+    shards = cut(splits, size)
+    missing = [shard for shard in shards if read_note(shard, making) is None]
+    positions = [position for shard in missing for position in shard.positions]
+    total = sum(map(len, splits.values()))
+    with tqdm(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
+        if beam is not None:
+            make_by_beam(job, missing, making, beam, bar)
+        elif missing:
+            made = make_all(job, positions, min(workers or os.cpu_count() or 1, len(positions)))
+            shown = (_counted(pair, bar) for pair in made)
+            for shard in missing:
+                write_shard(shard, making, islice(shown, len(shard.positions)))
+
+    # The set: described, then renamed, so that a folder of that name is whole.
+    about = _about(dataset, job, shards, making)
+    JaxsimPairs(data_dir=folder.parents[2], kind=job.data.kind, shards=shards, about=about).settle(making)
+    os.replace(making, folder)
+    _tidy(folder)
+
+
+def choose(dataset: Dataset, kind: str, train: str, evaluation: str) -> dict[str, list[int]]:
+    """Positions of `train` and `eval`. Raises ValueError where there are none for training, or both hold one."""
+    parts = getattr(dataset, "splits", {})
+    if not len(dataset):
+        raise ValueError(f"prepare: {kind} has no frames here; look into its root")
+    if not (train or parts) and kind == "synthetic":
+        raise ValueError(f"prepare: {kind} has {len(dataset)} frames; say which: --train 0-159 --eval 160-199")
+    everything = list(range(len(dataset)))
+    trained = select(train, dataset) if train else parts.get("training", everything)
+    judged = select(evaluation, dataset) if evaluation else [] if train else parts.get("evaluation", [])
+    both = sorted(set(trained) & set(judged))
+    if both:
+        raise ValueError(
+            f"prepare: {len(both)} frames are both for training and for evaluation (the first: {both[0]}, "
+            f"{dataset.name_of(both[0])}); name each once"
+        )
+    return {name: chosen for name, chosen in (("train", trained), ("eval", judged)) if chosen}
+
+
+def _counted(pair: Any, bar: tqdm[Any]) -> Any:
+    bar.update()
+    return pair
+
+
+def _settle_plan(making: Path, job: Job, splits: dict[str, list[int]], size: int) -> None:
+    """Keeps what the files of `making` are made of. Raises ValueError where they are made of something else."""
+    now = {
+        **pair_settings(job.data, job.prepare),
+        "code": fingerprint(job.data, job.prepare),
+        "splits": splits,
+        "pairs-a-file": size,
+    }
+    path = making / "plan.json"
+    if path.is_file():
+        was = json.loads(path.read_text())
+        other = _other(was, now)
+        if not other and was["code"] != now["code"]:
+            other = ["jaxsim's code was another"]
+        if other:
+            raise ValueError(
+                f"prepare: {making} was begun with other settings ({'; '.join(other)}); give those again to go on, "
+                "another --out, or delete the folder"
+            )
+        return
+    with replacing(path) as part:
+        part.write_text(json.dumps(now))
+
+
+def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, splits: dict[str, list[int]]) -> None:
+    """Raises ValueError where a finished set is not of these settings and frames."""
+    was = ABOUT.validate_json((folder / "metadata.json").read_bytes())
+    kept = {name: list(split.positions) for name, split in was.splits.items()}
+    other = _other({**was.settings, "splits": kept}, {**pair_settings(data, prepare), "splits": splits})
+    if other:
+        raise ValueError(
+            f"prepare: {folder} holds a set of other settings ({'; '.join(other)}); give another --out, or delete it"
+        )
+
+
+def _other(was: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """In words, in what two plans differ."""
+    texts = list(differences({**was, "splits": 0, "code": 0}, {**now, "splits": 0, "code": 0}))
+    for name in ("train", "eval"):
+        old, new = (plan["splits"].get(name, []) for plan in (was, now))
+        if old != new:
+            texts.append(f"--{name} was {_brief(old)}, now {_brief(new)}")
+    return texts
+
+
+def _brief(positions: Sequence[int]) -> str:
+    return f"{len(positions)} frames ({positions[0]} ... {positions[-1]})" if positions else "none"
+
+
+def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], making: Path) -> About:
+    notes = {shard: read_note(shard, making) for shard in shards}
+    lost = [shard.file(making).name for shard, note in notes.items() if note is None]
+    if lost:
+        raise ValueError(
+            f"prepare: {', '.join(lost)} are not in {making} though they were made; is it one disk for all?"
+        )
+    splits: dict[str, Split] = {}
+    for name in dict.fromkeys(shard.split for shard in shards):
+        own = {shard: note for shard, note in notes.items() if shard.split == name and note}
+        splits[name] = Split(
+            positions=tuple(position for shard in own for position in shard.positions),
+            names=tuple(value for note in own.values() for value in note["names"]),
+            scenes=tuple(value for note in own.values() for value in note["scenes"]),
+            windows=tuple((rows, columns) for note in own.values() for rows, columns in note["windows"]),
+        )
+    parts = {name: tuple(positions) for name, positions in getattr(dataset, "splits", {}).items()}
+    return About(
+        jaxsim=version("jaxsim-lidar"),
+        settings=pair_settings(job.data, job.prepare),
+        fingerprint=fingerprint(job.data, job.prepare),
+        spec=job.spec,
+        length=len(dataset),
+        parts=parts,
+        splits=splits,
+        files={shard.file(making).name: note["bytes"] for shard, note in notes.items() if note},
+        measured=job.scan,
+        labelled=all(all(note["labelled"]) for note in notes.values() if note),
+    )
+
+
+def _tidy(folder: Path) -> None:
+    """Removes what only the making needed, and what a killed command or a killed worker left half written."""
+    for half in folder.glob(".*"):
+        half.unlink()
+    shutil.rmtree(folder / "done", ignore_errors=True)
+    (folder / "plan.json").unlink(missing_ok=True)
