@@ -8,8 +8,7 @@ from scipy import stats
 
 from jaxsim.discover.model.likelihood import DEGREES
 from jaxsim.discover.show.distance import distance
-
-from .conftest import judged_toy
+from tests.discover.conftest import judged_toy
 
 
 @pytest.fixture(scope="module")

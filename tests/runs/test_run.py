@@ -52,7 +52,7 @@ def test_settings_of_another_version_are_refused_with_the_field(tmp_path):
 TRAINER = """
 import sys
 from pathlib import Path
-from jaxsim.simulate import load_run, start_run
+from jaxsim.runs.run import load_run, start_run
 
 start_run(Path(sys.argv[1]), load_run(sys.argv[2]))
 print("started", flush=True)

@@ -3,7 +3,7 @@ import pytest
 
 from jaxsim.discover.find.interactions import interactions, spelled
 from jaxsim.discover.find.localise import NAMED
-from tests.discover.test_localise import rays
+from tests.discover.find.test_localise import rays
 
 SHAPE = (12, 24, 16)
 

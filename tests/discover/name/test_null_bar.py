@@ -10,7 +10,7 @@ from jaxsim.discover.name import null_bar as calibrate
 from jaxsim.discover.name import select as name
 from jaxsim.discover.name.null_bar import bars_of, run_nulls
 from jaxsim.discover.name.select import BAR, Bars, accepted, choose
-from tests.discover.test_survey import candidate
+from tests.discover.name.test_candidates import candidate
 
 UNITS = 11
 STEADY = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])

@@ -8,8 +8,7 @@ import pytest
 
 from jaxsim.discover.show.residual_curves import Bins, curves_along
 from jaxsim.effects import get_effect
-
-from .conftest import judged_toy
+from tests.discover.conftest import judged_toy
 
 SD_M = 0.1
 

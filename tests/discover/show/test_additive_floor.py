@@ -10,8 +10,7 @@ from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import residuals
 from jaxsim.discover.show.additive_floor import black_box, log_odds, robust
 from jaxsim.discover.show.distance import distance
-
-from .conftest import judged_toy
+from tests.discover.conftest import judged_toy
 
 
 @pytest.fixture(scope="module")
