@@ -11,9 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import tyro
-from pydantic import TypeAdapter, ValidationError
-
 from jaxsim.config import DetectorExperiment, Experiment
 
 
@@ -55,6 +52,8 @@ def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
 
     `argv` is an optional name of `configs`, or the config.json of a run, then flags over its fields.
     """
+    import tyro
+
     name, flags = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("synthetic", argv)
     if name.endswith(".json"):
         experiment, docstring = read_experiment(Path(name)), f"Settings of {name}."
@@ -75,6 +74,8 @@ Experiments (configs/):
 
 def read_experiment(path: Path) -> Any:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
+    from pydantic import TypeAdapter, ValidationError
+
     from jaxsim.prepare.depth.penet.training import DepthExperiment
 
     try:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
+from jaxsim.cli.source import Source
 from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
@@ -57,7 +58,7 @@ def run(argv: Sequence[str]) -> None:
     sys.path.insert(0, str(home))
     configs = importlib.import_module("configs")
     config, words = _read_loop(Path(name)) if name.endswith(".json") else configs.load_loop(name)
-    intro = f"{Real2Sim2Real.__doc__}\n\n{name}: {words}"
+    intro = f"    jaxsim real2sim2real --config {name}\n\n{Real2Sim2Real.__doc__}\n\n{name}: {words}"
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
@@ -179,20 +180,12 @@ class Stages:
         exports = [
             Export(
                 out=loop.tree(kind),
-                data=source.kind,
-                root=source.root,
-                scenes=source.scenes,
-                variations=source.variations,
-                camera=source.camera,
-                lidar=source.lidar,
-                seed=source.seed,
-                streets=source.streets,
-                rows=source.rows,
+                data=Source.of(source),
                 frames=f"{source.train},{source.validation}",
                 validation=source.validation,
                 recipe=loop.recipe(kind),
                 run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
-                sensor=loop.effects if kind in WITH_EFFECTS else None,
+                effects=loop.effects if kind in WITH_EFFECTS else None,
                 occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
             )
             for kind in loop.config.kinds
