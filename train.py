@@ -19,7 +19,7 @@ import configs
 import train_depth
 from jaxsim import detect, devices
 from jaxsim.cli import enable_compilation_cache, parse_experiment, stop_on_error
-from jaxsim.config import DetectorExperiment, Experiment
+from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import ahead, batches
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
@@ -28,7 +28,6 @@ from jaxsim.metrics import Score
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
-from jaxsim.prepare.depth.penet.training import DepthExperiment
 from jaxsim.report import detection_picture, pair_picture, save_picture, write_card, write_detector_card
 from jaxsim.runs.metrics_log import Scribe
 from jaxsim.runs.run import Checkpoints, DetectorRun, Run, describe, start_run

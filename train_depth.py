@@ -18,6 +18,7 @@ from pydantic import TypeAdapter
 from tqdm import tqdm
 
 from jaxsim import devices
+from jaxsim.config import DepthExperiment, Part
 from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.data.pair_settings import differences
@@ -30,8 +31,6 @@ from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
     Batches,
-    DepthExperiment,
-    Part,
     begin_stage,
     branch_weight,
     check_sizes,

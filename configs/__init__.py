@@ -3,9 +3,7 @@
 import importlib
 import pkgutil
 
-from jaxsim.config import DetectorExperiment, Experiment
-from jaxsim.prepare.depth.penet.training import DepthExperiment
-from jaxsim.studies.loop import LoopConfig
+from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopConfig
 
 LOOPS = ("real2sim2real", "real2sim2real_kitti")
 """Of `jaxsim real2sim2real`; the others are for train.py."""

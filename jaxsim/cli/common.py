@@ -75,7 +75,7 @@ Experiments (configs/):
 
 def read_experiment(path: Path) -> Any:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
-    from jaxsim.prepare.depth.penet.training import DepthExperiment
+    from jaxsim.config import DepthExperiment
 
     try:
         content = json.loads(path.read_text())

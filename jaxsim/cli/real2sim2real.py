@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
-from jaxsim.config import DetectorExperiment, Experiment
+from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
@@ -25,7 +25,7 @@ from jaxsim.files import hold, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
+from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, settle_loop, write_score
 from jaxsim.studies.loop_page import draw_kinds, draw_loop, loop_tables, write_loop
 
 EPOCHS = 5

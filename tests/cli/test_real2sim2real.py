@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 import configs
 from jaxsim.cli import main, read_experiment
 from jaxsim.cli.real2sim2real import Stages, checkout, run
-from jaxsim.simulate.clouds import CloudRecipe
+from jaxsim.config import CloudRecipe
 from jaxsim.studies.loop import settle_loop
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import train_depth
-from jaxsim.config import DataConfig
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, Stage
 from jaxsim.data.kitti_depth import KittiDepth, read_depth, write_depth
-from jaxsim.prepare.depth.penet.training import Batches, DepthExperiment, PenetConfig, Stage
+from jaxsim.prepare.depth.penet.training import Batches
 
 DRIVE, SIZE, CROP = "2011_09_26_drive_0002_sync", (80, 120), (64, 96)
 CAMERA = {

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import train_depth
-from jaxsim.config import DataConfig, RunConfig
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, RunConfig, Stage
 from jaxsim.frame import DepthFrame
-from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
 
 CROP = (32, 64)
 # Two stages of the same part: one program to compile, and the step from stage to stage all the same.
