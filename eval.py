@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-import configs
 from jaxsim.cli import enable_compilation_cache, stop_on_error
 from jaxsim.cli.ablation import Ablation, ablation
 from jaxsim.cli.detection import Detection, judge
@@ -144,6 +143,6 @@ if __name__ == "__main__":
         elif sys.argv[1:2] == ["ablation"]:
             end = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
             asked = tyro.cli(Ablation, args=sys.argv[2:end], prog="eval.py ablation")
-            ablation(asked, script=Path(__file__).with_name("train.py"), flags=sys.argv[end + 1 :], configs=configs)
+            ablation(asked, flags=sys.argv[end + 1 :])
         else:
             main(tyro.cli(Evaluation))

@@ -6,7 +6,8 @@ import sys
 
 import tyro
 
-from jaxsim.cli.common import enable_compilation_cache, parse_experiment, read_experiment, stop_on_error
+from jaxsim.cli import train
+from jaxsim.cli.common import enable_compilation_cache, stop_on_error
 from jaxsim.cli.convert import Convert
 from jaxsim.cli.detect import Detect
 from jaxsim.cli.discover import Discover
@@ -16,9 +17,10 @@ from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.real2sim2real import Real2Sim2Real, run
 from jaxsim.cli.simulate import Simulate
 
-__all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "read_experiment", "stop_on_error"]
+__all__ = ["COMMANDS", "enable_compilation_cache", "main", "stop_on_error"]
 
 COMMANDS = {
+    "train": train.Train,
     "prepare": Prepare,
     "simulate": Simulate,
     "export": Export,
@@ -36,6 +38,8 @@ def main(argv: list[str] | None = None) -> None:
     enable_compilation_cache()
     argv = sys.argv[1:] if argv is None else argv
     with stop_on_error():
+        if argv[:1] == ["train"]:  # its flags are the fields of the experiment that it names
+            return train.run(argv[1:])
         if argv[:1] == ["real2sim2real"]:  # its flags are the fields of the experiment that --config names
             return run(argv[1:])
         tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="jaxsim", description=__doc__)()
