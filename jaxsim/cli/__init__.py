@@ -20,6 +20,11 @@ COMMANDS = {
         "make a data set's training pairs once and keep them",
         "jaxsim prepare synthetic --train 0-159 --eval 160-199 --out pairs",
     ),
+    "train": Command(
+        "train:run",
+        "train an intensity network, a detector or depth completion; resumes",
+        "jaxsim train synthetic",
+    ),
     "eval": Command(
         "eval:main",
         "score a trained run, two folders of frames, a detector's results; compare networks",

@@ -8,6 +8,8 @@ from difflib import get_close_matches
 from inspect import getdoc
 from typing import Any, NamedTuple
 
+from jaxsim.cli.common import enable_compilation_cache
+
 
 class Command(NamedTuple):
     """A row of a command table."""
@@ -51,6 +53,7 @@ def choose(name: str, commands: Mapping[str, Command]) -> Command:
 def call(command: Command, words: Sequence[str], *, name: str) -> None:
     """Runs a command on the words that follow its name; `name` is how the user called it."""
     entry = command.load()
+    enable_compilation_cache()
     if isinstance(entry, type):
         parse(entry, words, name=name, example=command.example)()
     else:
@@ -59,12 +62,9 @@ def call(command: Command, words: Sequence[str], *, name: str) -> None:
 
 def parse(flags: Any, words: Sequence[str], *, name: str, example: str, more: str = "") -> Any:
     """A dataclass of flags from words; `--help` prints the example, what the dataclass says of itself, and `more`."""
-    # Parser and compiler settings wait until a command is known, so that `jaxsim --help` imports neither.
-    import tyro
+    import tyro  # waits until a command is known, so that `jaxsim --help` answers at once
 
-    from jaxsim.cli.common import enable_compilation_cache
     from jaxsim.cli.source import in_new_spelling
 
-    enable_compilation_cache()
     said = "\n\n".join(part for part in (f"    {example}", getdoc(flags) or "", more) if part)
     return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=said)

@@ -14,7 +14,9 @@ from jaxsim.data import open_dataset
 from jaxsim.data.select import frames_to_judge
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
-from jaxsim.runs.run import Checkpoints, DetectorRun, load_run
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import load_run
 
 MEAN_OF, PICTURES = 5, 4
 """Checkpoints that the mean is over, and scenes to draw. The paper averages five epochs; a checkpoint is an epoch where

@@ -19,13 +19,13 @@ from tqdm import tqdm
 from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M, choose_boxes, within_reach, write_image_sets, write_kitti_frame
 from jaxsim.cloud.tree_record import TreeRecord
-from jaxsim.config import DataConfig
+from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
-from jaxsim.simulate.clouds import CloudRecipe, check_recipe, grid_file, make_cloud
+from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor, load
 
 _SAVE_EVERY = 20

@@ -1,4 +1,4 @@
-"""Scores for people and for programs: Markdown tables, scores.json, a run's card."""
+"""Scores for people and for programs: Markdown tables, scores.json."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 from jaxsim.files import replacing
 from jaxsim.metrics import Score
 from jaxsim.report.markdown import markdown_table
-from jaxsim.runs.run import DetectorRun, Run
 
 Scores = dict[str, dict[str, Score]]
 """Predictor -> score's name -> score."""
@@ -52,54 +51,3 @@ def write_list(folder: Path, name: str, scores: dict[str, Score], *, about: dict
     said = "\n".join(f"{key}: {value}" for key, value in about.items())
     with replacing(folder / f"{name}.md") as path:
         path.write_text(f"{said}\n\n{list_scores(scores)}\n")
-
-
-def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score], *, seconds: float) -> None:
-    """Writes card.md: what the run is, how to use it, what it scored."""
-    experiment = run.experiment
-    text = f"""# {folder.name}
-
-{description.splitlines()[0] if description else "An intensity network."}
-
-- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
-- inputs: {", ".join(experiment.prepare.inputs)}
-- steps: {experiment.optim.steps}, batch {experiment.optim.batch}; {seconds / 60:.1f} minutes since the last start
-- sensor: {run.spec.name}, {run.spec.rows} lines
-- jaxsim {run.version}; all settings are in config.json
-
-{score_table({"validation": scores})}
-
-```python
-import jaxsim
-sensor = jaxsim.load("{folder}")
-```
-"""
-    with replacing(folder / "card.md") as path:
-        path.write_text(text)
-
-
-def write_detector_card(
-    folder: Path, run: DetectorRun, description: str, scores: dict[str, Score], *, seconds: float
-) -> None:
-    """Writes card.md of a detector's run."""
-    experiment = run.experiment
-    text = f"""# {folder.name}
-
-{description.splitlines()[0] if description else "A detector."}
-
-- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
-- class: {experiment.detector.anchors.kind}
-- {run.scenes} scenes, {experiment.optim.epochs} epochs, {run.steps} steps of {experiment.optim.batch}; \
-{seconds / 60:.1f} minutes since the last start
-- jaxsim {run.version}; all settings are in config.json
-
-Validation, last step (AP is average precision over 40 recalls, KITTI's rules):
-
-{list_scores(scores)}
-
-```
-jaxsim detect {folder} --clouds FOLDER --out OUT
-```
-"""
-    with replacing(folder / "card.md") as path:
-        path.write_text(text)

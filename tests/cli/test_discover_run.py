@@ -9,7 +9,6 @@ import jax
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.cli import discover, stop_on_error
 from jaxsim.cli.source import Source
 from jaxsim.data import open_dataset
@@ -20,6 +19,7 @@ from jaxsim.frame import PolarImage
 from jaxsim.pairs.prepared import prepared
 from jaxsim.simulate.beside_drive import comparable, measured_in
 from jaxsim.simulate.sensor import load
+from jaxsim.train.experiments import load_experiment
 from tests.report import results
 from tests.untrained import untrained_run
 
@@ -31,7 +31,7 @@ FRAMES = "0,4,8"
 def run(tmp_path_factory) -> Path:
     """A run on the embedded world that has saved its first, random, generator."""
     folder = tmp_path_factory.mktemp("runs") / "tiny"
-    base, _ = configs.load("synthetic")
+    base, _ = load_experiment("synthetic")
     experiment = replace(
         base,
         data=replace(base.data, train="0", validation=FRAMES, cache=folder.parent / "cache"),

@@ -11,13 +11,13 @@ import pytest
 from jaxsim.cli.export import Export, Maker, export_trees
 from jaxsim.cli.source import Source
 from jaxsim.cloud.kitti_tree import files_of
+from jaxsim.config import CloudRecipe
 from jaxsim.data import DATASETS, KittiObject
 from jaxsim.data.polar_frames import write_grid
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, full_grid, preset
-from jaxsim.simulate.clouds import CloudRecipe
 from tests.cloud import openpcdet_rules as rules
 
 SIZE = (38, 124)

@@ -17,10 +17,14 @@ EVERY |= {("eval", mode): command for mode, command in MODES.items()}
 def modules_after(code: str) -> set[str]:
     """Names in sys.modules after a program of its own."""
     program = f"import sys\n{code}\nprint(*sys.modules)"
-    return set(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.split())
+    return set(
+        subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout.split()
+    )
 
 
-@pytest.mark.parametrize("code", ["import jaxsim", "import jaxsim.cli", "from jaxsim.cli import main; main(['--help'])"])
+@pytest.mark.parametrize(
+    "code", ["import jaxsim", "import jaxsim.cli", "from jaxsim.cli import main; main(['--help'])"]
+)
 def test_neither_the_package_nor_its_help_imports_jax_or_a_command(code: str):
     modules = modules_after(code)
     assert not modules & {*HEAVY}
@@ -58,7 +62,7 @@ def test_the_help_of_every_command_begins_with_an_example(words: tuple[str, ...]
     assert not stop.value.code
     usage, *said = [line.strip(" │") for line in capsys.readouterr().out.splitlines() if line.strip(" │")]
     assert usage.startswith("usage: ")
-    assert example in said[:3]
+    assert said[0].startswith(example)
 
 
 @pytest.mark.parametrize("words", EVERY, ids=" ".join)

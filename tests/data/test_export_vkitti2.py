@@ -9,13 +9,14 @@ import pytest
 
 from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
+from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.detect.scenes import scene_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
-from jaxsim.simulate.clouds import CloudRecipe, make_cloud
+from jaxsim.simulate.clouds import make_cloud
 from jaxsim.simulate.sensor import LearnedSensor, load
 from tests.cloud import openpcdet_rules as rules
 
