@@ -1,15 +1,17 @@
 """`jaxsim real2sim2real` without training: its words, its order, what it does after a kill."""
 
 import json
+import sys
 from dataclasses import replace
 
 import pytest
 from pydantic import TypeAdapter
 
 from jaxsim.cli import main
-from jaxsim.cli.real2sim2real import Stages, checkout, run
+from jaxsim.cli.real2sim2real import run
 from jaxsim.config import CloudRecipe
-from jaxsim.studies.loop import settle_loop
+from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train import read_experiment
 from jaxsim.train.experiments import load_experiment, load_loop
 
@@ -33,11 +35,11 @@ folder.mkdir(parents=True)
 """
 
 
-def test_training_is_left_to_train_py_and_is_not_repeated(loop, tmp_path, capfd):
+def test_training_is_left_to_a_process_of_its_own_and_is_not_repeated(loop, tmp_path, capfd):
     stop, script = tmp_path / "stop", tmp_path / "train.py"
     stop.write_text("stop")
     script.write_text(SCRIPT.format(stop=str(stop)))
-    stages = Stages(loop, script)
+    stages = Stages(loop, discover=lambda loop: None, export=lambda loop: None, trainer=(sys.executable, str(script)))
     run_folder, experiment = loop.detector("raw_64", 0), loop.detector_experiment("raw_64", 0)
     with pytest.raises(SystemExit, match="ended with status 3; the same command resumes"):
         stages.train(run_folder, experiment)
@@ -67,14 +69,6 @@ def test_the_32_lines_are_of_the_reading_that_was_asked_for(loop):
 def test_an_unknown_loop_is_explained(flags, message):
     with pytest.raises(ValueError, match=message):
         run(flags)
-
-
-def test_without_a_checkout_it_says_where_to_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "package").mkdir()
-    monkeypatch.setattr("jaxsim.cli.real2sim2real.__file__", str(tmp_path / "package/jaxsim/cli/real2sim2real.py"))
-    with pytest.raises(ValueError, match="run it in a checkout"):
-        checkout()
 
 
 def test_help_lists_the_settings_of_the_named_loop(capsys):
