@@ -1,11 +1,9 @@
 """`jaxsim real2sim2real` without training: its words, its order, what it does after a kill."""
 
-import json
 import sys
 from dataclasses import replace
 
 import pytest
-from pydantic import TypeAdapter
 
 from jaxsim.cli import main
 from jaxsim.cli.real2sim2real import run
@@ -13,7 +11,7 @@ from jaxsim.config import CloudRecipe
 from jaxsim.studies.real2sim2real.settings import settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train import read_experiment
-from jaxsim.train.experiments import load_experiment, load_loop
+from jaxsim.train.experiments import load_loop
 
 
 @pytest.fixture
@@ -93,19 +91,3 @@ def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop, monkeypa
     with pytest.raises(SystemExit, match="other settings"):
         main(["real2sim2real", "--out", str(loop.out), "--kinds", "raw_64", "--synthetic.seed", "5"])
     assert not (loop.out / "intensity").exists()
-
-
-def test_the_settings_of_a_depth_run_are_read_as_such(tmp_path):
-    experiment, _ = load_experiment("penet_synthetic")
-    path = tmp_path / "config.json"
-    path.write_bytes(TypeAdapter(type(experiment)).dump_json(experiment))
-    assert read_experiment(path) == experiment
-
-
-def test_a_file_that_is_no_run_is_explained(tmp_path):
-    path = tmp_path / "config.json"
-    path.write_text(json.dumps({"experiment": {"optim": {"lr": "fast"}}}))
-    with pytest.raises(ValueError, match=r"is not the config\.json of a run of this version"):
-        read_experiment(path)
-    with pytest.raises(ValueError, match=r"no file .*none\.json"):
-        read_experiment(tmp_path / "none.json")
