@@ -16,9 +16,9 @@ from pydantic import TypeAdapter, ValidationError
 from jaxsim.config import Experiment
 from jaxsim.data.pair_settings import differences
 from jaxsim.files import hold, replacing
-from jaxsim.frame import CameraFrame
+from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
-from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Run, kind_in, kind_of
+from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
 FREE = (
@@ -37,11 +37,18 @@ FREE = (
 def describe(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
     """The run of an experiment with this sensor and the camera of this view."""
     camera = view.camera
-    intrinsics, cam_from_velo = (
-        tuple(tuple(round(float(value), 9) for value in row) for row in np.asarray(matrix))
-        for matrix in (camera.intrinsics, camera.cam_from_velo)
+    return Run(
+        experiment,
+        spec,
+        intrinsics=_rounded(camera.intrinsics),
+        cam_from_velo=_rounded(camera.cam_from_velo),
+        image_size=view.rgb.shape[-3:-1],
     )
-    return Run(experiment, spec, intrinsics, cam_from_velo, view.rgb.shape[-3:-1])
+
+
+def _rounded(matrix: np.ndarray | Array) -> Matrix:
+    """Nine decimals: what JSON keeps is what the run holds."""
+    return tuple(tuple(round(float(value), 9) for value in row) for row in np.asarray(matrix))
 
 
 def start_run(folder: Path, run: AnyRun) -> None:

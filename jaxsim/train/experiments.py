@@ -21,6 +21,8 @@ from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopC
 from jaxsim.runs.kinds import kind_in
 
 AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
+TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
+"""The program that trains one, for a process of its own."""
 PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "configs") if folder.is_dir())
 """The folder of experiments: installed, or of the checkout."""

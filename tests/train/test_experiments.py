@@ -1,10 +1,15 @@
-"""The experiments' values."""
+"""Experiments by name and by file, and the values of those of configs/."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from pydantic import TypeAdapter
 
-from jaxsim.train.experiments import load_experiment
+from jaxsim.cli.train import parse_experiment
+from jaxsim.runs.kinds import kind_of
+from jaxsim.train.experiments import experiment_names, load_experiment, loop_names, read_experiment
 
 
 @pytest.mark.parametrize("name", ["rgb", "semantic", "edges", "depth"])
@@ -56,3 +61,46 @@ def test_the_published_detector_is_openpcdets_configuration():
     assert (augment.rotation_rad, augment.scaling) == (0.78539816, (0.95, 1.05))
     assert (optim.lr, optim.div_factor, optim.pct_start, optim.momenta) == (0.01, 10, 0.4, (0.95, 0.85))
     assert (optim.weight_decay, optim.clip, optim.batch, optim.epochs) == (0.01, 10, 2, 80)
+
+
+def test_a_file_of_ones_own_is_an_experiment_and_may_build_on_those_of_configs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(
+        '"""Mine.\n\nLong."""\nfrom dataclasses import replace\nfrom configs.synthetic import experiment as base\n'
+        "experiment = replace(base, optim=replace(base.optim, lr=0.5))\n"
+    )
+    experiment, words = load_experiment("mine.py")
+    assert (experiment.optim.lr, words) == (0.5, "Mine.\n\nLong.")
+    parsed, _ = parse_experiment(["mine.py", "--optim.steps", "3"])
+    assert (parsed.optim.steps, parsed.optim.lr) == (3, 0.5)
+    Path("nothing.py").write_text("answer = 42\n")
+    with pytest.raises(ValueError, match=r"nothing\.py holds no experiment; write `experiment = \.\.\.`"):
+        load_experiment("nothing.py")
+    with pytest.raises(ValueError, match=r"no file none\.py; give one like those of configs/"):
+        load_experiment("none.py")
+
+
+def test_every_experiment_of_configs_has_its_words():
+    assert {"synthetic", "demo", "penet_synthetic", "voxel_rcnn_small"} < {*experiment_names()}
+    assert not {*experiment_names()} & {*loop_names()}
+    for name in experiment_names():
+        experiment, words = load_experiment(name)
+        assert words
+        assert kind_of(experiment)
+
+
+def test_the_settings_of_a_depth_run_are_read_as_such(tmp_path):
+    experiment, _ = load_experiment("penet_synthetic")
+    path = tmp_path / "config.json"
+    path.write_bytes(TypeAdapter(type(experiment)).dump_json(experiment))
+    assert read_experiment(path) == experiment
+    assert load_experiment(str(path)) == (experiment, f"Settings of {path}.")
+
+
+def test_a_file_that_is_no_run_is_explained(tmp_path):
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps({"experiment": {"generator": {}, "optim": {"lr": "fast"}}}))
+    with pytest.raises(ValueError, match=r"is not the config\.json of a run of this version"):
+        read_experiment(path)
+    with pytest.raises(ValueError, match=r"no file .*none\.json"):
+        read_experiment(tmp_path / "none.json")

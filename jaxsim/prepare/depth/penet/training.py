@@ -98,7 +98,9 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "hub
 
 def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, loss: Literal["square", "huber"]) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
-    colour, depth, fused = (masked_error(guess, batch, loss) for guess in (seen.colour, seen.depth, seen.fused))
+    colour = masked_error(seen.colour, batch, loss)
+    depth = masked_error(seen.depth, batch, loss)
+    fused = masked_error(seen.fused, batch, loss)
     return (1 - 2 * weight) * fused + weight * (colour + depth)
 
 
@@ -171,7 +173,8 @@ def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random
             f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
             f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
         )
-    top, left = (int(rng.integers(0, size - cut + 1)) for size, cut in zip((rows, columns), stage.crop, strict=True))
+    top = int(rng.integers(0, rows - stage.crop[0] + 1))
+    left = int(rng.integers(0, columns - stage.crop[1] + 1))
     mirrored = config.flip and rng.random() < 0.5
 
     def cut(raster: np.ndarray) -> np.ndarray:
@@ -190,7 +193,7 @@ def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random
 
 def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Brightness, contrast, saturation times these."""
-    brightness, contrast, saturation = (np.float32(factor) for factor in factors)
+    brightness, contrast, saturation = np.asarray(factors, np.float32)
     x = rgb.astype(np.float32) * brightness
     x = x.mean() + (x - x.mean()) * contrast
     grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]

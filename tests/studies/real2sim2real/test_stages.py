@@ -1,23 +1,26 @@
 """The loop's stages: all on a tiny scale, with networks that never trained; counts and pictures on made scenes."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
-from jaxsim.cli.real2sim2real import Stages
+from jaxsim.cli.real2sim2real import export_kinds
 from jaxsim.detect.results import Found
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.studies.loop import settle_loop
-from jaxsim.studies.loop_page import PANEL, draw_loop
+from jaxsim.studies.real2sim2real.pictures import PANEL, draw_kinds
+from jaxsim.studies.real2sim2real.settings import Loop, settle_loop
+from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT, scene
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 KINDS = ("raw_64", "simulated_64", "discovered_grid")
 
 UNTRAINED = f"""
@@ -40,15 +43,17 @@ print("trained", folder, flush=True)
 class Lacking:
     """In place of `discover`, which takes minutes: finds that the sensor loses rays at random."""
 
-    asked: list[tuple[Path, Path]]
+    def __init__(self) -> None:
+        self.asked: list[Path] = []
 
-    def __init__(self, *, out, run):
-        self.out, self.run = out, run
+    def __call__(self, loop: Loop) -> None:
+        self.asked.append(loop.sensor)
+        SensorModel((("random_dropout", {"probability": 0.2}),)).save(loop.effects)
+        (loop.effects.parent / "verdict.json").write_text("{}")
 
-    def __call__(self):
-        self.asked.append((self.run, self.out))
-        SensorModel((("random_dropout", {"probability": 0.2}),)).save(self.out / "sensor.json")
-        (self.out / "verdict.json").write_text("{}")
+
+def stages_of(loop: Loop, script: Path = Path("train.py"), discover=lambda loop: None) -> Stages:
+    return Stages(loop, discover=discover, export=export_kinds, trainer=(sys.executable, str(script)))
 
 
 def tiny_loop(out: Path):
@@ -82,15 +87,14 @@ def quick():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick")
-def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, monkeypatch, capfd):
+def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
     script = tmp_path / "train.py"
     script.write_text(UNTRAINED)
-    monkeypatch.setattr("jaxsim.cli.real2sim2real.Discover", Lacking)
-    monkeypatch.setattr(Lacking, "asked", [], raising=False)
+    lacking = Lacking()
     config = tiny_loop(tmp_path / "loop")
     loop = settle_loop(config)
-    Stages(loop, script).all()
-    assert Lacking.asked == [(loop.sensor, loop.out / "discovered")]
+    stages_of(loop, script, lacking).all()
+    assert lacking.asked == [loop.sensor]
     said = capfd.readouterr().out
     assert said.count("trained /") == 1 + len(KINDS) + 1
     # What tells the clouds apart is told before the first detector trains.
@@ -118,12 +122,12 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, monkeypatch, capfd
         assert (cloud[:, 3] == 0).all() == (kind == "raw_64")
 
     before = made(loop.out)
-    Stages(settle_loop(config), script).all()
+    stages_of(settle_loop(config), script, lacking).all()
     assert made(loop.out) == before
     again = capfd.readouterr().out
     assert "trained /" not in again
     assert "Whole scenes:" in again  # of the last report
-    assert len(Lacking.asked) == 1
+    assert len(lacking.asked) == 1
 
 
 @pytest.fixture
@@ -135,7 +139,7 @@ def loop(tmp_path):
 
 def test_the_clouds_of_training_scenes_are_counted_inside_the_range(loop):
     """Six cars of 160 points each on a road of 1500; whatever lies beyond the range is not there."""
-    stages, scenes = Stages(loop, Path("train.py")), [scene(seed) for seed in (0, 1)]
+    stages, scenes = stages_of(loop), [scene(seed) for seed in (0, 1)]
     beyond = np.float32([[30, 0, 0, 0.5], [-2, 0, 0, 0.5], [10, 13, 0, 0.5]])
     far = np.float32([[40, 0, -1, 4, 2, 1.5, 0]])
     one = scenes[0]
@@ -166,7 +170,7 @@ ARRAYS = ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "occluded")
 
 
 def test_scenes_without_labels_cannot_be_counted(loop):
-    stages = Stages(loop, Path("train.py"))
+    stages = stages_of(loop)
     stages.scenes_of["raw_64", "train"] = [replace(scene(0), labels=None)]
     with pytest.raises(ValueError, match="000000 has no labels; choose labelled frames"):
         stages.counted("raw_64")
@@ -187,9 +191,12 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
         boxes = many.boxes[:2] if network == "real" else many.boxes[:0]
         return Found(boxes, np.full(len(boxes), 0.9, np.float32)), {}
 
-    monkeypatch.setattr("jaxsim.studies.loop_page.make_find", lambda experiment: find)
-    monkeypatch.setattr("jaxsim.studies.loop_page.load_detector", lambda run: type("Loaded", (), {"network": run.name}))
-    pictures = draw_loop(loop, scenes)
+    module = "jaxsim.studies.real2sim2real.stages"
+    monkeypatch.setattr(f"{module}.make_find", lambda experiment: find)
+    monkeypatch.setattr(f"{module}.load_detector", lambda run: SimpleNamespace(network=run.name))
+    stages = stages_of(loop)
+    stages.scenes_of |= {(kind, "validation"): both for kind, both in scenes.items()}
+    pictures = stages.pictures()
     assert asked == ["raw_64", "simulated_64", "real"]
     width = PANEL + 4  # the tiny range is square
     assert pictures["clouds"].shape == (PANEL + 4, 2 * width, 3)
@@ -201,7 +208,5 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
     assert count(pictures["clouds"][28:, :width], LABEL) > 200
 
 
-def test_no_frame_in_all_kinds_is_no_picture_of_kinds(loop, monkeypatch):
-    monkeypatch.setattr("jaxsim.studies.loop_page.draw_found", lambda loop, scenes: {})
-    scenes = {"real": [scene(0)], "raw_64": [scene(1)], "simulated_64": [scene(2)]}
-    assert draw_loop(loop, scenes) == {}
+def test_no_frame_in_all_kinds_is_no_picture_of_kinds(loop):
+    assert draw_kinds(loop, {"raw_64": [scene(1)], "simulated_64": [scene(2)]}) == {}

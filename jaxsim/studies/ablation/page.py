@@ -21,7 +21,7 @@ from jaxsim.report.frames import Raster, input_panels, intensity_panel
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import NOTHING, beside, strip
-from jaxsim.studies.ablation import PAPER_FID, AblationRow
+from jaxsim.studies.ablation.table import PAPER_FID, AblationRow
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 Baselines = Mapping[str, dict[str, Score]]

@@ -14,7 +14,7 @@ from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import DISTANCES_M, REST, CloudCounts, band_name, classes_in, compare_clouds
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
-from jaxsim.studies.cloud_charts import class_chart, drop_picture, intensity_chart
+from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]

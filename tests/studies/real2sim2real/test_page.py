@@ -9,11 +9,13 @@ import pytest
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import REST, count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
-from jaxsim.studies.cloud_charts import class_chart, drop_picture, intensity_chart
-from jaxsim.studies.clouds import check_tables, checked_kinds, write_checks
-from jaxsim.studies.loop import settle_loop, write_score
-from jaxsim.studies.loop_charts import epochs_chart
-from jaxsim.studies.loop_page import answer, loop_tables, write_loop
+from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
+from jaxsim.studies.real2sim2real.clouds import check_tables, checked_kinds, write_checks
+from jaxsim.studies.real2sim2real.epochs_chart import epochs_chart
+from jaxsim.studies.real2sim2real.page import write_loop
+from jaxsim.studies.real2sim2real.scores import write_score
+from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real.tables import answer, loop_tables
 from jaxsim.train.experiments import load_loop
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])

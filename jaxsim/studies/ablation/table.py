@@ -59,18 +59,19 @@ def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSens
     learned from other frames, targets or windows, naming the settings that differ.
     """
     first = next(iter(sensors))
-    found: dict[str, LearnedSensor] = {}
+    reference = _compared(sensors[first].run.experiment)
+    named: dict[str, LearnedSensor] = {}
     for run, sensor in sensors.items():
-        ours, theirs = (_compared(s.run.experiment) for s in (sensor, sensors[first]))
-        if other := [key for key in ours if ours[key] != theirs[key]]:
-            told = ", ".join(f"{key} is {ours[key]!r} and {theirs[key]!r}" for key in other)
+        settings = _compared(sensor.run.experiment)
+        if other := [key for key in settings if settings[key] != reference[key]]:
+            told = ", ".join(f"{key} is {settings[key]!r} and {reference[key]!r}" for key in other)
             raise ValueError(f"ablation: {run} and {first} differ in more than their inputs: {told}; train them alike")
         name = modality(sensor.run.experiment.prepare.inputs)
-        if name in found:
+        if name in named:
             raise ValueError(f"ablation: two runs have the inputs {name}, one of them is {run}; leave one out")
-        found[name] = sensor
-    order = [*MODALITIES, *found]
-    return dict(sorted(found.items(), key=lambda item: order.index(item[0])))
+        named[name] = sensor
+    order = [*MODALITIES, *named]
+    return dict(sorted(named.items(), key=lambda item: order.index(item[0])))
 
 
 def _compared(experiment: Experiment) -> dict[str, Any]:

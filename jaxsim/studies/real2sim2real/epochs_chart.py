@@ -6,8 +6,9 @@ import numpy as np
 
 from jaxsim.metrics.detection import COLUMNS
 from jaxsim.report.canvas import FAINT, INK, RULE, Canvas
-from jaxsim.studies.cloud_charts import COLOURS, colour_key
-from jaxsim.studies.loop import REAL, Loop, read_checkpoints
+from jaxsim.studies.real2sim2real.cloud_charts import COLOURS, colour_key
+from jaxsim.studies.real2sim2real.scores import read_checkpoints
+from jaxsim.studies.real2sim2real.settings import REAL, Loop
 
 _LEFT, _TOP, _KEY = 60, 40, 130
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxsim.metrics.detection import COLUMNS, Curve
-from jaxsim.studies.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
+from jaxsim.studies.real2sim2real.scores import PAPER_OF_REAL, PAPER_ON_REAL, read_average, write_score
+from jaxsim.studies.real2sim2real.settings import KINDS, settle_loop
 from jaxsim.train.experiments import load_experiment, load_loop, loop_names
 
 
