@@ -20,9 +20,8 @@ from tqdm import tqdm
 from jaxsim import devices
 from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
-from jaxsim.data.pair_settings import differences
 from jaxsim.detect import ahead
-from jaxsim.files import hold, replacing
+from jaxsim.files import claim, lock, replacing
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics import Score
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
@@ -88,18 +87,16 @@ def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequen
 
 def start(folder: Path, experiment: DepthExperiment) -> None:
     """Makes the run's folder, or checks that it holds this very run. Raises ValueError where it holds another."""
-    hold(folder)
-    path = folder / "config.json"
-    if path.is_file():
-        was, now = (
-            SETTINGS.dump_python(e, mode="json") for e in (SETTINGS.validate_json(path.read_bytes()), experiment)
-        )
-        if other := [line for line in differences(was, now) if line.split()[0][2:] not in FREE]:
-            raise ValueError(
-                f"run: {folder} holds a run with other settings ({'; '.join(other)}); give this one another --run.name"
-            )
-    with replacing(path) as temporary:
-        temporary.write_bytes(SETTINGS.dump_json(experiment, indent=2))
+    lock(folder)
+    claim(
+        folder / "config.json",
+        SETTINGS.dump_python(experiment, mode="json"),
+        by="run",
+        text=SETTINGS.dump_json(experiment, indent=2),
+        read=lambda record: SETTINGS.dump_python(SETTINGS.validate_json(record), mode="json"),
+        free=FREE,
+        instead="another --run.name",
+    )
 
 
 def main(experiment: DepthExperiment, description: str) -> None:

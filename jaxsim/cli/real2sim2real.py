@@ -21,7 +21,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.files import hold, replacing
+from jaxsim.files import lock, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.clouds import check_text, checked_kinds, write_checks
@@ -62,7 +62,7 @@ def run(argv: Sequence[str]) -> None:
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
-    hold(asked.out, doing="at work in", instead="another --out")
+    lock(asked.out, doing="at work in", instead="another --out")
     Stages(settle_loop(asked), home / "train.py").all()
 
 

@@ -18,8 +18,7 @@ import orbax.checkpoint as ocp
 from pydantic import TypeAdapter, ValidationError
 
 from jaxsim.config import DetectorExperiment, Experiment
-from jaxsim.data.pair_settings import differences
-from jaxsim.files import hold, replacing
+from jaxsim.files import claim, lock
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import LidarSpec
 
@@ -90,21 +89,24 @@ def start_run(folder: Path, run: Run | DetectorRun) -> None:
 
     Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
-    hold(folder)
-    if (folder / "config.json").is_file():
-        # A detector's rates depend on how long it is to learn.
-        free = {*FREE} - ({"optim.epochs"} if isinstance(run, DetectorRun) else set())
-        was_run = load_run(folder, DetectorRun) if isinstance(run, DetectorRun) else load_run(folder)
-        both = was_run, run
-        was, now = (TypeAdapter(type(r.experiment)).dump_python(r.experiment, mode="json") for r in both)
-        other = [d for d in differences(was, now) if d.split()[0][2:] not in free]
-        if other:
-            raise ValueError(
-                f"run: {folder} holds a run with other settings ({'; '.join(other)}); "
-                "give this one another --run.name, or delete the folder"
-            )
-    with replacing(folder / "config.json") as path:
-        path.write_bytes(RUNS[type(run)].dump_json(run, indent=2))
+    lock(folder)
+    kind = type(run)
+    # A detector's rates depend on how long it is to learn.
+    free = [name for name in FREE if kind is Run or name != "optim.epochs"]
+    claim(
+        folder / "config.json",
+        _settings(run),
+        by="run",
+        text=RUNS[kind].dump_json(run, indent=2),
+        read=lambda _: _settings(load_run(folder, kind)),
+        free=free,
+        instead="another --run.name",
+    )
+
+
+def _settings(run: Run | DetectorRun) -> dict[str, Any]:
+    """The settings of a run's experiment as plain values."""
+    return TypeAdapter(type(run.experiment)).dump_python(run.experiment, mode="json")
 
 
 def is_detector(folder: Path | str) -> bool:
