@@ -132,9 +132,9 @@ def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, 
 
     Export(**settings, data=kitti(tmp_path / "a"), frames="0")()
     Export(**settings, data=kitti(tmp_path / "b" / ".." / "a"), frames="0")()
-    with pytest.raises(ValueError, match=r"made with root .*a instead of .*b; .*\(where it has only moved, write"):
+    with pytest.raises(ValueError, match=r"\(root was .*a, now .*b\); .*\(where a folder has only moved, write"):
         Export(**settings, data=kitti(tmp_path / "b"), frames="0-1")()
-    with pytest.raises(ValueError, match="made with rows file_order instead of elevation"):
+    with pytest.raises(ValueError, match=r"settings \(rows was file_order, now elevation\)"):
         Export(**settings, data=kitti(tmp_path / "a", rows="elevation"), frames="0-1")()
 
 
