@@ -14,8 +14,9 @@ import numpy as np
 
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.draw import sample
-from jaxsim.effects.effect import Effect, check_bounds, check_names, wrong_length
+from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
 from jaxsim.effects.rays import Array, Rays, Scan, all_rays
+from jaxsim.effects.recast import recast
 from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
@@ -27,8 +28,14 @@ _PLACE = {name: place for place, name in enumerate(EFFECTS)}
 def apply_effects(effects: tuple[Effect, ...], values: tuple[dict[str, Array], ...], rays: Rays, scan: Scan) -> Rays:
     """Applies effects one after the other, each with its arrays of parameters; differentiable in these."""
     for effect, given in zip(effects, values, strict=True):
-        rays = effect.apply(given, rays, scan)
+        rays = apply_law(effect, given, rays, scan)
     return rays
+
+
+def apply_law(law: Law, p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Applies one law; rays that it sends elsewhere meet the surfaces of the scan that are there."""
+    after = law.apply(p, rays)
+    return recast(after, scan, law.casts) if law.casts else after
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,22 @@ def bump(angle_rad: Float[Array, "*n"], width_rad: Float[Array, ""]) -> Float[Ar
     return jnp.exp(-0.5 * jnp.square(wrapped(angle_rad) / width_rad))
 
 
+def displace(
+    rays: Rays,
+    *,
+    turn_rad: tuple[Float[Array, "*n"], Float[Array, "*n"]] | None = None,
+    move_m: tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]] | None = None,
+) -> Rays:
+    """Turns rays further (azimuth, elevation) and moves their origins (x, y, z in `velo`); what they then meet is
+    for `recast` to say."""
+    turned, moved = rays.turned_rad, rays.moved_m
+    if turn_rad is not None:
+        turned = turned + jnp.stack(turn_rad, axis=-1)
+    if move_m is not None:
+        moved = moved + jnp.stack(move_m, axis=-1)
+    return replace(rays, turned_rad=turned, moved_m=moved)
+
+
 def brighten(rays: Rays, nats: Float[Array, "*n"]) -> Rays:
     """More light: power and intensity alike."""
     return replace(rays, log_intensity=rays.log_intensity + nats, log_power=rays.log_power + nats)

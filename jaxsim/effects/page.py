@@ -49,7 +49,7 @@ def describe(effect: Effect) -> str:
     lines += [f"  {effect.formula}", "", "parameters"]
     width = max(map(len, effect.parameters))
     lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
-    lines += ["", "betrays itself", f"  {effect.betrays}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    lines += ["", "signature", f"  {effect.signature}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
     lines += ["", "look-alikes, and what tells them apart"]
     lines += [f"  {other}: {how}" for other, how in effect.look_alikes.items()]
     return "\n".join([*lines, "", f"source: {effect.source}"])
@@ -92,7 +92,7 @@ def _entry(effect: Effect) -> str:
 
 {parameters}
 
-{effect.betrays}
+{effect.signature}
 
 Look-alikes:
 

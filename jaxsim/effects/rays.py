@@ -123,6 +123,9 @@ class Rays:
     """Reported intensity ends here."""
     range_step_m: Float[Array, ""]
 
+    basis: Float[Array, "*n k"] | None = None
+    """Columns of which a free curve along some covariate is made; None where no such curve is fitted."""
+
 
 CLUTTER_REACH_M = 100.0
 

@@ -7,8 +7,7 @@ t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevation
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -27,41 +26,6 @@ FAR_M = 200.0
 
 
 @struct.dataclass
-class Displacement:
-    """Of rays from where they are."""
-
-    turned_rad: Float[Array, "*n 2"]
-    """Azimuth and elevation."""
-    moved_m: Float[Array, "*n 3"]
-    """Origin, in `velo`."""
-
-
-def displacement(
-    rays: Rays,
-    *,
-    turn_rad: tuple[Float[Array, "*n"], Float[Array, "*n"]] | None = None,
-    move_m: tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]] | None = None,
-) -> Displacement:
-    """From its parts; those that are not given are 0."""
-    turned = jnp.zeros_like(rays.turned_rad) if turn_rad is None else jnp.stack(turn_rad, axis=-1)
-    moved = jnp.zeros_like(rays.moved_m) if move_m is None else jnp.stack(move_m, axis=-1)
-    return Displacement(turned, moved)
-
-
-@dataclass(frozen=True)
-class Displaced:
-    """The function of an effect of geometry: rays are displaced, and cast again."""
-
-    displace: Callable[[dict[str, Array], Rays], Displacement]
-    """Of the effect's parameters: small, while the cast, the same for all, takes long to compile."""
-    passes: int = 3
-    """Of `recast`."""
-
-    def __call__(self, p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
-        return recast(rays, scan, self.displace(p, rays), self.passes)
-
-
-@struct.dataclass
 class _Surface:
     """The cells that rays meet and the planes through them."""
 
@@ -73,14 +37,14 @@ class _Surface:
     v: Float[Array, "*n"]
 
 
-def recast(rays: Rays, scan: Scan, by: Displacement, passes: int | Int[Array, ""] = 3) -> Rays:
-    """Turns rays further and moves their origins, and meets the new surface.
+def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
+    """Meets the surfaces to which rays were turned and moved (`edits.displace`).
 
     Differentiable within a cell. The cell is looked up `passes` times, each time where the ray met the last one's
     plane; one is enough where no origin ever moved. Intensity follows the change of angle within the cell by
     Lambert's law.
     """
-    turned, moved = rays.turned_rad + by.turned_rad, rays.moved_m + by.moved_m
+    turned, moved = rays.turned_rad, rays.moved_m
     # Which cell is met has no derivative.
     held_turn, held_move = jax.lax.stop_gradient(turned), jax.lax.stop_gradient(moved)
 
@@ -92,9 +56,10 @@ def recast(rays: Rays, scan: Scan, by: Displacement, passes: int | Int[Array, ""
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
     surface = _surface(scan, rays.frame, row, column)
     here = inside[..., None]
-    turn, move = (jnp.where(here, x, jnp.zeros_like(x)) for x in (turned, moved))
+    turn = jnp.where(here, turned, jnp.zeros_like(turned))
+    move = jnp.where(here, moved, jnp.zeros_like(moved))
     met, _ = _meet(rays, scan, surface, turn, move)
-    return replace(_place(rays, scan, surface, met, turn), turned_rad=turned, moved_m=moved)
+    return _place(rays, scan, surface, met, turn)
 
 
 def _look_up(
