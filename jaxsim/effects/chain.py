@@ -21,7 +21,6 @@ from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
 Value = float | tuple[float, ...]
-_PLACE = {name: place for place, name in enumerate(EFFECTS)}
 
 
 @partial(jax.jit, static_argnames="effects")
@@ -51,7 +50,8 @@ class SensorModel:
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
-        object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: _PLACE[entry[0]])))
+        order = list(EFFECTS)
+        object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
         """Each effect's parameters as arrays for a sensor of so many beams.

@@ -9,14 +9,13 @@ from jaxsim.effects import EFFECTS, STAGES, Effect, Parameter
 INTRO = """# Catalogue of effects
 
 What light, optics, electronics and mounting do to an ideal ray's range and intensity: the names that
-`jaxsim discover` gives, and the entries of `sensor.json` that `jaxsim simulate --sensor` applies. This page is
+`jaxsim discover` gives, and the entries of `sensor.json` that `jaxsim simulate --effects` applies. This page is
 made by `python -m jaxsim.effects.page > docs/effects.md` from the code; `jaxsim effects NAME` prints one entry.
 
 r range (m), θ incidence angle, I reported intensity (0..1), P received power (ln P = ln I − 2 ln(r / 10 m) before
 any effect), az azimuth, u place within the scan (0 first fired, 1 last), keep the probability that the surface's
-echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/`: its
-parameters, one differentiable function on `Rays`, its row here; add it to `EFFECTS` in
-`jaxsim/effects/__init__.py`.
+echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/catalogue/`: its
+parameters, one differentiable function on `Rays`, its text on this page. CONTRIBUTING.md shows how to add one.
 
 A sensor model is a `sensor.json`:
 

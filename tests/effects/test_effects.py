@@ -1,5 +1,6 @@
 """Every effect: nothing at neutral, finite derivatives, only its own channels, and its formula in NumPy."""
 
+import re
 from functools import cache
 
 import jax
@@ -123,6 +124,12 @@ def test_its_row_of_the_catalogue_is_whole(name):
     for text in (effect.title, effect.formula, effect.signature, effect.source):
         assert text.strip()
         assert "\n" not in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_source_is_a_work_that_can_be_looked_up(name):
+    for work in EFFECTS[name].source.split("; "):
+        assert re.search(r"\b(1[789]|20)\d\d\b|user manual", work, re.IGNORECASE), work
 
 
 def test_what_is_not_known_is_answered_with_what_is():

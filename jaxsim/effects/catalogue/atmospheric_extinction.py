@@ -30,7 +30,7 @@ EFFECT = Effect(
         "window_contamination": "a dirty window is fixed to an azimuth and the same at all ranges",
         "emitter_drift": "drift grows with time, whatever the range",
     },
-    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (two-way transmission; extinction "
+    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (two-way transmission, extinction "
     "0.005 to 0.2 1/m); Koschmieder, Theorie der horizontalen Sichtweite, 1924 (ln 20 / visibility)",
     apply=apply,
     starts=({"coefficient_per_m": 0.002},),

@@ -33,8 +33,8 @@ EFFECT = Effect(
         "interference": "interference is uniform in range",
         "mixed_pixels": "mixed readings need a depth step",
     },
-    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (soft target); it comes with "
-    "atmospheric_extinction",
+    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (soft target, always beside "
+    "extinction)",
     apply=apply,
     starts=({"probability": 0.03}, {"probability": 0.03, "scale_m": 5.0}),
 )

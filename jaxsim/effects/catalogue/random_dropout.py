@@ -28,8 +28,8 @@ EFFECT = Effect(
         "snr_dropout": "a threshold spares strong echoes",
         "material_dropout": "compare classes",
     },
-    source="Dosovitskiy et al., CARLA: An Open Urban Driving Simulator, CoRL 2017; its ray-cast LiDAR's "
-    "dropoff_general_rate",
+    source="Dosovitskiy et al., CARLA: An Open Urban Driving Simulator, CoRL 2017 (dropoff_general_rate of its "
+    "ray-cast LiDAR)",
     apply=apply,
     starts=({"probability": 0.02},),
 )

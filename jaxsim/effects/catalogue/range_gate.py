@@ -40,7 +40,7 @@ EFFECT = Effect(
         "near_range_overlap": "overlap dims, a gate cuts",
         "sector_occlusion": "compare azimuths",
     },
-    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019) (nearest about 0.9 m; "
+    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019) (nearest about 0.9 m, "
     "no return beyond 150 m)",
     apply=apply,
     starts=(

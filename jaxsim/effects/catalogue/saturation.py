@@ -34,7 +34,7 @@ EFFECT = Effect(
         "retroreflection": "compare white paint with signs",
     },
     source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (maximum "
-    "intensity of each laser; codes end at 255)",
+    "intensity of each laser, codes end at 255)",
     apply=apply,
     starts=tuple({"ceiling": c} for c in (0.9, 0.7, 0.5, 0.35, 0.2)),
 )
