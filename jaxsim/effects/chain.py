@@ -1,4 +1,5 @@
-"""A sensor model: effects in physical order, and what the sensor then reports."""
+"""A sensor model: effects with their parameters, applied to rays in physical order; read from and written to
+sensor.json."""
 
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
 Value = float | tuple[float, ...]
+"""Of a parameter: a number, or one a beam or class."""
 
 
 @partial(jax.jit, static_argnames="effects")
@@ -46,7 +48,7 @@ class SensorModel:
     """
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
-    """Values are numbers, or a number a beam or class; kept as floats and tuples."""
+    """Names and values by parameter; values are kept as floats and tuples."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
@@ -78,6 +80,7 @@ class SensorModel:
         """All frames of a scan as the sensor reports them (host memory); frame k depends on the key and k alone."""
         images = []
         for k in range(scan.range_m.shape[0]):
+            # One frame at a time: the rays of a whole recording would not fit into memory.
             one = frame_of(scan, k)
             rays = self.apply(_all_rays(one), one)
             image = self.sample(jax.random.fold_in(key, k), rays, noise_m=noise_m, noise=noise)
@@ -128,7 +131,8 @@ def frame_of(scan: Scan, k: int) -> Scan:
 
 
 def _checked(effect: Effect, parameters: Mapping[str, Any]) -> dict[str, Value]:
-    """Plain numbers and tuples. Raises ValueError for names, bounds and lengths that cannot be right."""
+    """The parameters as plain numbers and tuples. Raises ValueError for names, bounds and lengths that cannot be
+    right."""
     check_names(effect, parameters)
     result: dict[str, Value] = {}
     for name, given in parameters.items():

@@ -35,7 +35,7 @@ STAGE_WORDS = {
 
 
 def table() -> str:
-    """One line an effect: name, stage, channels, title."""
+    """The list of effects, a line each: name, stage, channels, title."""
     rows = [("name", "stage", "channels", "")]
     rows += [(e.name, e.stage, ", ".join(e.channels), e.title) for e in EFFECTS.values()]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
@@ -64,12 +64,12 @@ def in_words(p: Parameter) -> str:
 
 
 def number(value: float) -> str:
-    """Short, with pi by name."""
+    """A number in few digits, with pi by name."""
     return {math.pi: "π", -math.pi: "−π"}.get(value, f"{value:g}")
 
 
 def page() -> str:
-    """docs/effects.md."""
+    """The whole of docs/effects.md."""
     parts = [INTRO]
     for stage in STAGES:
         parts.append(f"\n## {stage.capitalize()}: {STAGE_WORDS[stage]}\n")
@@ -78,6 +78,7 @@ def page() -> str:
 
 
 def _entry(effect: Effect) -> str:
+    """An effect's part of the page."""
     parameters = "\n".join(f"- `{name}`: {in_words(p)}" for name, p in effect.parameters.items())
     others = "\n".join(f"- `{other}`: {how}." for other, how in effect.look_alikes.items())
     return f"""

@@ -1,4 +1,8 @@
-"""Free curves along one covariate: what an effect outside the catalogue would look like, in each channel."""
+"""Free curves along one covariate: what an effect outside the catalogue would look like, in each channel.
+
+A free curve is a law like any other: its parameters are heights at the columns of a basis, and the rays carry the basis
+of the covariate that it runs along. All bases have the same shape, so that one compiled program serves all curves.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
 
 COLUMNS = 36
-"""Of every basis: knots, classes; bases of fewer are filled with zeros, so that curves are compiled once."""
+"""Columns of every basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,7 @@ class Heights(Parameter):
     """A curve's coefficients: its height at each column of a basis."""
 
     def dims(self, rows: int) -> tuple[int, ...]:
+        """One number a column, whatever the sensor."""
         return (COLUMNS,)
 
 
@@ -67,7 +72,8 @@ def with_basis(problem: Problem, covariate: str) -> Problem:
 
 
 def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
-    """`curve_basis`, filled up with zeros (rows in pairs of neighbours where they are many)."""
+    """The `curve_basis` of a covariate with COLUMNS columns: filled up with zeros where it has fewer; neighbouring
+    rows share one where there are more."""
     if covariate in CATEGORICAL:
         values, place = np.unique(x, return_inverse=True)
         return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
