@@ -16,10 +16,10 @@ from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import fitted_parameters, flat, restorer, to_values
 from jaxsim.discover.verdict import Interval
-from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects import EFFECTS, Law
 
 
-def in_place(null: Problem, effects: Sequence[tuple[Effect, dict[str, Any]]], *, simulated: bool = False) -> Problem:
+def in_place(null: Problem, effects: Sequence[tuple[Law, dict[str, Any]]], *, simulated: bool = False) -> Problem:
     """The null with these effects (their z) on top, in physical order; its nuisances are not refitted."""
     problem = null
     for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
@@ -28,8 +28,8 @@ def in_place(null: Problem, effects: Sequence[tuple[Effect, dict[str, Any]]], *,
 
 
 def refit(
-    null: Problem, effects: Sequence[Effect], z: Sequence[dict[str, Any]], everyone: np.ndarray, *, sweeps: int = 2
-) -> list[tuple[Effect, Problem, Any]]:
+    null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]], everyone: np.ndarray, *, sweeps: int = 2
+) -> list[tuple[Law, Problem, Any]]:
     """Each effect fitted with all others in place: the effect, the problem that it was fitted in, the fit. The
     nuisances of `null` are fitted; they are again beside other effects."""
     values, result = dict(enumerate(z)), {}
@@ -47,7 +47,7 @@ def refit(
     return [result[k] for k in range(len(effects))]
 
 
-def parameters_of(effect: Effect, z: dict[str, Any]) -> dict[str, Any]:
+def parameters_of(effect: Law, z: dict[str, Any]) -> dict[str, Any]:
     """Parameters as sensor.json holds them, within their bounds."""
     values = {}
     for name, p in effect.parameters.items():
@@ -65,7 +65,7 @@ development cases of benchmarks/blind/hidden, whose laws differ from the catalog
 BOUND = 1e-6
 
 
-def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
+def covariance(effect: Law, problem: Problem, found: Fit) -> np.ndarray:
     """Variance of every z, in the raveled order."""
     unit = np.asarray(problem.ev.unit)
     objective = Objective(effect, problem, np.ones(len(unit), np.float32))
@@ -93,7 +93,7 @@ def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
     return np.maximum(np.diag(sandwich), np.diag(inverse))[: objective.own]
 
 
-def intervals(effect: Effect, problem: Problem, found: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
+def intervals(effect: Law, problem: Problem, found: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
     """Every fitted parameter with its 90 % interval, clipped to its bounds."""
     sd = np.sqrt(covariance(effect, problem, found))
     reach = WIDER * float(student.ppf(0.5 + LEVEL / 2, max(len(np.unique(np.asarray(problem.ev.unit))) - 1, 1)))
@@ -114,12 +114,12 @@ def intervals(effect: Effect, problem: Problem, found: Fit) -> dict[str, Interva
     return result
 
 
-def follows_power(effect: Effect) -> bool:
+def follows_power(effect: Law) -> bool:
     """Whether it reads an echo's power and leaves the intensity as it is."""
     return "intensity" not in effect.channels and "power" in effect.covariates
 
 
-def fit_to_implied(effect: Effect, problem: Problem, found: Fit) -> Fit:
+def fit_to_implied(effect: Law, problem: Problem, found: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     ev, everyone = problem.ev, np.ones(len(problem.ev.unit), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, found.z).items()}

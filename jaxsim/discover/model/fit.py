@@ -21,7 +21,7 @@ from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.nuisance import LEAST, MOST, Noise, Weights
 from jaxsim.discover.model.parameters import flat, prior, restorer, to_z
 from jaxsim.discover.scenes import folds
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
@@ -30,7 +30,7 @@ NOISE_SD = 2.0
 ENOUGH = 0.05
 """Nats of a step below which a fit is done."""
 CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
-NOTHING = Effect("nothing", "surface", "", "", {}, CHANNELS, "", (), {}, "", lambda p, rays, scan: rays)
+NOTHING = Law(name="nothing", parameters={}, channels=CHANNELS, apply=lambda p, rays: rays)
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Problem:
     """Rays already carry clutter."""
     loss: float = 1e4
     """Of the null: the scale of a fit's loss."""
+    basis: Float[Array, "b c r k"] | None = None
+    """What free curves are made of (`Rays.basis`); the likelihood knows nothing of it."""
 
     @cached_property
     def null_fits(self) -> list[Fit]:
@@ -63,13 +65,13 @@ class Fit:
     loss: float
 
 
-def channels_of(effect: Effect) -> tuple[str, ...]:
+def channels_of(effect: Law) -> tuple[str, ...]:
     """The channels whose likelihood an effect can change; range and drop are one mixture."""
     returns = ("range", "drop") if {"range", "drop"} & set(effect.channels) else ()
     return (*(("intensity",) if "intensity" in effect.channels else ()), *returns)
 
 
-def rays_for(effect: Effect, ev: Evidence) -> Rays:
+def rays_for(effect: Law, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
     if "intensity" in effect.channels or "intensity" not in effect.covariates:
@@ -80,9 +82,9 @@ def rays_for(effect: Effect, ev: Evidence) -> Rays:
 class Objective:
     """Minus the log-likelihood of an effect's z and of the noise, as one vector x, with their priors."""
 
-    def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], noise: Noise | None = None):
+    def __init__(self, effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], noise: Noise | None = None):
         self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
-        self.rays = rays_for(effect, problem.ev)
+        self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
         self.fitted = jnp.asarray(fitted, jnp.float32)
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
         level = noise or problem.noise
@@ -128,7 +130,7 @@ class Objective:
 
 
 def fit(
-    effect: Effect,
+    effect: Law,
     problem: Problem,
     fitted: Float[np.ndarray, " b"],
     *,
@@ -155,7 +157,7 @@ def fit(
 
 
 def score_at(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], z: dict[str, np.ndarray], noise: Noise
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], z: dict[str, np.ndarray], noise: Noise
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
     objective = Objective(effect, problem, fitted)
@@ -163,7 +165,7 @@ def score_at(
 
 
 def partway(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit, share: float
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 
@@ -196,7 +198,7 @@ def _between(before: Stage, after: Stage, share: Array) -> Stage:
     return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, noise, changed)
 
 
-def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
+def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
     """The problem with an effect in place: as it was fitted (`rays_for`), or as a simulation has it, which knows no
     reported intensities."""
     ev = problem.ev

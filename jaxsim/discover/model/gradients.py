@@ -18,9 +18,9 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.likelihood import CHANNELS, intensity_by_block, returns_by_block
 from jaxsim.discover.model.nuisance import Noise, Weights
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 from jaxsim.effects.rays import Rays, Scan
-from jaxsim.effects.recast import Displaced, Displacement, recast
+from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 
 OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
@@ -107,14 +107,14 @@ Step = Callable[[Any], Any]
 Back = tuple[Step, ...]
 
 
-def seen_through(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Back]:
+def seen_through(effect: Law, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Back]:
     """Of the rays with an effect: the fields that the likelihood is differentiated in, those that it takes, and what
     makes of slopes in the former (`slopes_back`) those in z."""
-    if isinstance(effect.apply, Displaced):
+    if effect.casts:
         by, to_z = _displaced(effect, z, rays)
-        seen, taken, to_by = _seen_again(by, effect.apply.passes, rays, scan)
+        seen, taken, to_by = _seen_again(by, effect.casts, rays, scan)
         return seen, taken, (to_by, to_z)
-    seen, taken, to_z = _seen(effect, z, rays, scan)
+    seen, taken, to_z = _seen(effect, z, rays)
     return seen, taken, (to_z,)
 
 
@@ -125,11 +125,11 @@ def slopes_back(back: Back, slopes: Fields) -> Z:
     return slopes
 
 
-def placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
+def placed(effect: Law, z: Z, rays: Rays, scan: Scan) -> Rays:
     """The rays with an effect."""
-    if isinstance(effect.apply, Displaced):
-        return _again(_displaced(effect, z, rays)[0], effect.apply.passes, rays, scan)
-    return _placed(effect, z, rays, scan)
+    if effect.casts:
+        return _again(_displaced(effect, z, rays)[0], effect.casts, rays, scan)
+    return _placed(effect, z, rays)
 
 
 def _fields(rays: Rays) -> tuple[Fields, Fields]:
@@ -138,28 +138,39 @@ def _fields(rays: Rays) -> tuple[Fields, Fields]:
 
 
 @partial(jax.jit, static_argnames="effect")
-def _placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
-    return effect.apply(to_values(effect, z), rays, scan)
+def _placed(effect: Law, z: Z, rays: Rays) -> Rays:
+    return effect.apply(to_values(effect, z), rays)
 
 
 @partial(jax.jit, static_argnames="effect")
-def _seen(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
-    seen, back, taken = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays, scan)), z, has_aux=True)
+def _seen(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Fields, Step]:
+    seen, back, taken = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays)), z, has_aux=True)
     return seen, taken, back
 
 
 @partial(jax.jit, static_argnames="effect")
-def _displaced(effect: Effect, z: Z, rays: Rays) -> tuple[Displacement, Step]:
-    assert isinstance(effect.apply, Displaced)
-    return jax.vjp(lambda z: effect.apply.displace(to_values(effect, z), rays), z)
+def _displaced(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Step]:
+    """By how much an effect turns and moves rays, whatever was done to them before."""
+    straight = replace(rays, turned_rad=jnp.zeros_like(rays.turned_rad), moved_m=jnp.zeros_like(rays.moved_m))
+
+    def by(z: Z) -> Fields:
+        after = effect.apply(to_values(effect, z), straight)
+        return {"turned_rad": after.turned_rad, "moved_m": after.moved_m}
+
+    return jax.vjp(by, z)
 
 
-_again = jax.jit(lambda by, passes, rays, scan: recast(rays, scan, by, passes))
+def _cast_again(by: Fields, passes: Array, rays: Rays, scan: Scan) -> Rays:
+    displaced = {name: getattr(rays, name) + more for name, more in by.items()}
+    return recast(replace(rays, **displaced), scan, passes)
+
+
+_again = jax.jit(_cast_again)
 
 
 @jax.jit
-def _seen_again(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
-    seen, back, taken = jax.vjp(lambda by: _fields(recast(rays, scan, by, passes)), by, has_aux=True)
+def _seen_again(by: Fields, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
+    seen, back, taken = jax.vjp(lambda by: _fields(_cast_again(by, passes, rays, scan)), by, has_aux=True)
     return seen, taken, back
 
 

@@ -9,24 +9,24 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 from jaxsim.frame import Array
 
 LOOSE = 3.0
 """The prior on a scalar parameter is this many times its scale; vectors are shrunk to theirs."""
 
 
-def fitted_parameters(effect: Effect) -> dict[str, Any]:
+def fitted_parameters(effect: Law) -> dict[str, Any]:
     return {name: p for name, p in effect.parameters.items() if p.fitted}
 
 
-def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Array]:
+def to_values(effect: Law, z: dict[str, Array]) -> dict[str, Array]:
     """Parameters in their units."""
     values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 
-def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
+def to_z(effect: Law, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
     """Of a start; parameters that it does not name are neutral."""
     z = {}
     for name, p in fitted_parameters(effect).items():
@@ -35,7 +35,7 @@ def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndar
     return z
 
 
-def prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def prior(effect: Law, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Standard deviation and bounds of every z, in the order of the raveled dict."""
     parts: dict[str, Any] = {}
     for name, p in fitted_parameters(effect).items():

@@ -12,13 +12,13 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Fit, Problem, score_at
 from jaxsim.discover.model.parameters import fitted_parameters
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
 REACH = 3
 """Rows to each side over which a line is fitted."""
 
 
-def by_beam(effect: Effect) -> bool:
+def by_beam(effect: Law) -> bool:
     """Whether the effect has a number for each beam."""
     return any(p.shape == "row" for p in fitted_parameters(effect).values())
 
@@ -35,7 +35,7 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
 
 
 def smooth_score(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
     kinds = fitted_parameters(effect)

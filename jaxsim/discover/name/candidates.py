@@ -15,7 +15,7 @@ from jaxsim.discover.model.rounding import gained_by, rounded
 from jaxsim.discover.name.beams import by_beam, smooth_score
 from jaxsim.discover.name.starts import hints
 from jaxsim.discover.scenes import AGREE, clipped, folds, p_value
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
 THREADS = 2
 PART = 0.25
@@ -29,7 +29,7 @@ a rare event (lost packets) most scenes say nothing."""
 class Candidate:
     """An effect and what it gained on held-out units."""
 
-    effect: Effect
+    effect: Law
     gain: Float[np.ndarray, "u 3"]
     """Log-likelihood over the null, nats, by unit and channel."""
     fits: tuple[Fit, ...]
@@ -64,7 +64,7 @@ class Candidate:
         return float(clipped(self.by_unit).sum())
 
 
-def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
+def survey(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
     `null` saves its fits where they are known.
@@ -76,7 +76,7 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
     steps, more_starts = rounded(problem.ev), hints(problem)
     effects = [effect for effect in effects if effect.name not in FINEST or effect.name in steps]
 
-    def one(effect: Effect) -> Candidate:
+    def one(effect: Law) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
         gain, slope = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units)
         own = np.zeros(problem.ev.units) if by_beam(effect) else None

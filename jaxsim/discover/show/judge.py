@@ -27,9 +27,9 @@ from jaxsim.discover.show.gap import closure, gaps
 from jaxsim.discover.show.residual_curves import curves_along
 from jaxsim.discover.show.residual_maps import maps_of
 from jaxsim.discover.verdict import Judged
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
-Added = Sequence[tuple[Effect, dict[str, Any]]]
+Added = Sequence[tuple[Law, dict[str, Any]]]
 """Effects and their z."""
 
 

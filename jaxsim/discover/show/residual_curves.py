@@ -14,7 +14,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.residuals import residuals
 from jaxsim.discover.scenes import half_width
 from jaxsim.discover.verdict import CurveLine
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
 RESIDUAL_UNITS = {
     "intensity": "ln I, measured minus simulated",
@@ -27,7 +27,7 @@ FEWEST = 200
 
 
 def curves_along(
-    before: Problem, after: Problem, fitted: np.ndarray, judged: np.ndarray, unit: np.ndarray, effects: Sequence[Effect]
+    before: Problem, after: Problem, fitted: np.ndarray, judged: np.ndarray, unit: np.ndarray, effects: Sequence[Law]
 ) -> tuple[CurveLine, ...]:
     """Mean residual along each named effect's own covariates, on judged blocks; where an effect makes ranges scatter,
     also the residuals' spread over the one that each ray is expected to have, for their mean shows nothing of it."""
