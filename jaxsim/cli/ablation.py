@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.cli.common import parse_experiment
+from jaxsim.cli.train import parse_experiment
 from jaxsim.config import DataKind
 from jaxsim.data import open_dataset, select, source_of
 from jaxsim.evaluate.fid import require_images
@@ -97,7 +97,7 @@ def ablation(args: Ablation, *, script: Path, flags: Sequence[str], configs: Any
     extractor = open_extractor(args.fid, args.fid_features) if args.fid else None
     folders = list(args.runs)
     if args.train:
-        asked, _ = parse_experiment(configs, [args.train, *flags])
+        asked, _ = parse_experiment([args.train, *flags])
         folders = train_all(script, args.train, args.out, flags, more=besides(asked.prepare.inputs))
 
     # Runs: the same frames, targets and settings, other inputs.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,22 +10,24 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 from tqdm import tqdm
 
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
-from jaxsim.config import DetectorExperiment, Experiment
+from jaxsim.cli.source import Source
+from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene, Scenes
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import hold, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
-from jaxsim.runs.run import Checkpoints
+from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.studies.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
+from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, settle_loop, write_score
 from jaxsim.studies.loop_page import draw_kinds, draw_loop, loop_tables, write_loop
+from jaxsim.train.experiments import load_loop
 
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""
@@ -53,17 +54,14 @@ class Real2Sim2Real:
 def run(argv: Sequence[str]) -> None:
     """Runs the command on its own flags, those of LoopConfig among them."""
     name, flags = _config_of(argv)
-    home = checkout()
-    sys.path.insert(0, str(home))
-    configs = importlib.import_module("configs")
-    config, words = _read_loop(Path(name)) if name.endswith(".json") else configs.load_loop(name)
-    intro = f"{Real2Sim2Real.__doc__}\n\n{name}: {words}"
+    config, words = load_loop(name)
+    intro = f"    jaxsim real2sim2real --config {name}\n\n{Real2Sim2Real.__doc__}\n\n{name}: {words}"
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
     hold(asked.out, doing="at work in", instead="another --out")
-    Stages(settle_loop(asked), home / "train.py").all()
+    Stages(settle_loop(asked), [sys.executable, "-m", "jaxsim.cli", "train"]).all()
 
 
 def check_sources(config: LoopConfig) -> None:
@@ -96,27 +94,6 @@ def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:
     return flags[at + 1], flags[:at] + flags[at + 2 :]
 
 
-def _read_loop(path: Path) -> tuple[LoopConfig, str]:
-    try:
-        return TypeAdapter(LoopConfig).validate_json(path.read_bytes()), f"settings of {path}"
-    except FileNotFoundError:
-        raise ValueError(f"real2sim2real: no file {path}; name one of configs/, or a loop.json") from None
-    except ValidationError as error:
-        raise ValueError(f"real2sim2real: {path} is no loop.json of this version: {error}") from error
-
-
-def checkout() -> Path:
-    """The folder of train.py and configs/. Raises ValueError where neither the working directory nor the package's own
-    parent is one."""
-    for folder in (Path.cwd(), Path(__file__).resolve().parents[2]):
-        if (folder / "train.py").is_file() and (folder / "configs" / "__init__.py").is_file():
-            return folder
-    raise ValueError(
-        "real2sim2real: train.py and configs/ train the networks, and neither this folder nor the package has them; "
-        "run it in a checkout of jaxsim's repository"
-    )
-
-
 def kinds_of(scene: Scene) -> tuple[str, ...]:
     """Classes of the labels; raises ValueError where there are none."""
     if scene.labels is None:
@@ -127,8 +104,8 @@ def kinds_of(scene: Scene) -> tuple[str, ...]:
 class Stages:
     """The stages of one loop, in their order; each leaves out what is done."""
 
-    def __init__(self, loop: Loop, script: Path):
-        self.loop, self.script = loop, script
+    def __init__(self, loop: Loop, trainer: Sequence[str]):
+        self.loop, self.trainer = loop, trainer
         self.scenes_of: dict[tuple[str, str], Scenes] = {}
         self.counts_of: dict[str, CloudCounts] = {}
 
@@ -164,7 +141,7 @@ class Stages:
         settings = self.loop.out / "settings" / f"{'_'.join(run.relative_to(self.loop.out).parts)}.json"
         with replacing(settings) as path:
             path.write_bytes(b'{"experiment": ' + TypeAdapter(type(experiment)).dump_json(experiment, indent=1) + b"}")
-        status = subprocess.run([sys.executable, str(self.script), str(settings)]).returncode
+        status = subprocess.run([*self.trainer, str(settings)]).returncode
         if status:
             sys.exit(f"error: real2sim2real: training {run} ended with status {status}; the same command resumes")
 
@@ -179,20 +156,12 @@ class Stages:
         exports = [
             Export(
                 out=loop.tree(kind),
-                data=source.kind,
-                root=source.root,
-                scenes=source.scenes,
-                variations=source.variations,
-                camera=source.camera,
-                lidar=source.lidar,
-                seed=source.seed,
-                streets=source.streets,
-                rows=source.rows,
+                data=Source.of(source),
                 frames=f"{source.train},{source.validation}",
                 validation=source.validation,
                 recipe=loop.recipe(kind),
                 run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
-                sensor=loop.effects if kind in WITH_EFFECTS else None,
+                effects=loop.effects if kind in WITH_EFFECTS else None,
                 occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
             )
             for kind in loop.config.kinds

@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from jaxsim.config import DataConfig, DetectorExperiment, Experiment
+from jaxsim.config import CloudRecipe, DataConfig, DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data.pair_settings import differences
 from jaxsim.files import replacing
 from jaxsim.metrics.detection import Curve
-from jaxsim.simulate.clouds import CloudRecipe
 
 REAL = "real"
 KINDS: dict[str, tuple[CloudRecipe, str]] = {
@@ -80,33 +79,6 @@ PAPER_OF_REAL: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 """Its third table: trained on KITTI, scored on a kind; nothing is easy there."""
-
-
-CloudKind = Literal["raw_64", "raw_32", "simulated_64", "simulated_grid", "discovered_grid"]
-"""Kinds of clouds that a renderer's frames become: KINDS says how."""
-
-
-@dataclass(frozen=True)
-class LoopConfig:
-    """Real2Sim2Real: a sensor learned from real drives, a renderer's frames seen by it, detectors trained on those
-    clouds and scored on real ones."""
-
-    intensity: Experiment = field(default_factory=Experiment)
-    """The sensor, trained on real pairs; its validation frames are also what `discover` holds it against."""
-    detector: DetectorExperiment = field(default_factory=DetectorExperiment)
-    """The detector, and in `data` the labelled frames of the real sensor."""
-    synthetic: DataConfig = field(default_factory=DataConfig)
-    """The renderer's frames, with labels: to train on, and to judge the detector of real clouds on."""
-    kinds: tuple[CloudKind, ...] = ("raw_64", "raw_32", "simulated_64", "discovered_grid")
-    """Clouds that they become: a detector is trained on each."""
-    lines_32: Literal["32_of_64", "32_wide"] = "32_of_64"
-    """The paper's "32 lines": every second of 64, or lines twice as far apart."""
-    occlusion: Literal["levels", "never_visible"] = "levels"
-    """Of vkitti2's labels, as in `jaxsim export`; `never_visible` leaves nothing easy, as in the paper."""
-    seeds: tuple[int, ...] = (0,)
-    """Of the detectors: each seed trains all of them. The sensor and its clouds are made once."""
-    out: Path = Path("runs/real2sim2real")
-    """Folder of everything. The same command again goes on where a killed one stopped."""
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,19 @@ from pathlib import Path
 import cv2
 import pytest
 
-import configs
 from jaxsim.cli.ablation import Ablation, ablation, train_all
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.studies.ablation import MODALITIES, AblationRow, besides, modality
 from jaxsim.studies.ablation_page import ablation_table, best_networks
+from jaxsim.train.experiments import load_experiment
 from tests.untrained import untrained_run
 
 INPUTS = (("depth", "row"), ("semantic", "row", "rgb", "edges", "depth"))
 
 
 def experiment(inputs, **data):
-    base, _ = configs.load("ablation")
+    base, _ = load_experiment("ablation")
     return replace(
         base,
         data=replace(base.data, train="0-1", validation="2-4", **data),

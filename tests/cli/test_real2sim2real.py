@@ -6,22 +6,23 @@ from dataclasses import replace
 import pytest
 from pydantic import TypeAdapter
 
-import configs
-from jaxsim.cli import main, read_experiment
+from jaxsim.cli import main
 from jaxsim.cli.real2sim2real import Stages, checkout, run
-from jaxsim.simulate.clouds import CloudRecipe
+from jaxsim.config import CloudRecipe
 from jaxsim.studies.loop import settle_loop
+from jaxsim.train import read_experiment
+from jaxsim.train.experiments import load_experiment, load_loop
 
 
 @pytest.fixture
 def loop(tmp_path):
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     return settle_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "raw_32")))
 
 
 SCRIPT = """
 import json, pathlib, sys
-from jaxsim.cli import read_experiment
+from jaxsim.train import read_experiment
 experiment = read_experiment(pathlib.Path(sys.argv[1]))
 folder = pathlib.Path(experiment.run.out) / experiment.run.name
 print("trained", folder, flush=True)
@@ -101,7 +102,7 @@ def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop, monkeypa
 
 
 def test_the_settings_of_a_depth_run_are_read_as_such(tmp_path):
-    experiment, _ = configs.load("penet_synthetic")
+    experiment, _ = load_experiment("penet_synthetic")
     path = tmp_path / "config.json"
     path.write_bytes(TypeAdapter(type(experiment)).dump_json(experiment))
     assert read_experiment(path) == experiment

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-import configs
 from jaxsim.cli.real2sim2real import Stages, check_sources
 from jaxsim.data import KittiObject
 from jaxsim.studies.loop import settle_loop
+from jaxsim.train.experiments import load_loop
 
 
 def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_training(virtual, object_root, tmp_path):
-    config, _ = configs.load_loop("real2sim2real_kitti")
+    config, _ = load_loop("real2sim2real_kitti")
     real = replace(config.detector.data, root=object_root, train="0", validation="0", cache=tmp_path / "cache")
     synthetic = replace(
         config.synthetic, root=virtual.root, scenes=("Scene01",), train="0", validation="1", cache=tmp_path / "cache"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.metrics.detection import COLUMNS, Curve
 from jaxsim.studies.loop import KINDS, PAPER_OF_REAL, PAPER_ON_REAL, read_average, settle_loop, write_score
+from jaxsim.train.experiments import load_experiment, load_loop, loop_names
 
 
 def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", truths=10):
@@ -20,28 +20,28 @@ def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", t
 
 @pytest.fixture
 def loop(tmp_path):
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     return settle_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
 
 
-@pytest.mark.parametrize("name", configs.LOOPS)
+@pytest.mark.parametrize("name", loop_names())
 def test_every_loop_has_what_the_paper_has(name):
-    config, words = configs.load_loop(name)
+    config, words = load_loop(name)
     assert words.startswith(("Real2Sim2Real", "The paper's Real2Sim2Real"))
     assert {"raw_64", "raw_32", "simulated_64", "discovered_grid"} == {*config.kinds}
     with pytest.raises(ValueError, match=f"jaxsim real2sim2real --config {name}"):
-        configs.load(name)
+        load_experiment(name)
 
 
 def test_real_and_synthetic_differ_in_streets_and_statistics():
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     assert config.synthetic.seed != config.intensity.data.seed
     assert config.synthetic.streets != config.intensity.data.streets
     assert config.detector.data.seed == config.intensity.data.seed
 
 
 def test_the_sensor_does_not_learn_from_frames_that_judge():
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     last_taught = max(int(part.split("-")[-1].split(":")[0]) for part in config.intensity.data.train.split(","))
     assert last_taught < int(config.detector.data.validation.split("-")[0])
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.cloud_checks import REST, count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
@@ -15,6 +14,7 @@ from jaxsim.studies.clouds import check_tables, checked_kinds, write_checks
 from jaxsim.studies.loop import settle_loop, write_score
 from jaxsim.studies.loop_charts import epochs_chart
 from jaxsim.studies.loop_page import answer, loop_tables, write_loop
+from jaxsim.train.experiments import load_loop
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])
 AP = {"raw_64": 40.0, "simulated_64": 55.0, "real": 80.0}
@@ -38,7 +38,7 @@ def clouds(intensity: float):
 
 @pytest.fixture
 def loop(tmp_path):
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     loop = settle_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "simulated_64"), seeds=(0, 1)))
     for seed in loop.config.seeds:
         for trained, judged in loop.judgements:

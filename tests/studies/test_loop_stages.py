@@ -8,13 +8,13 @@ import jax
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.cli.real2sim2real import Stages
 from jaxsim.detect.results import Found
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
 from jaxsim.studies.loop import settle_loop
 from jaxsim.studies.loop_page import PANEL, draw_loop
+from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT, scene
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {str(ROOT)!r})
 import numpy as np
-from jaxsim.cli import read_experiment
+from jaxsim.train import read_experiment
 from jaxsim.config import DetectorExperiment
 from tests.untrained import untrained_detector, untrained_run
 experiment = read_experiment(Path(sys.argv[1]))
@@ -53,7 +53,7 @@ class Lacking:
 
 def tiny_loop(out: Path):
     """Three real and three rendered frames; a network of four filters, and the tests' detector."""
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     real = replace(config.detector.data, train="0,8", validation="20", cache=out.parent / "cache")
     intensity = replace(
         config.intensity,
@@ -128,7 +128,7 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, monkeypatch, capfd
 
 @pytest.fixture
 def loop(tmp_path):
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     detector = replace(EXPERIMENT, data=config.detector.data)
     return settle_loop(replace(config, detector=detector, out=tmp_path / "loop", kinds=("raw_64", "simulated_64")))
 

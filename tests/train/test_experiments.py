@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-import configs
+from jaxsim.train.experiments import load_experiment
 
 
 @pytest.mark.parametrize("name", ["rgb", "semantic", "edges", "depth"])
 def test_the_papers_experiments_differ_in_their_inputs_alone(name):
-    combined, _ = configs.load("kitti_step_combined")
-    experiment, _ = configs.load(f"kitti_step_{name}")
+    combined, _ = load_experiment("kitti_step_combined")
+    experiment, _ = load_experiment(f"kitti_step_{name}")
     assert experiment.prepare.inputs == (name,)
     assert set(experiment.prepare.inputs) < set(combined.prepare.inputs)
     assert replace(experiment, prepare=combined.prepare) == combined
@@ -18,7 +18,7 @@ def test_the_papers_experiments_differ_in_their_inputs_alone(name):
 
 
 def test_the_papers_settings_are_those_of_imaginaires_configuration():
-    experiment, _ = configs.load("kitti_step_combined")
+    experiment, _ = load_experiment("kitti_step_combined")
     generator, optim, loss = experiment.generator, experiment.optim, experiment.loss
     assert (generator.form, generator.filters, generator.downsamples, generator.blocks) == ("imaginaire", 64, 4, 9)
     assert (generator.enhancers, generator.enhancer_blocks) == (1, 3)
@@ -32,7 +32,7 @@ def test_the_papers_settings_are_those_of_imaginaires_configuration():
 
 def test_the_published_detector_is_openpcdets_configuration():
     """The numbers of `voxel_rcnn_car.yaml` and of the KITTI data set it builds on."""
-    experiment, _ = configs.load("voxel_rcnn_car")
+    experiment, _ = load_experiment("voxel_rcnn_car")
     voxels, network, optim, augment = experiment.voxels, experiment.detector, experiment.optim, experiment.augment
     assert voxels.range_m == (0, -40, -3, 70.4, 40, 1)
     assert (voxels.size_m, voxels.points_per_voxel) == ((0.05, 0.05, 0.1), 5)

@@ -8,10 +8,9 @@ import jax
 import numpy as np
 import pytest
 
-import train_depth
-from jaxsim.config import DataConfig, RunConfig
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, RunConfig, Stage
 from jaxsim.frame import DepthFrame
-from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
+from jaxsim.train import depth, train
 
 CROP = (32, 64)
 # Two stages of the same part: one program to compile, and the step from stage to stage all the same.
@@ -49,11 +48,11 @@ def test_an_image_without_a_guess_ends_no_training(tmp_path, monkeypatch):
         saved.append([path.name for path in (tmp_path / "depth" / "checkpoints").iterdir()])
         return np.full(batch.truth_m.shape, near.pop(0), np.float32)
 
-    monkeypatch.setattr(train_depth, "frames_of", lambda experiment: ([frame] * 2, [frame] * 2))
-    monkeypatch.setattr(train_depth, "train_step", learn)
-    monkeypatch.setattr(train_depth, "predict", guess)
+    monkeypatch.setattr(depth, "frames_of", lambda experiment: ([frame] * 2, [frame] * 2))
+    monkeypatch.setattr(depth, "train_step", learn)
+    monkeypatch.setattr(depth, "predict", guess)
     near += [0.0, 5.0, np.nan, np.inf, 0.0, 5.0]
-    train_depth.main(experiment, "No guess.")
+    train(experiment, "No guess.")
     scored = [line for line in lines(tmp_path / "depth") if "validation/rmse" in line]
     assert [line["step"] for line in scored] == [4]  # of step 8's not one image could be scored
     assert "4" in saved[0]  # what was trained is saved before it is judged
@@ -72,14 +71,14 @@ def test_an_image_without_a_guess_ends_no_training(tmp_path, monkeypatch):
 )  # fmt: skip
 def test_sizes_of_all_stages_are_checked_before_the_first(tmp_path, change, flag):
     with pytest.raises(ValueError, match=flag):
-        train_depth.main(replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path), **change), "Wrong.")
+        train(replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path), **change), "Wrong.")
     assert not [*tmp_path.iterdir()]
 
 
 def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path, monkeypatch):
     whole, halved = (replace(EXPERIMENT, run=replace(EXPERIMENT.run, out=tmp_path, name=name)) for name in ("a", "b"))
-    train_depth.main(whole, "Whole.")
-    taken, step = [], train_depth.train_step
+    train(whole, "Whole.")
+    taken, step = [], depth.train_step
 
     def interrupted(*arguments, **more):
         if len(taken) == 5:
@@ -87,11 +86,11 @@ def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path,
         taken.append(1)
         return step(*arguments, **more)
 
-    monkeypatch.setattr(train_depth, "train_step", interrupted)
+    monkeypatch.setattr(depth, "train_step", interrupted)
     with pytest.raises(SystemExit, match="stopped after step 5"):
-        train_depth.main(halved, "Stopped.")
-    monkeypatch.setattr(train_depth, "train_step", step)
-    train_depth.main(halved, "Stopped.")
+        train(halved, "Stopped.")
+    monkeypatch.setattr(depth, "train_step", step)
+    train(halved, "Stopped.")
     assert lines(tmp_path / "a") == lines(tmp_path / "b")
     assert [line["step"] for line in lines(tmp_path / "a") if "rmse_m" in line] == list(range(1, 9))
     one, other = (np.load(tmp_path / name / "weights.npz") for name in "ab")
@@ -103,4 +102,4 @@ def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path,
 
     other = replace(whole, penet=replace(whole.penet, start_m=3.0))
     with pytest.raises(ValueError, match=r"other settings \(--penet\.start_m was .*, now 3\.0\)"):
-        train_depth.main(other, "Other.")
+        train(other, "Other.")
