@@ -18,27 +18,31 @@ from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate.beside_drive import write_pairs
 from jaxsim.simulate.sensor import load
 
+NOT_UNPAIRED = {
+    "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
+    "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
+    "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
+    "(`jaxsim simulate --effects`)",
+}
+"""Flags that do not go with --unpaired, and why."""
+
 
 @dataclass(frozen=True)
 class Discover:
     """Finds where simulated and measured frames disagree, names the effect that the simulation lacks, and shows
     the gap with the effect added.
 
-        jaxsim discover --measured DIR --simulated DIR --out OUT
         jaxsim discover runs/NAME --data.kind kitti_raw --data.root DIR --out OUT
 
-    Two folders of polar frames: grid.json, and one NAME.npz a frame with range (m, 0 = no return) and intensity,
-    which lies in 0..1; both are rows x columns. Frames of the same name are compared. The format is
-    docs/polar-frames.md; `jaxsim simulate` writes such a folder as OUT/polar.
-
-    Or a trained run against the drive that it should imitate: its frames are simulated on the run's polar window and
-    compared with their own scans. The ranges are those of the camera's dense depth, as `jaxsim simulate` has them.
-    The frames go to OUT/simulated and OUT/measured.
+    Two folders of polar frames (docs/polar-frames.md): grid.json, and one NAME.npz a frame with range (m, 0 = no
+    return) and intensity (0..1), rows x columns; frames of the same name are compared. `jaxsim simulate` writes such a
+    folder as OUT/polar. Or the learned sensor of a run against the drive that it should imitate: its frames are
+    simulated on the run's polar window, with the ranges of the camera's dense depth, and compared with their own scans;
+    they go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
-    catalogue does not hold.
-
-    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and figures/ to OUT.
+    catalogue does not hold. Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and
+    figures/ to OUT.
     """
 
     out: Path
@@ -67,21 +71,10 @@ class Discover:
     can be told; the answer lists the others. Needs eight drives on each side."""
 
     def __call__(self) -> None:
-        if self.unpaired and self.run:
-            raise ValueError(
-                "discover: --unpaired came with a run, whose frames are simulated on the measured streets; leave it "
-                "out, or give --measured and --simulated instead of the run"
-            )
-        if self.unpaired and self.nulls:
-            raise ValueError(
-                "discover: --nulls came with --unpaired, which exchanges scenes between the sides to see what chance "
-                "does; leave one of them out"
-            )
-        if self.unpaired and self.effects:
-            raise ValueError(
-                "discover: --effects came with --unpaired, which compares the frames as they are; leave it out, or "
-                "simulate the frames with them (`jaxsim simulate --effects`)"
-            )
+        for flag, why in NOT_UNPAIRED.items():
+            if self.unpaired and getattr(self, flag):
+                name = "a run" if flag == "run" else f"--{flag}"
+                raise ValueError(f"discover: {name} came with --unpaired, {why}")
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
         if self.unpaired:
