@@ -11,7 +11,9 @@ from jaxsim.cli.detect import Detect, cloud_files, read_cloud
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
-from jaxsim.runs.run import Checkpoints, DetectorRun, start_run
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import start_run
 from jaxsim.simulate.sensor import load
 from tests.detect.tiny import EXPERIMENT
 
