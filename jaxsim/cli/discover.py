@@ -121,7 +121,7 @@ def _folder(flag: str, folder: Path | None) -> Path:
     if not folder.is_dir():
         raise ValueError(
             f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
-            "(docs/polar-frames.md)"
+            "(jaxsim discover --help)"
         )
     return folder
 

@@ -74,7 +74,7 @@ def run_kind(folder: Path | str) -> Kind:
     path = Path(folder) / "config.json"
     if not path.is_file():
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
-        hint = f"; there are runs at {', '.join(near)}" if near else "; `python train.py` makes one"
+        hint = f"; there are runs at {', '.join(near)}" if near else "; `jaxsim train` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
     try:
         return kind_in(json.loads(path.read_bytes()))

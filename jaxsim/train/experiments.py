@@ -1,6 +1,6 @@
 """Experiments by name or by file: those of configs/, a user's own, and the config.json of a run.
 
-A file of configs/ holds one value, `experiment` (for train.py) or `loop` (for `jaxsim real2sim2real`), and a docstring
+A file of configs/ holds one value, `experiment` (for `jaxsim train`) or `loop` (for `jaxsim real2sim2real`), and a docstring
 that says what it takes and scored. The folder lies beside the package in a checkout and inside it when installed, and
 is loaded by its path, so that experiments are the same from anywhere.
 """
@@ -30,7 +30,7 @@ CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "conf
 
 @cache
 def experiment_names() -> tuple[str, ...]:
-    """Names of the experiments that train.py trains."""
+    """Names of the experiments that `jaxsim train` trains."""
     return tuple(name for name in _names() if hasattr(_module(name), "experiment"))
 
 
@@ -51,7 +51,7 @@ def load_experiment(name: str) -> tuple[AnyExperiment, str]:
         raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(experiment_names())}")
     module = _module(name)
     if hasattr(module, "loop"):
-        raise ValueError(f"{name} is not trained by train.py: jaxsim real2sim2real --config {name}")
+        raise ValueError(f"{name} is not for `jaxsim train`: jaxsim real2sim2real --config {name}")
     if not isinstance(getattr(module, "experiment", None), AnyExperiment):
         raise ValueError(f"{name} holds no experiment; write `experiment = ...` as in {CONFIGS / 'synthetic.py'}")
     return module.experiment, (module.__doc__ or "").strip()
