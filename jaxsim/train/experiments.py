@@ -1,8 +1,8 @@
 """Experiments by name or by file: those of configs/, a user's own, and the config.json of a run.
 
 A file of configs/ holds one value, `experiment` (for `jaxsim train`) or `loop` (for `jaxsim real2sim2real`), and a
-docstring that says what it takes and scored. The folder lies beside the package in a checkout and inside it when installed, and
-is loaded by its path, so that experiments are the same from anywhere.
+docstring that says what it takes and scored. The folder lies beside the package in a checkout and inside it when
+installed, and is loaded by its path, so that experiments are the same from anywhere.
 """
 
 from __future__ import annotations
