@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -17,7 +16,8 @@ import tyro
 from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment
-from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels, read_velodyne
+from jaxsim.data.clouds import SUFFIXES, read_cloud
+from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
@@ -25,7 +25,6 @@ from jaxsim.files import claim
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.report import draw_above, draw_on_image, save_picture
 
-SUFFIXES = (".bin", ".npz")
 AT_LIDAR = View(
     intrinsics=np.eye(3),
     cam_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
@@ -84,7 +83,7 @@ class Detect:
 
         def clouds() -> Iterator[tuple[str, np.ndarray]]:
             for name, file in files_of.items():
-                points = read_cloud(file)
+                points = read_points(file)
                 # As in training: a detector that saw only the camera's view would take the rest for something else.
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
@@ -95,7 +94,7 @@ class Detect:
         for name, found in finds:
             total += len(found.score)
             if drawn < self.pictures:
-                points = read_cloud(files_of[name])
+                points = read_points(files_of[name])
                 self.draw(name, points, found, view=views[name], kind=kind, range_m=experiment.voxels.range_m)
                 drawn += 1
             lines = result_lines(found, kind, views[name])
@@ -187,18 +186,8 @@ def cloud_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_cloud(path: Path) -> np.ndarray:
+def read_points(path: Path) -> np.ndarray:
     """x, y, z (m) and intensity (0..1) of a file. Raises ValueError where it is broken or lacks intensity."""
-    if path.suffix == ".bin":
-        points = np.column_stack(read_velodyne(path))
-    else:
-        try:
-            with np.load(path) as archive:
-                parts = [archive[name] for name in ("xyz", "intensity") if name in archive]
-        except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
-            raise ValueError(f"detect: {path} is no readable .npz ({error})") from error
-        if not parts:
-            raise ValueError(f"detect: {path} holds no array xyz (n, 3); `jaxsim simulate --formats npz` writes it")
-        points = np.column_stack(parts).astype(np.float32)
+    points = read_cloud(path)
     check_points(points, path.name)
     return points

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.cli.detect import Detect, cloud_files, read_cloud
+from jaxsim.cli.detect import Detect, cloud_files, read_points
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
@@ -135,13 +135,13 @@ def test_broken_clouds_are_named(tmp_path):
         cloud_files(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"")
     with pytest.raises(ValueError, match=r"a\.bin is empty"):
-        read_cloud(tmp_path / "a.bin")
+        read_points(tmp_path / "a.bin")
     np.savez(tmp_path / "b.npz", xyz=np.ones((4, 3)))
     with pytest.raises(ValueError, match="3 columns, no intensity"):
-        read_cloud(tmp_path / "b.npz")
+        read_points(tmp_path / "b.npz")
     np.savez(tmp_path / "c.npz", points=np.ones((4, 3)))
     with pytest.raises(ValueError, match="no array xyz"):
-        read_cloud(tmp_path / "c.npz")
+        read_points(tmp_path / "c.npz")
     np.savez(tmp_path / "a.npz", xyz=np.ones((4, 3)))
     with pytest.raises(ValueError, match="a twice"):
         cloud_files(tmp_path)
