@@ -12,7 +12,7 @@ import tyro
 
 from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import seen_by
-from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_cloud, write_detections
+from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
 from jaxsim.report import draw_above, draw_on_image, save_picture
 
@@ -65,7 +65,7 @@ class Detect:
 
         def clouds() -> Iterator[tuple[str, np.ndarray]]:
             for name, file in todo.items():
-                points = read_cloud(file)
+                points = read_points(file)
                 # As in training: a detector that saw only the camera's view would take the rest for something else.
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
@@ -75,7 +75,7 @@ class Detect:
         for k, (name, found) in enumerate(detections):
             total += len(found.score)
             if k < self.pictures:
-                self.draw(name, read_cloud(todo[name]), found, learned=learned)
+                self.draw(name, read_points(todo[name]), found, learned=learned)
             write_detections(self.result(name), found, kind, view=views[name])
         kept = f"{len(files) - len(todo)} clouds were there"
         print(f"{total} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import tyro
 
 from jaxsim.cli.discover import Discover
-from jaxsim.cli.export import Export, export_trees
+from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig
 from jaxsim.files import lock
+from jaxsim.simulate.trees import export_trees
 from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
@@ -80,4 +81,5 @@ def export_kinds(loop: Loop) -> None:
         )
         for kind in loop.config.kinds
     ]
-    export_trees(exports, exports[0].dataset())
+    dataset = exports[0].dataset()
+    export_trees([export.plan(dataset) for export in exports], dataset)

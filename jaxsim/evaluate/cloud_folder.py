@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,14 +19,14 @@ from jaxtyping import Float32
 from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment
-from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels, read_velodyne
+from jaxsim.data.clouds import SUFFIXES, read_cloud
+from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points
 from jaxsim.evaluate.detector import LearnedDetector
 from jaxsim.files import claim
 from jaxsim.geometry.boxes import lidar_boxes
 
-SUFFIXES = (".bin", ".npz")
 AT_LIDAR = View(
     intrinsics=np.eye(3),
     cam_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
@@ -134,18 +133,8 @@ def cloud_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_cloud(path: Path) -> Float32[np.ndarray, "n 4"]:
+def read_points(path: Path) -> Float32[np.ndarray, "n 4"]:
     """x, y, z (m) and intensity (0..1) of a file. Raises ValueError where it is broken or lacks intensity."""
-    if path.suffix == ".bin":
-        points = np.column_stack(read_velodyne(path))
-    else:
-        try:
-            with np.load(path) as archive:
-                parts = [archive[name] for name in ("xyz", "intensity") if name in archive]
-        except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
-            raise ValueError(f"detect: {path} is no readable .npz ({error})") from error
-        if not parts:
-            raise ValueError(f"detect: {path} holds no array xyz (n, 3); `jaxsim simulate --formats npz` writes it")
-        points = np.column_stack(parts).astype(np.float32)
+    points = read_cloud(path)
     check_points(points, path.name)
     return points

@@ -14,14 +14,11 @@ import numpy as np
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, points_to_polar
+from jaxsim.geometry import incidence, pad_cloud, points_to_polar
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.checks import check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
-
-_POINTS = 2**15
-"""Clouds are padded to a multiple, so that the kernel is not compiled for every frame."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -80,9 +77,7 @@ def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
     cloud = replace(frame.cloud, row=(frame.cloud.row - round(float(place[0]) * (lines - 1))).astype(np.int32))
-    more = -cloud.intensity.shape[-1] % _POINTS
-    cloud = jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
-    return jax.device_get(points_to_polar(cloud, grid)[0])
+    return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])
 
 
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.results import Found
-from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, cloud_files, read_cloud, write_detections
+from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, cloud_files, read_points, write_detections
 
 
 def test_broken_clouds_are_named(tmp_path):
@@ -14,13 +14,13 @@ def test_broken_clouds_are_named(tmp_path):
         cloud_files(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"")
     with pytest.raises(ValueError, match=r"a\.bin is empty"):
-        read_cloud(tmp_path / "a.bin")
+        read_points(tmp_path / "a.bin")
     np.savez(tmp_path / "b.npz", xyz=np.ones((4, 3)))
     with pytest.raises(ValueError, match="3 columns, no intensity"):
-        read_cloud(tmp_path / "b.npz")
+        read_points(tmp_path / "b.npz")
     np.savez(tmp_path / "c.npz", points=np.ones((4, 3)))
     with pytest.raises(ValueError, match="no array xyz"):
-        read_cloud(tmp_path / "c.npz")
+        read_points(tmp_path / "c.npz")
     np.savez(tmp_path / "a.npz", xyz=np.ones((4, 3)))
     with pytest.raises(ValueError, match="a twice"):
         cloud_files(tmp_path)
@@ -32,7 +32,7 @@ def test_clouds_are_read_in_metres_with_their_intensity(tmp_path):
     np.savez(tmp_path / "b.npz", xyz=points[:, :3], intensity=points[:, 3])
     assert [path.name for path in cloud_files(tmp_path)] == ["a.bin", "b.npz"]
     for path in cloud_files(tmp_path):
-        np.testing.assert_array_equal(read_cloud(path), points)
+        np.testing.assert_array_equal(read_points(path), points)
 
 
 def test_without_a_calibration_boxes_are_written_as_seen_from_the_lidar_without_a_rectangle(tmp_path):
