@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from jaxsim.config import Experiment
 from jaxsim.data.pair_settings import differences
@@ -59,8 +59,8 @@ def start_run(folder: Path, run: AnyRun) -> None:
     hold(folder)
     kind = kind_of(run)
     if (folder / "config.json").is_file():
-        both = load_run(folder, type(run)), run
-        was, now = (TypeAdapter(kind.experiment).dump_python(r.experiment, mode="json") for r in both)
+        was = kind.settings.dump_python(load_run(folder, type(run)).experiment, mode="json")
+        now = kind.settings.dump_python(run.experiment, mode="json")
         free = {*FREE} - {*kind.fixed}
         other = [d for d in differences(was, now) if d.split()[0][2:] not in free]
         if other:
