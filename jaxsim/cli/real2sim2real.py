@@ -10,7 +10,7 @@ import tyro
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
 from jaxsim.config import LoopConfig
-from jaxsim.files import hold
+from jaxsim.files import lock
 from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
@@ -43,7 +43,7 @@ def run(argv: Sequence[str]) -> None:
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
-    hold(asked.out, doing="at work in", instead="another --out")
+    lock(asked.out, doing="at work in", instead="another --out")
     Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
 
 

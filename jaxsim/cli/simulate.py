@@ -22,8 +22,8 @@ from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate.beside_drive import about_of, rasters, simulate_batch, take
-from jaxsim.simulate.effects import check_motion, settle_sensor, with_effects
-from jaxsim.simulate.origin import settle_origin
+from jaxsim.simulate.effects import check_motion, with_effects
+from jaxsim.simulate.folder import claim_effects, claim_frames
 from jaxsim.simulate.sensor import Projection, load
 
 
@@ -89,12 +89,12 @@ class Simulate:
         opening = dataset[positions[0]] if model else None
         if model and opening:
             check_motion(model, time_s=opening.time_s, speed_mps=opening.speed_mps, heading_rad=opening.heading_rad)
-        settle_sensor(self.out, model)
+        claim_effects(self.out, model)
         kind = self.data if foreign else own.kind
         unlike = [f"LiDAR in the {source.lidar}"] * (kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")
         made_of = ", ".join([kind, *unlike])
-        settle_origin(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
+        claim_frames(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
         first_s = opening.time_s if opening else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 

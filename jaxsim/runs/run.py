@@ -14,8 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from jaxsim.config import Experiment
-from jaxsim.data.pair_settings import differences
-from jaxsim.files import hold, replacing
+from jaxsim.files import claim, lock
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
@@ -56,20 +55,17 @@ def start_run(folder: Path, run: AnyRun) -> None:
 
     Raises ValueError where it holds another run, naming the flags that differ, or another process trains in it.
     """
-    hold(folder)
+    lock(folder)
     kind = kind_of(run)
-    if (folder / "config.json").is_file():
-        was = kind.settings.dump_python(load_run(folder, type(run)).experiment, mode="json")
-        now = kind.settings.dump_python(run.experiment, mode="json")
-        free = {*FREE} - {*kind.fixed}
-        other = [d for d in differences(was, now) if d.split()[0][2:] not in free]
-        if other:
-            raise ValueError(
-                f"run: {folder} holds a run with other settings ({'; '.join(other)}); "
-                "give this one another --run.name, or delete the folder"
-            )
-    with replacing(folder / "config.json") as path:
-        path.write_bytes(kind.dump(run))
+    claim(
+        folder / "config.json",
+        kind.settings.dump_python(run.experiment, mode="json"),
+        by="run",
+        text=kind.dump(run),
+        read=lambda _: kind.settings.dump_python(load_run(folder, type(run)).experiment, mode="json"),
+        free=[name for name in FREE if name not in kind.fixed],
+        instead="another --run.name",
+    )
 
 
 def run_kind(folder: Path | str) -> Kind:

@@ -115,7 +115,7 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
     monkeypatch.setattr(Six, "__getitem__", read)
     Export(out=tmp_path / "whole", frames="3-5", workers=1)()
     assert (killed / "training/label_2/000003.txt").is_file()
-    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+    with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
         Export(out=killed, frames="3-5", reach_m=60)()
     Export(out=killed, frames="3-5")()
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
@@ -127,9 +127,9 @@ def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, 
     settings = {"out": tmp_path / "out", "data": "kitti_object", "recipe": CloudRecipe(source="measured")}
     Export(**settings, root=tmp_path / "a", frames="0")()
     Export(**settings, root=tmp_path / "b" / ".." / "a", frames="0")()
-    with pytest.raises(ValueError, match=r"made with root .*a instead of .*b; .*\(where it has only moved, write"):
+    with pytest.raises(ValueError, match=r"\(root was .*a, now .*b\); .*\(where a folder has only moved, write"):
         Export(**settings, root=tmp_path / "b", frames="0-1")()
-    with pytest.raises(ValueError, match="made with rows file_order instead of elevation"):
+    with pytest.raises(ValueError, match=r"settings \(rows was file_order, now elevation\)"):
         Export(**settings, root=tmp_path / "a", frames="0-1", rows="elevation")()
 
 
@@ -151,7 +151,7 @@ def test_lines_of_any_sensor_are_read_from_its_grid(tmp_path, six):
     assert len(xyz) > 50
     assert (np.abs(elevation[:, None] - [-1, -5]).min(axis=1) < 1).all()
     write_grid(tmp_path / "sensor", full_grid(replace(narrow, elevation_deg=(-1.0, -3.0, -6.0))))
-    with pytest.raises(ValueError, match=r"made with recipe\.lines grid of SHA-256"):
+    with pytest.raises(ValueError, match=r"settings \(recipe\.lines was grid of SHA-256"):
         Export(out=tmp_path / "out", frames="0", recipe=recipe)()
 
 
@@ -179,13 +179,13 @@ def test_effects_need_rays(tmp_path, six):
 
 def test_frames_of_another_making_are_not_added(tmp_path, six):
     Export(out=tmp_path, frames="0")()
-    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+    with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
         Export(out=tmp_path, frames="0-1", reach_m=60)()
     (tmp_path / "export.json").write_text("{")
     with pytest.raises(ValueError, match="cannot be read"):
         Export(out=tmp_path, frames="0")()
     (tmp_path / "export.json").unlink()
-    with pytest.raises(ValueError, match="did not make"):
+    with pytest.raises(ValueError, match=r"no export\.json says"):
         Export(out=tmp_path, frames="0")()
 
 

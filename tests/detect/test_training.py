@@ -141,5 +141,5 @@ def test_a_detector_killed_in_its_first_epoch_ends_with_the_weights_of_an_uninte
 def test_a_resumed_detector_must_learn_as_long(tmp_path):
     start_run(tmp_path, DetectorRun(EXPERIMENT, 100, 8))
     longer = replace(EXPERIMENT, optim=replace(EXPERIMENT.optim, epochs=90))
-    with pytest.raises(ValueError, match=r"--optim\.epochs was 80, now 90"):
+    with pytest.raises(ValueError, match=r"optim\.epochs was 80, now 90"):
         start_run(tmp_path, DetectorRun(longer, 100, 8))

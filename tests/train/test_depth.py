@@ -101,5 +101,5 @@ def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path,
     assert cv2.imread(str(tmp_path / "a" / "figures" / "step_000008.png")) is not None
 
     other = replace(whole, penet=replace(whole.penet, start_m=3.0))
-    with pytest.raises(ValueError, match=r"other settings \(--penet\.start_m was .*, now 3\.0\)"):
+    with pytest.raises(ValueError, match=r"other settings \(penet\.start_m was .*, now 3\.0\)"):
         train(other, "Other.")

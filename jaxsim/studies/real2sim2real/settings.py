@@ -16,8 +16,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from jaxsim.config import CloudRecipe, DataConfig, DetectorExperiment, Experiment, LoopConfig
-from jaxsim.data.pair_settings import differences
-from jaxsim.files import replacing
+from jaxsim.files import claim
 
 REAL = "real"
 KINDS: dict[str, tuple[CloudRecipe, str]] = {
@@ -115,17 +114,16 @@ def settle_loop(config: LoopConfig) -> Loop:
     for flag, values in (("kinds", config.kinds), ("seeds", config.seeds)):
         if not values or len({*values}) < len(values):
             raise ValueError(f"real2sim2real: --{flag} are {values}; give some, and each once")
-    path, adapter = config.out / "loop.json", TypeAdapter(LoopConfig)
+    path = config.out / "loop.json"
+    adapter = TypeAdapter(LoopConfig)
     begun = any((config.out / name).exists() for name in ("intensity", "trees", "detectors"))
-    if path.is_file() and begun:
-        was = adapter.dump_python(adapter.validate_json(path.read_bytes()), mode="json")
-        now = adapter.dump_python(config, mode="json")
-        free = ("--kinds", "--seeds", "--out")
-        if other := [line for line in differences(was, now) if not line.startswith(free)]:
-            raise ValueError(
-                f"real2sim2real: {config.out} holds a loop with other settings ({'; '.join(other)}); give another "
-                "--out, or delete the folder"
-            )
-    with replacing(path) as temporary:
-        temporary.write_bytes(adapter.dump_json(config, indent=1))
+    claim(
+        path,
+        adapter.dump_python(config, mode="json"),
+        by="real2sim2real",
+        text=adapter.dump_json(config, indent=1),
+        filled=path.is_file() and begun,
+        read=lambda record: adapter.dump_python(adapter.validate_json(record), mode="json"),
+        free=("kinds", "seeds", "out"),
+    )
     return Loop(config)

@@ -44,7 +44,7 @@ def test_more_seeds_and_kinds_may_be_asked_for_but_no_other_settings(loop):
     loop.sensor.mkdir()
     settle_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
     other = replace(loop.config, synthetic=replace(loop.config.synthetic, seed=9))
-    with pytest.raises(ValueError, match=r"other settings \(--synthetic\.seed was 1, now 9\); give another --out"):
+    with pytest.raises(ValueError, match=r"other settings \(synthetic\.seed was 1, now 9\); give another --out"):
         settle_loop(other)
     with pytest.raises(ValueError, match="each once"):
         settle_loop(replace(loop.config, seeds=(1, 1)))
