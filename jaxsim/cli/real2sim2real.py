@@ -9,6 +9,7 @@ import tyro
 
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
+from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig
 from jaxsim.files import lock
 from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
@@ -38,7 +39,7 @@ def run(argv: Sequence[str]) -> None:
     """Runs the command on its own flags, those of LoopConfig among them."""
     name, flags = _config_of(argv)
     config, words = load_loop(name)
-    intro = f"{Real2Sim2Real.__doc__}\n\n{name}: {words}"
+    intro = f"    jaxsim real2sim2real --config {name}\n\n{Real2Sim2Real.__doc__}\n\n{name}: {words}"
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
@@ -69,20 +70,12 @@ def export_kinds(loop: Loop) -> None:
     exports = [
         Export(
             out=loop.tree(kind),
-            data=source.kind,
-            root=source.root,
-            scenes=source.scenes,
-            variations=source.variations,
-            camera=source.camera,
-            lidar=source.lidar,
-            seed=source.seed,
-            streets=source.streets,
-            rows=source.rows,
+            data=Source.of(source),
             frames=f"{source.train},{source.validation}",
             validation=source.validation,
             recipe=loop.recipe(kind),
             run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
-            sensor=loop.effects if kind in WITH_EFFECTS else None,
+            effects=loop.effects if kind in WITH_EFFECTS else None,
             occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
         )
         for kind in loop.config.kinds

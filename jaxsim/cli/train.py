@@ -42,7 +42,9 @@ def parse_experiment(argv: Sequence[str]) -> tuple[AnyExperiment, str]:
     names = experiment_names()
     width = max(map(len, names)) + 2
     others = "\n".join(f"  {n:<{width}}{load_experiment(n)[1].splitlines()[0]}" for n in names)
-    intro = f"""python train.py [EXPERIMENT] [--flags]; the same command again resumes the run.
+    intro = f"""    jaxsim train {name}
+
+Trains the experiment; the same command again resumes the run.
 
 Experiments (configs/):
 {others}
@@ -50,5 +52,5 @@ Experiments (configs/):
 {name}: {docstring}"""
     folder = name.rsplit("/", 1)[-1].removesuffix(".py")
     default = replace(experiment, run=replace(experiment.run, name=experiment.run.name or folder))
-    parsed = tyro.cli(type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}")
+    parsed = tyro.cli(type(experiment), args=flags, default=default, description=intro, prog=f"jaxsim train {name}")
     return parsed, docstring

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from jaxsim.files import replacing
 from jaxsim.metrics import Score
 from jaxsim.report.markdown import markdown_table
+from jaxsim.report.results import write_results
 
 Scores = dict[str, dict[str, Score]]
 """Predictor -> score's name -> score."""
@@ -27,14 +26,9 @@ def score_table(scores: Scores) -> str:
 
 def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
     """Writes scores.json and scores.md."""
-    content = {
-        "frames": frames,
-        "scores": {who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()},
-    }
-    with replacing(folder / "scores.json") as path:
-        path.write_text(json.dumps(content, indent=2))
-    with replacing(folder / "scores.md") as path:
-        path.write_text(f"{len(frames)} frames\n\n{score_table(scores)}\n")
+    plain = {who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()}
+    text = f"{len(frames)} frames\n\n{score_table(scores)}"
+    write_results(folder, "scores", {"frames": frames, "scores": plain}, text=text)
 
 
 def list_scores(scores: dict[str, Score]) -> str:
@@ -46,8 +40,5 @@ def list_scores(scores: dict[str, Score]) -> str:
 def write_list(folder: Path, name: str, scores: dict[str, Score], *, about: dict[str, Any]) -> None:
     """Writes NAME.json and NAME.md; `about` says what was compared."""
     content = about | {"scores": {key: score._asdict() for key, score in scores.items()}}
-    with replacing(folder / f"{name}.json") as path:
-        path.write_text(json.dumps(content, indent=2))
-    said = "\n".join(f"{key}: {value}" for key, value in about.items())
-    with replacing(folder / f"{name}.md") as path:
-        path.write_text(f"{said}\n\n{list_scores(scores)}\n")
+    facts = "\n".join(f"{key}: {value}" for key, value in about.items())
+    write_results(folder, name, content, text=f"{facts}\n\n{list_scores(scores)}")

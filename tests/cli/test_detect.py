@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.cli.detect import Detect, cloud_files, read_cloud
+from jaxsim.cli.detect import Detect
 from jaxsim.detect.state import create_state
+from jaxsim.evaluate.cloud_folder import cloud_files, read_cloud
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
 from jaxsim.runs.checkpoints import Checkpoints

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import discover, stop_on_error
+from jaxsim.cli.source import Source
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
 from jaxsim.discover import discover_folders
@@ -135,7 +136,9 @@ def test_a_run_and_folders_at_once(run: Path, out: Path, tmp_path: Path):
 def test_flags_of_a_run_without_one(out: Path, tmp_path: Path):
     both = {"simulated": out / "simulated", "measured": out / "measured"}
     assert "--frames is for a trained run" in complaint(discover.Discover(**both, frames="3", out=tmp_path))
-    assert "--data is for a trained run" in complaint(discover.Discover(**both, data="kitti_raw", out=tmp_path))
+    assert "--data.kind is for a trained run" in complaint(
+        discover.Discover(**both, data=Source("kitti_raw"), out=tmp_path)
+    )
 
 
 def test_one_folder_alone(out: Path, tmp_path: Path):

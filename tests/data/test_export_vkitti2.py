@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
+from jaxsim.cli.source import Source
 from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
@@ -24,7 +25,7 @@ from tests.cloud import openpcdet_rules as rules
 def export(virtual, tmp_path_factory):
     def export(**settings) -> Path:
         out = tmp_path_factory.mktemp("tree")
-        Export(out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), frames="0-1", **settings)()
+        Export(out=out, data=Source("vkitti2", root=virtual.root, scenes=("Scene01",)), frames="0-1", **settings)()
         return out
 
     return export

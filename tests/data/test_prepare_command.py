@@ -54,7 +54,7 @@ def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes
         kept = {path.name: path.stat().st_mtime_ns for path in making.glob("done/*.json")}
         assert len(kept) < 7
         output = said(tmp_path, *command)
-        assert f"train on it: python train.py ... --data.kind prepared --data.root {out}" in output
+        assert f"train on it: jaxsim train ... --data.kind prepared --data.root {out}" in output
     whole = make_set(
         tmp_path / "whole",
         DataConfig(kind="kitti_raw", root=drives),

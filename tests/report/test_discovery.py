@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.verdict import Interval, Nulls, Result
-from jaxsim.frame import PolarGrid
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.report.charts import azimuth_ticks, colour_limit, diverging, residual_maps, ticks
-from jaxsim.report.words import number, probability
+from jaxsim.report.words import number
 from tests.report import results
 
 
@@ -125,28 +123,6 @@ def test_effects_and_covariates_that_the_catalogue_does_not_know_are_drawn_all_t
     assert (tmp_path / "figures" / "parameter_new_effect_a-b.png").is_file()
 
 
-def test_sentences():
-    named = verdict_sentence(results.named().verdict)
-    assert named.startswith("The simulation lacks beam_gain (each beam has its own gain) and range_scale")
-    assert "closes 93 % of the explainable gap (90 % interval 88 % to 97 %) on 2 scenes" in named
-    assert named.endswith("These data cannot tell beam_gain from focal_compensation.")
-    assert verdict_sentence(results.none().verdict).startswith("No missing effect was found")
-    outside = verdict_sentence(results.not_in_catalogue().verdict)
-    assert outside == (
-        "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
-    )
-
-
-def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():
-    verdict = replace(results.named().verdict, closure=None)
-    assert (
-        "adding them makes the intensities of 2 scenes that nothing was fitted to more probable, by 180 nats per scene "
-        "(90 % interval 150 to 210), where free curves gain nothing for certain" in verdict_sentence(verdict)
-    )
-    silent = {name: replace(g, gained=None) for name, g in verdict.gap.items()}
-    assert "more probable" not in verdict_sentence(replace(verdict, gap=silent))
-
-
 @pytest.mark.parametrize(
     ("low", "high", "word"), [(2.0, 9.0, "gains"), (-9, -2, "loses"), (-9, 9, "undecided"), (-0.5, 0.7, "as before")]
 )
@@ -159,23 +135,6 @@ def test_the_page_says_what_the_likelihood_of_judge_scenes_gains(tmp_path: Path,
     assert "nats per scene" in text
 
 
-def test_before_and_after_share_one_colour_scale():
-    weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
-    chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
-    assert chart is not None
-    pictures = [stroke.rgb for stroke in chart.strokes if hasattr(stroke, "rgb")]
-    assert (pictures[0] == diverging(strong, 0.4)).all()
-    assert (pictures[1] == diverging(weak, 0.4)).all()
-
-
-def test_few_strong_cells_do_not_let_a_quiet_map_look_loud():
-    quiet = np.full((20, 50), -0.003)
-    quiet[3, :3] = 1.0
-    limit = colour_limit([quiet])
-    assert limit == pytest.approx(np.sqrt(np.mean(quiet**2)))
-    assert diverging(quiet, limit)[0, 0].min() > 225
-
-
 def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
     result = results.named()
     gap = dict(result.verdict.gap)
@@ -183,34 +142,3 @@ def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
     gap["drop"] = replace(gap["drop"], low=-0.02, high=-0.01)
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
     assert [text.count(f"<small>{word}</small>") for word in ("shrank", "unchanged", "grew")] == [1, 1, 1]
-
-
-def test_colours_are_white_at_zero_and_grey_where_nothing_is_known():
-    rgb = diverging(np.array([[-1.0, 0.0, 1.0, np.nan]]), 1.0)[0]
-    assert rgb[0, 2] > rgb[0, 0]
-    assert rgb[2, 0] > rgb[2, 2]
-    assert (rgb[1] == 250).all()
-    assert (rgb[3] == 176).all()
-
-
-def test_azimuth_is_written_where_its_column_is():
-    azimuth = np.deg2rad(np.arange(39.5, -40, -1.0))
-    places = {text: place for place, text in azimuth_ticks(PolarGrid(azimuth, np.zeros(1), np.zeros(1)))}
-    assert places["0"] == pytest.approx(0.5)
-    assert places["20"] == pytest.approx(0.25)
-    assert places["−20"] == pytest.approx(0.75)
-
-
-def test_ticks_are_round_and_whole_where_they_count_things():
-    assert ticks(-0.23, 0.23) == [-0.2, -0.1, 0.0, 0.1, 0.2]
-    assert all(value == int(value) for value in ticks(0, 15, 7, whole=True))
-    assert ticks(3.0, 3.0) == [3.0]
-
-
-def test_numbers_are_short_and_honest():
-    assert number(0.0) == "0"
-    assert number(-0.12345) == "−0.123"
-    assert number(211.4) == "211"
-    assert number(float("nan")) == "–"
-    assert number(3e-6) == "3.00e−06"
-    assert probability(1e-5) == "< 0.0001"

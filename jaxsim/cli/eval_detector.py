@@ -1,4 +1,4 @@
-"""`python eval.py runs/NAME` of a detector: KITTI's scores of its last checkpoints, and pictures."""
+"""`jaxsim eval RUN` of a detector: KITTI's scores of its last checkpoints, and pictures."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
-from jaxsim.data import open_dataset, select, source_of
+from jaxsim.data import open_dataset
+from jaxsim.data.select import frames_to_judge
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
 from jaxsim.runs.checkpoints import Checkpoints
@@ -21,36 +23,32 @@ MEAN_OF, PICTURES = 5, 4
 the run saved with `save_every` 0."""
 
 
-def judge_run(
-    run: Path, *, data: str, root: Path | None, scenes: tuple[str, ...], frames: str, out: Path | None
-) -> None:
+def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
     """Scores the last kept checkpoints on a run's validation frames, or on those of another data set.
 
     Prints the last one's table and the mean over all, of fewer than five too; writes both (detection.json, .md) and
-    pictures to RUN/evaluation. Raises ValueError where no checkpoint is kept.
+    pictures to `out`. Raises ValueError where no checkpoint is kept.
     """
     experiment, checkpoints = load_run(run, DetectorRun).experiment, Checkpoints(run)
     if not checkpoints.steps:
         raise ValueError(f"run: no checkpoint in {run}; the training has not saved one yet")
-    source = source_of(experiment.data, data, root=root, scenes=scenes)
+    source = data.config(experiment.data)
     judged = replace(experiment, data=source)
     dataset = open_dataset(source)
-    foreign = data != "same"
-    positions = select(frames or (f"0-{len(dataset) - 1}" if foreign else source.validation), dataset)
-    found_in = experiment_scenes(dataset, positions, judged)
-    find, steps = make_find(judged), checkpoints.steps[-MEAN_OF:]
-    per_step, found = [], []
+    positions = frames_to_judge(frames, dataset, validation="" if data.foreign else source.validation)
+    scenes = experiment_scenes(dataset, positions, judged)
+    find = make_find(judged)
+    steps = checkpoints.steps[-MEAN_OF:]
+    per_step, detections = [], []
     for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
-        curves, found = score_detector(find, load_detector(run, step=step).network, found_in, judged)
+        curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, judged)
         per_step.append(curves)
-    out = out or run / ("evaluation" if not foreign else f"evaluation_{data}")
-    about = {"run": str(run), "data": source.kind, "frames": len(found_in), "step": steps[-1], "rules": "official"}
     mean = said_mean(steps, experiment.run), mean_curves(per_step)
+    about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, per_step[-1], about=about | {"mean_of_steps": steps}, mean=mean)
-    for scene, detections in zip(found_in, found[:PICTURES], strict=False):
-        picture = detection_picture(scene, detections, judged.voxels.range_m, title="")
-        save_picture(out / f"{scene.name}.png", picture)
-    print(f"{len(found_in)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")
+    for scene, boxes in zip(scenes, detections[:PICTURES], strict=False):
+        save_picture(out / f"{scene.name}.png", detection_picture(scene, boxes, judged.voxels.range_m, title=""))
+    print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")
 
 

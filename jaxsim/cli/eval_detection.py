@@ -1,4 +1,4 @@
-"""`python eval.py detection`: KITTI's scores of a detector's result files."""
+"""`jaxsim eval detection`: KITTI's scores of a detector's result files."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ class Detection:
     out: Path | None = None
     """Where to write; by default beside the folder of detections, in NAME_evaluation."""
 
-
-def judge(args: Detection) -> None:
-    """Scores, prints and writes."""
-    names = frame_list(args.frames) if args.frames else found_frames(args.detections)
-    truth, detections = read_truth(args.labels, names), read_detections(args.detections, names)
-    passes = len(args.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
-    with tqdm(total=passes, desc="matching", unit="pass") as bar:
-        curves = evaluate(truth, detections, rules=args.rules, classes=args.classes, done=bar.update)
-    left_out = "" if args.frames else f" of {len(found_frames(args.labels))} labelled (--frames FILE fixes the list)"
-    print(f"{len(names)} frames{left_out}, {args.rules} rules\n\n{detection_table(curves)}\n")
-    out = args.out or args.detections.resolve().with_name(f"{args.detections.resolve().name}_evaluation")
-    about = {"detections": str(args.detections), "labels": str(args.labels), "frames": len(names), "rules": args.rules}
-    write_detection(out, curves, about=about)
-    print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")
+    def __call__(self) -> None:
+        names = frame_list(self.frames) if self.frames else found_frames(self.detections)
+        truth = read_truth(self.labels, names)
+        detections = read_detections(self.detections, names)
+        passes = len(self.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
+        with tqdm(total=passes, desc="matching", unit="pass") as bar:
+            curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
+        omitted = "" if self.frames else f" of {len(found_frames(self.labels))} labelled (--frames FILE fixes the list)"
+        print(f"{len(names)} frames{omitted}, {self.rules} rules\n\n{detection_table(curves)}\n")
+        folder = self.detections.resolve()
+        out = self.out or folder.with_name(f"{folder.name}_evaluation")
+        compared = {"detections": str(self.detections), "labels": str(self.labels)}
+        write_detection(out, curves, about=compared | {"frames": len(names), "rules": self.rules})
+        print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")

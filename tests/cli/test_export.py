@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export, Maker, export_trees
+from jaxsim.cli.source import Source
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.config import CloudRecipe
 from jaxsim.data import DATASETS, KittiObject
@@ -124,13 +125,17 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
 
 
 def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, six):
-    settings = {"out": tmp_path / "out", "data": "kitti_object", "recipe": CloudRecipe(source="measured")}
-    Export(**settings, root=tmp_path / "a", frames="0")()
-    Export(**settings, root=tmp_path / "b" / ".." / "a", frames="0")()
+    settings = {"out": tmp_path / "out", "recipe": CloudRecipe(source="measured")}
+
+    def kitti(folder: Path, **more) -> Source:
+        return Source("kitti_object", root=folder, **more)
+
+    Export(**settings, data=kitti(tmp_path / "a"), frames="0")()
+    Export(**settings, data=kitti(tmp_path / "b" / ".." / "a"), frames="0")()
     with pytest.raises(ValueError, match=r"\(root was .*a, now .*b\); .*\(where a folder has only moved, write"):
-        Export(**settings, root=tmp_path / "b", frames="0-1")()
+        Export(**settings, data=kitti(tmp_path / "b"), frames="0-1")()
     with pytest.raises(ValueError, match=r"settings \(rows was file_order, now elevation\)"):
-        Export(**settings, root=tmp_path / "a", frames="0-1", rows="elevation")()
+        Export(**settings, data=kitti(tmp_path / "a", rows="elevation"), frames="0-1")()
 
 
 def test_a_data_set_whose_frames_have_shifted_is_not_mixed_with_what_it_was(tmp_path, six, monkeypatch):
@@ -174,7 +179,7 @@ def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path,
 def test_effects_need_rays(tmp_path, six):
     SensorModel((("random_dropout", {"probability": 0.5}),)).save(tmp_path / "sensor.json")
     with pytest.raises(ValueError, match=r"give --recipe\.source simulated --recipe\.projection grid"):
-        Export(out=tmp_path / "out", frames="0", sensor=tmp_path / "sensor.json")()
+        Export(out=tmp_path / "out", frames="0", effects=tmp_path / "sensor.json")()
 
 
 def test_frames_of_another_making_are_not_added(tmp_path, six):
@@ -229,9 +234,9 @@ def test_a_split_within_a_scene_is_warned_of(tmp_path, six, capsys):
         ({"frames": "0", "recipe": CloudRecipe(lines="32_of_64", beams=(9, 13))}, "lines 64 --recipe.beams 9 13"),
         ({"frames": "0", "recipe": CloudRecipe(source="simulated")}, "needs a trained sensor.*--run"),
         ({"frames": "0", "recipe": CloudRecipe(source="measured", beams=(1,))}, "there are none; name them"),
-        ({"frames": "0", "sensor": Path("nowhere.json")}, r"no file nowhere\.json"),
+        ({"frames": "0", "effects": Path("nowhere.json")}, r"no file nowhere\.json"),
         ({"frames": "1-2"}, "no frame of 2 is left"),
-        ({"frames": "0", "data": "kitti_object", "lidar": "camera"}, "sensors of kitti_object stand apart"),
+        ({"frames": "0", "data": Source("kitti_object", lidar="camera")}, "sensors of kitti_object stand apart"),
     ],
 )
 def test_what_cannot_be_exported_is_told(tmp_path, six, settings, message):
@@ -254,7 +259,7 @@ def test_a_set_without_depth_asks_for_measured_clouds(tmp_path, six, monkeypatch
 
 
 def test_kittis_own_frames_are_copied_without_those_that_hold_nothing(tmp_path, samples):
-    settings = {"data": "kitti_object", "root": samples / "kitti_object", "recipe": CloudRecipe(source="measured")}
+    settings = {"data": Source("kitti_object", root=samples / "kitti_object"), "recipe": CloudRecipe(source="measured")}
     Export(out=tmp_path, **settings)()
     source, copy = KittiObject(samples / "kitti_object"), KittiObject(tmp_path)
     assert len(copy) == 3
@@ -269,7 +274,7 @@ def test_labels_without_their_calibration_are_told(tmp_path, samples):
     folder = tmp_path / "source" / "training"
     for name in ("velodyne", "image_2", "label_2"):
         shutil.copytree(samples / "kitti_object/training" / name, folder / name)
-    settings = {"data": "kitti_object", "root": folder.parent, "recipe": CloudRecipe(source="measured")}
+    settings = {"data": Source("kitti_object", root=folder.parent), "recipe": CloudRecipe(source="measured")}
     with pytest.raises(ValueError, match=r"there is no .*calib/000000.txt"):
         Export(out=tmp_path / "out", frames="0", **settings)()
 
@@ -279,7 +284,7 @@ def test_the_embedded_worlds_boxes_hold_their_points_from_the_camera_and_from_th
     for lidar in ("kitti", "camera"):
         for source in ("depth", "measured"):
             out = tmp_path / f"{lidar}_{source}"
-            Export(out=out, frames="0-4:4", lidar=lidar, recipe=CloudRecipe(source=source))()
+            Export(out=out, frames="0-4:4", data=Source("synthetic", lidar=lidar), recipe=CloudRecipe(source=source))()
             held = 0
             for frame in rules.accept(out).values():
                 for box, thing in zip(frame["boxes"], frame["objects"], strict=True):

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli.detector_run import judge_run, said_mean
+from jaxsim.cli.eval_detector import judge_run, said_mean
+from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Found
 from jaxsim.detect.state import create_state
@@ -34,14 +35,14 @@ def run(tmp_path, monkeypatch):
         found = [Found(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
         return kitti_curves(scenes, found, experiment), found
 
-    monkeypatch.setattr("jaxsim.cli.detector_run.open_dataset", lambda source: SCENES)
-    monkeypatch.setattr("jaxsim.cli.detector_run.experiment_scenes", lambda *_: SCENES)
-    monkeypatch.setattr("jaxsim.cli.detector_run.score_detector", scored)
+    monkeypatch.setattr("jaxsim.cli.eval_detector.open_dataset", lambda source: SCENES)
+    monkeypatch.setattr("jaxsim.cli.eval_detector.experiment_scenes", lambda *_: SCENES)
+    monkeypatch.setattr("jaxsim.cli.eval_detector.score_detector", scored)
     return tmp_path / "run"
 
 
 def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
-    judge_run(run, data="same", root=None, scenes=(), frames="", out=None)
+    judge_run(run, Source(), frames="", out=run / "evaluation")
     said = (
         "of the last 2 checkpoints, one every 3 steps (steps 3, 6); the paper's is of 5 (the run keeps 2: --run.keep 5)"
     )
