@@ -21,8 +21,6 @@ from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopC
 from jaxsim.runs.kinds import kind_in
 
 AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
-TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
-"""The program that trains one, for a process of its own."""
 PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "configs") if folder.is_dir())
 """The folder of experiments: installed, or of the checkout."""
@@ -76,7 +74,7 @@ def read_experiment(path: Path) -> AnyExperiment:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
     try:
         content = json.loads(path.read_text())
-        return TypeAdapter(kind_in(content).experiment).validate_python(content.get("experiment", content))
+        return kind_in(content).settings.validate_python(content.get("experiment", content))
     except FileNotFoundError:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
     except (ValueError, AttributeError, TypeError, ValidationError) as error:
