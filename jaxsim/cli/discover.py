@@ -80,19 +80,14 @@ class Discover:
         if self.unpaired:
             result = discover_unpaired(simulated=simulated, measured=measured, say=say)
         else:
-            known = self.known(simulated)
+            rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
+            known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
             result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, say=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
-
-    def known(self, simulated: Path) -> SensorModel:
-        """The effects that were given, checked against the sensor's beams; none otherwise."""
-        if self.effects is None:
-            return SensorModel()
-        return SensorModel.load(self.effects, rows=len(read_grid(simulated)[0].elevation_rad))
 
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
