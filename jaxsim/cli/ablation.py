@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxsim.cli.commands import parse
+from jaxsim.cli.eval import MODES
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
@@ -74,3 +76,10 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
     compare_networks(
         folders, args.out, frames=args.frames, extractor=extractor, pictures=args.pictures, unmeasured=unmeasured
     )
+
+
+def run(words: Sequence[str]) -> None:
+    """Runs the command on the words that follow its name; those after `--` are flags of the training."""
+    end = words.index("--") if "--" in words else len(words)
+    asked = parse(Ablation, words[:end], name="jaxsim eval ablation", example=MODES["ablation"].example)
+    ablation(asked, flags=words[end + 1 :])
