@@ -50,7 +50,7 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
-    angle, known = (np.asarray(x) for x in incidence(painted.range_m, painted.valid, grid))
+    angle, known = jax.device_get(incidence(painted.range_m, painted.valid, grid))
     middle = np.median(angle[known]) if known.any() else 0
     return {
         "semantic": np.asarray(painted.semantic).astype(np.uint8),
