@@ -8,6 +8,7 @@ from pathlib import Path
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cli.train import parse_experiment
+from jaxsim.config import Experiment
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.runs.run import load_run
 from jaxsim.studies.ablation.stages import compare_networks, train_all
@@ -63,6 +64,8 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
     folders = list(args.runs)
     if args.train:
         asked, _ = parse_experiment([args.train, *flags])
+        if not isinstance(asked, Experiment):
+            raise ValueError(f"ablation: {args.train} trains no intensity network; give one that does")
         folders = train_all(args.train, args.out, flags, more=besides(asked.prepare.inputs))
     unmeasured = None
     if args.also.foreign:

@@ -75,7 +75,7 @@ def find_all(
     *,
     total: int,
     quiet: bool = False,
-    more_room: str = "train.py makes room with --voxels.max-voxels and --voxels.growth",
+    more_room: str = "training makes room with --voxels.max-voxels and --voxels.growth",
 ) -> Iterator[tuple[str, Found]]:
     """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
     left_out: dict[str, dict[str, int]] = {}

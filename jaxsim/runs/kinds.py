@@ -70,8 +70,8 @@ class Kind:
     """In words, with its article."""
     key: str
     """The part of its experiment that no other kind has."""
-    experiment: type
-    run: type
+    experiment: type[Any]
+    run: type[Any]
     builder: str
     """`module:function` that makes a `Training` of an experiment; a name, as runs are also loaded below training."""
     fixed: tuple[str, ...] = ()
@@ -79,15 +79,22 @@ class Kind:
     bare: bool = False
     """Whether config.json holds the experiment alone."""
 
+    @property
+    def settings(self) -> TypeAdapter[Any]:
+        """Reads and writes its experiments."""
+        return TypeAdapter(self.experiment)
+
     def dump(self, run: AnyRun) -> bytes:
         """The config.json of a run."""
-        value, held = (run.experiment, self.experiment) if self.bare else (run, self.run)
-        return TypeAdapter(held).dump_json(value, indent=2)
+        if self.bare:
+            return self.settings.dump_json(run.experiment, indent=2)
+        whole: TypeAdapter[Any] = TypeAdapter(self.run)
+        return whole.dump_json(run, indent=2)
 
-    def parse(self, content: bytes) -> AnyRun:
+    def parse(self, content: bytes) -> Any:
         """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
         if self.bare:
-            return self.run(TypeAdapter(self.experiment).validate_json(content))
+            return self.run(self.settings.validate_json(content))
         return TypeAdapter(self.run).validate_json(content)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from jaxsim.config import Experiment
 from jaxsim.files import claim, lock
@@ -57,13 +57,12 @@ def start_run(folder: Path, run: AnyRun) -> None:
     """
     lock(folder)
     kind = kind_of(run)
-    settings = TypeAdapter(kind.experiment)
     claim(
         folder / "config.json",
-        settings.dump_python(run.experiment, mode="json"),
+        kind.settings.dump_python(run.experiment, mode="json"),
         by="run",
         text=kind.dump(run),
-        read=lambda _: settings.dump_python(load_run(folder, type(run)).experiment, mode="json"),
+        read=lambda _: kind.settings.dump_python(load_run(folder, type(run)).experiment, mode="json"),
         free=[name for name in FREE if name not in kind.fixed],
         instead="another --run.name",
     )
@@ -74,7 +73,7 @@ def run_kind(folder: Path | str) -> Kind:
     path = Path(folder) / "config.json"
     if not path.is_file():
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
-        hint = f"; there are runs at {', '.join(near)}" if near else "; `python train.py` makes one"
+        hint = f"; there are runs at {', '.join(near)}" if near else "; `jaxsim train` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
     try:
         return kind_in(json.loads(path.read_bytes()))

@@ -118,7 +118,7 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
     Export(out=tmp_path / "whole", frames="3-5", workers=1)()
     assert (killed / "training/label_2/000003.txt").is_file()
     with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
-        Export(out=killed, frames="3-5", reach_m=60)()
+        Export(out=killed, frames="3-5", reach_m=60.0)()
     Export(out=killed, frames="3-5")()
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
     assert len(files) == 3 * 4 + 3 + 1
@@ -191,7 +191,7 @@ def test_effects_need_rays(tmp_path, six):
 def test_frames_of_another_making_are_not_added(tmp_path, six):
     Export(out=tmp_path, frames="0")()
     with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
-        Export(out=tmp_path, frames="0-1", reach_m=60)()
+        Export(out=tmp_path, frames="0-1", reach_m=60.0)()
     (tmp_path / "export.json").write_text("{")
     with pytest.raises(ValueError, match="cannot be read"):
         Export(out=tmp_path, frames="0")()
