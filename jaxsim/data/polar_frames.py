@@ -53,7 +53,8 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
-    azimuth, elevation = (angles_of(path, name, content[name]) for name in ("azimuth", "elevation"))
+    azimuth = angles_of(path, "azimuth", content["azimuth"])
+    elevation = angles_of(path, "elevation", content["elevation"])
     origin = origin_of(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
     frames = content.get("frames", {})
     check_about(path, frames)
@@ -91,7 +92,8 @@ def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
     check_arrays(path, arrays)
-    range_m, intensity = (np.asarray(arrays.pop(key), np.float32) for key in REQUIRED)
+    range_m = np.asarray(arrays.pop("range"), np.float32)
+    intensity = np.asarray(arrays.pop("intensity"), np.float32)
     return PolarImage(range_m, intensity, range_m > 0), arrays
 
 

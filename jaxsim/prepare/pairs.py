@@ -205,5 +205,5 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
 
 
 def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, rows_cut: int) -> CameraFrame:
-    depth_m, valid = (np.asarray(x) for x in sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
+    depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
     return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)

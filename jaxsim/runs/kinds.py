@@ -80,7 +80,7 @@ class Kind:
     """Whether config.json holds the experiment alone."""
 
     @property
-    def settings(self) -> TypeAdapter[Any]:
+    def settings(self) -> TypeAdapter:
         """Reads and writes its experiments."""
         return TypeAdapter(self.experiment)
 

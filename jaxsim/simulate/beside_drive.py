@@ -27,20 +27,20 @@ def take(tree: Any, k: int) -> Any:
 
 
 def simulate_batch(
-    sensor: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
+    learned: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
 ) -> tuple[PolarImage, Painted, float]:
     """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
     from dense views to results. Raises ValueError where a frame's images are not like those of the run."""
     for frame in frames:
         try:
-            check_image(frame.camera.rgb.shape[-3:-1], sensor.run)
+            check_image(frame.camera.rgb.shape[-3:-1], learned.run)
         except ValueError as error:
             raise ValueError(f"{frame.name}: {error}") from error
-    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
+    views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
-    image, painted = jax.device_get(sensor.simulate_view(batch, projection=projection))
+    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection))
     return image, painted, time.monotonic() - begun
 
 
@@ -50,7 +50,7 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
-    angle, known = (np.asarray(x) for x in incidence(painted.range_m, painted.valid, grid))
+    angle, known = jax.device_get(incidence(painted.range_m, painted.valid, grid))
     middle = np.median(angle[known]) if known.any() else 0
     return {
         "semantic": np.asarray(painted.semantic).astype(np.uint8),
@@ -87,7 +87,7 @@ def comparable(measured: PolarImage, seen: Array) -> PolarImage:
 
 
 def write_pairs(
-    sensor: LearnedSensor,
+    learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
     out: Path,
@@ -112,11 +112,11 @@ def write_pairs(
             raise ValueError(
                 f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
             )
-    window, lines = sensor.window, sensor.run.spec.rows
+    window, lines = learned.window, learned.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
     for first in range(0, len(positions), batch):
         frames = [dataset[p] for p in positions[first : first + batch]]
-        images, painted, _ = simulate_batch(sensor, frames, min(batch, len(positions)))
+        images, painted, _ = simulate_batch(learned, frames, min(batch, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

@@ -194,7 +194,7 @@ def _write_frame(tree: _Tree, dataset: Dataset, position: int, frame: Frame) -> 
     key = jax.random.fold_in(jax.random.key(0), position)
     if frame.time_s is not None:
         frame = replace(frame, time_s=frame.time_s - tree.first_s)
-    cloud = make_cloud(frame, plan.recipe, plan.learned, effects=plan.effects_model, key=key)
+    cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
     points = int(np.asarray(cloud.valid).sum())
     if not points:
         return entry | {"left_out": "no point"}

@@ -31,7 +31,7 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
         raise ValueError(
             f"depth: {frame.name} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
         )
-    sparse_m, given = (np.asarray(x) for x in sparse_depth(pad_cloud(cloud), view.camera, (h, w)))
+    sparse_m, given = jax.device_get(sparse_depth(pad_cloud(cloud), view.camera, (h, w)))
     top, left = h - rows, round((w - columns) / 2)
     cut = lambda raster: np.asarray(raster)[top:, left : left + columns]  # noqa: E731
     intrinsics = np.array(view.camera.intrinsics, np.float32)
