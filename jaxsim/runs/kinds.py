@@ -79,23 +79,25 @@ class Kind:
     bare: bool = False
     """Whether config.json holds the experiment alone."""
 
-    @property
-    def settings(self) -> TypeAdapter:
-        """Reads and writes its experiments."""
-        return TypeAdapter(self.experiment)
+    def plain(self, experiment: Any) -> dict[str, Any]:
+        """The settings of an experiment as JSON has them."""
+        return _adapter(self.experiment).dump_python(experiment, mode="json")
 
     def dump(self, run: AnyRun) -> bytes:
         """The config.json of a run."""
         if self.bare:
-            return self.settings.dump_json(run.experiment, indent=2)
-        whole: TypeAdapter[Any] = TypeAdapter(self.run)
-        return whole.dump_json(run, indent=2)
+            return _adapter(self.experiment).dump_json(run.experiment, indent=2)
+        return _adapter(self.run).dump_json(run, indent=2)
 
     def parse(self, content: bytes) -> Any:
         """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
         if self.bare:
-            return self.run(self.settings.validate_json(content))
-        return TypeAdapter(self.run).validate_json(content)
+            return self.run(_adapter(self.experiment).validate_json(content))
+        return _adapter(self.run).validate_json(content)
+
+
+def _adapter(held: Any):
+    return TypeAdapter(held)
 
 
 KINDS = (

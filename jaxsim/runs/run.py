@@ -59,10 +59,10 @@ def start_run(folder: Path, run: AnyRun) -> None:
     kind = kind_of(run)
     claim(
         folder / "config.json",
-        kind.settings.dump_python(run.experiment, mode="json"),
+        kind.plain(run.experiment),
         by="run",
         text=kind.dump(run),
-        read=lambda _: kind.settings.dump_python(load_run(folder, type(run)).experiment, mode="json"),
+        read=lambda _: kind.plain(load_run(folder, type(run)).experiment),
         free=[name for name in FREE if name not in kind.fixed],
         instead="another --run.name",
     )

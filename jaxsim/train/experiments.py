@@ -74,7 +74,9 @@ def read_experiment(path: Path) -> AnyExperiment:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
     try:
         content = json.loads(path.read_text())
-        return kind_in(content).settings.validate_python(content.get("experiment", content))
+        return TypeAdapter[AnyExperiment](kind_in(content).experiment).validate_python(
+            content.get("experiment", content)
+        )
     except FileNotFoundError:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
     except (ValueError, AttributeError, TypeError, ValidationError) as error:
