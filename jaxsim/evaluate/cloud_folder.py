@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment
@@ -70,7 +70,7 @@ class CloudFolder:
             raise ValueError("detect: there is no folder of images; give --images")
         return read_image(self.images / f"{name}.png")
 
-    def labelled(self, name: str, view: View, kind: str) -> Float32[np.ndarray, "g 7"] | None:
+    def labelled(self, name: str, view: View, kind: str) -> Float[np.ndarray, "g 7"] | None:
         """The labelled boxes of a class in the LiDAR's axes; None where no labels are given."""
         if not self.labels:
             return None
