@@ -1,12 +1,20 @@
 """jaxsim: learn an automotive LiDAR from drives, simulate it, find what the simulation lacks.
 
-data        frames of drives (KITTI, the embedded world)
-  | prepare     camera and LiDAR aligned on the sensor's polar grid
-  | effects     what light and electronics do: the catalogue, and sensor models made of it
-  | pix2pix     the network that learns intensity
-  | simulate    runs, the learned sensor, its scores
-cloud       point clouds in the formats that tools open
-report      pictures and tables
+data        frames of drives: KITTI, renderers, the embedded world
+  |
+prepare     camera and LiDAR aligned on the sensor's polar grid
+  |
+pairs       the training pairs, kept on disk
+  |
+train       one loop: intensity (pix2pix), detector (detect), depth  ->  runs
+  |
+simulate    the learned sensor of a run: frames and clouds  <-  effects: what light and electronics do
+  |
+  |---- evaluate    scores of runs, of frames, of detectors (metrics)
+  |
+discover    which effect is missing: find, name, add, show  ->  effects, back into simulate
+  |
+report      pictures, tables, pages
 """
 
 from __future__ import annotations
@@ -17,11 +25,31 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jaxsim.cloud import save_cloud
     from jaxsim.data import open_dataset
-    from jaxsim.simulate.sensor import LearnedSensor, load
+    from jaxsim.discover import Result, Verdict, discover_folders
+    from jaxsim.simulate import LearnedSensor, load, simulate_frame
 
-__all__ = ["LearnedSensor", "load", "open_dataset", "save_cloud"]
+__all__ = [
+    "LearnedSensor",
+    "Result",
+    "Verdict",
+    "discover_folders",
+    "load",
+    "open_dataset",
+    "save_cloud",
+    "simulate_frame",
+]
 
-HOMES = {"LearnedSensor": "simulate", "load": "simulate", "open_dataset": "data", "save_cloud": "cloud"}
+HOMES = {
+    "LearnedSensor": "simulate",
+    "Result": "discover",
+    "Verdict": "discover",
+    "discover_folders": "discover",
+    "load": "simulate",
+    "open_dataset": "data",
+    "save_cloud": "cloud",
+    "simulate_frame": "simulate",
+}
+"""The package of each public name."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""`python eval.py ablation`: networks that differ in their inputs, trained where they are missing, in one table."""
+"""`jaxsim eval ablation`: networks that differ in their inputs, trained where they are missing, in one table."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxsim.cli.commands import parse
+from jaxsim.cli.eval import MODES
+from jaxsim.cli.source import SAME, Source
 from jaxsim.cli.train import parse_experiment
-from jaxsim.config import DataKind
-from jaxsim.data import source_of
+from jaxsim.config import Experiment
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.runs.run import load_run
 from jaxsim.studies.ablation.stages import compare_networks, train_all
@@ -19,8 +21,8 @@ from jaxsim.studies.ablation.table import besides
 class Ablation:
     """The paper's first table: what each kind of input is worth. Give trained runs, or an experiment to train from.
 
-        python eval.py ablation --runs runs/kitti_step_rgb runs/kitti_step_combined ...
-        python eval.py ablation --train ablation --out runs/ablation [-- FLAGS OF train.py]
+        jaxsim eval ablation --runs runs/kitti_step_rgb runs/kitti_step_combined ...
+        jaxsim eval ablation --train ablation --out runs/ablation [-- FLAGS OF jaxsim train]
 
     `--train` trains the experiment five times, with the inputs rgb, semantic, edges, depth, and all four (combined), to
     OUT/NAME; inputs of the experiment that the paper has not (incidence, range, row) go to all five. A run that is
@@ -43,12 +45,8 @@ class Ablation:
     """Features of Inception: 2048, or 768, 192, 64 for small sets (another score, under another name)."""
     pictures: int = 4
     """Frames to draw, evenly spread over those that are judged."""
-    also: DataKind | None = None
-    """Draw frames of this data set too, which no LiDAR measured: `vkitti2`."""
-    also_root: Path | None = None
-    """Its folder."""
-    also_scenes: tuple[str, ...] = ()
-    """Its scenes: `Scene01`. None named: all."""
+    also: Source = SAME
+    """Draw frames of another data set too, which no LiDAR measured: `--also.kind vkitti2`."""
     also_frames: str = "0-1"
     """Frames of it to draw."""
 
@@ -68,11 +66,20 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
     folders = list(args.runs)
     if args.train:
         asked, _ = parse_experiment([args.train, *flags])
+        if not isinstance(asked, Experiment):
+            raise ValueError(f"ablation: {args.train} trains no intensity network; give one that does")
         folders = train_all(args.train, args.out, flags, more=besides(asked.prepare.inputs))
     unmeasured = None
-    if args.also:
+    if args.also.foreign:
         seen = load_run(folders[0]).experiment.data
-        unmeasured = source_of(seen, args.also, root=args.also_root, scenes=args.also_scenes), args.also_frames
+        unmeasured = args.also.config(seen), args.also_frames
     compare_networks(
         folders, args.out, frames=args.frames, extractor=extractor, pictures=args.pictures, unmeasured=unmeasured
     )
+
+
+def run(words: Sequence[str]) -> None:
+    """Runs the command on the words that follow its name; those after `--` are flags of the training."""
+    end = words.index("--") if "--" in words else len(words)
+    asked = parse(Ablation, words[:end], name="jaxsim eval ablation", example=MODES["ablation"].example)
+    ablation(asked, flags=words[end + 1 :])

@@ -46,7 +46,7 @@ def choose(name: str, commands: Mapping[str, Command]) -> Command:
     if name in commands:
         return commands[name]
     near = get_close_matches(name, commands, n=1)
-    guess = f"; did you mean {near[0]}?" if near else ""
+    guess = f"; did you mean {near[0]}?" if near else "."
     raise ValueError(f"jaxsim: no command {name!r}{guess} Known commands: {', '.join(commands)}")
 
 
@@ -60,11 +60,11 @@ def call(command: Command, words: Sequence[str], *, name: str) -> None:
         entry(list(words))
 
 
-def parse(flags: Any, words: Sequence[str], *, name: str, example: str, more: str = "") -> Any:
-    """A dataclass of flags from words; `--help` prints the example, what the dataclass says of itself, and `more`."""
+def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
+    """A dataclass of flags from words; `--help` prints the example, then what the dataclass says of itself."""
     import tyro  # waits until a command is known, so that `jaxsim --help` answers at once
 
     from jaxsim.cli.source import in_new_spelling
 
-    said = "\n\n".join(part for part in (f"    {example}", getdoc(flags) or "", more) if part)
-    return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=said)
+    description = f"    {example}\n\n{getdoc(flags) or ''}"
+    return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=description)

@@ -18,27 +18,31 @@ from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate.beside_drive import write_pairs
 from jaxsim.simulate.sensor import load
 
+NOT_UNPAIRED = {
+    "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
+    "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
+    "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
+    "(`jaxsim simulate --effects`)",
+}
+"""Flags that do not go with --unpaired, and why."""
+
 
 @dataclass(frozen=True)
 class Discover:
     """Finds where simulated and measured frames disagree, names the effect that the simulation lacks, and shows
     the gap with the effect added.
 
-        jaxsim discover --measured DIR --simulated DIR --out OUT
         jaxsim discover runs/NAME --data.kind kitti_raw --data.root DIR --out OUT
 
-    Two folders of polar frames: grid.json, and one NAME.npz a frame with range (m, 0 = no return) and intensity,
-    which lies in 0..1; both are rows x columns. Frames of the same name are compared. The format is
-    docs/polar-frames.md; `jaxsim simulate` writes such a folder as OUT/polar.
-
-    Or a trained run against the drive that it should imitate: its frames are simulated on the run's polar window and
-    compared with their own scans. The ranges are those of the camera's dense depth, as `jaxsim simulate` has them.
-    The frames go to OUT/simulated and OUT/measured.
+    Two folders of polar frames (docs/polar-frames.md): grid.json, and one NAME.npz a frame with range (m, 0 = no
+    return) and intensity (0..1), rows x columns; frames of the same name are compared. `jaxsim simulate` writes such a
+    folder as OUT/polar. Or the learned sensor of a run against the drive that it should imitate: its frames are
+    simulated on the run's polar window, with the ranges of the camera's dense depth, and compared with their own scans;
+    they go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
-    catalogue does not hold.
-
-    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and figures/ to OUT.
+    catalogue does not hold. Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and
+    figures/ to OUT.
     """
 
     out: Path
@@ -67,39 +71,23 @@ class Discover:
     can be told; the answer lists the others. Needs eight drives on each side."""
 
     def __call__(self) -> None:
-        if self.unpaired and self.run:
-            raise ValueError(
-                "discover: --unpaired came with a run, whose frames are simulated on the measured streets; leave it "
-                "out, or give --measured and --simulated instead of the run"
-            )
-        if self.unpaired and self.nulls:
-            raise ValueError(
-                "discover: --nulls came with --unpaired, which exchanges scenes between the sides to see what chance "
-                "does; leave one of them out"
-            )
-        if self.unpaired and self.effects:
-            raise ValueError(
-                "discover: --effects came with --unpaired, which compares the frames as they are; leave it out, or "
-                "simulate the frames with them (`jaxsim simulate --effects`)"
-            )
+        for flag, why in NOT_UNPAIRED.items():
+            if self.unpaired and getattr(self, flag):
+                name = "a run" if flag == "run" else f"--{flag}"
+                raise ValueError(f"discover: {name} came with --unpaired, {why}")
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
         if self.unpaired:
             result = discover_unpaired(simulated=simulated, measured=measured, say=say)
         else:
-            known = self.known(simulated)
+            rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
+            known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
             result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, log=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
-
-    def known(self, simulated: Path) -> SensorModel:
-        """The effects that were given, checked against the sensor's beams; none otherwise."""
-        if self.effects is None:
-            return SensorModel()
-        return SensorModel.load(self.effects, rows=len(read_grid(simulated)[0].elevation_rad))
 
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
@@ -128,7 +116,7 @@ def _folder(flag: str, folder: Path | None) -> Path:
     if not folder.is_dir():
         raise ValueError(
             f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
-            "(docs/polar-frames.md)"
+            "(jaxsim discover --help)"
         )
     return folder
 

@@ -17,7 +17,7 @@ MODES = {
         "jaxsim eval detection --detections detected/results --labels tree/training/label_2",
     ),
     "ablation": Command(
-        "eval_ablation:run",
+        "ablation:run",
         "networks of different inputs in one table",
         "jaxsim eval ablation --train ablation --out runs/ablation",
     ),

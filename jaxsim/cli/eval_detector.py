@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-
-from tqdm import tqdm
 
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
-from jaxsim.data import open_dataset
-from jaxsim.data.select import frames_to_judge
-from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector
+from jaxsim.evaluate.detector import mean_curves
+from jaxsim.evaluate.runs import score_checkpoints
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import load_run
 
@@ -29,26 +24,17 @@ def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
     Prints the last one's table and the mean over all, of fewer than five too; writes both (detection.json, .md) and
     pictures to `out`. Raises ValueError where no checkpoint is kept.
     """
-    experiment, checkpoints = load_run(run, DetectorRun).experiment, Checkpoints(run)
-    if not checkpoints.steps:
-        raise ValueError(f"run: no checkpoint in {run}; the training has not saved one yet")
+    experiment = load_run(run, DetectorRun).experiment
     source = data.config(experiment.data)
-    judged = replace(experiment, data=source)
-    dataset = open_dataset(source)
-    positions = frames_to_judge(frames, dataset, validation="" if data.foreign else source.validation)
-    scenes = experiment_scenes(dataset, positions, judged)
-    find = make_find(judged)
-    steps = checkpoints.steps[-MEAN_OF:]
-    per_step, detections = [], []
-    for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
-        curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, judged)
-        per_step.append(curves)
-    mean = said_mean(steps, experiment.run), mean_curves(per_step)
+    validation = "" if data.foreign else source.validation
+    judged = score_checkpoints(run, source, frames=frames, validation=validation, last=MEAN_OF)
+    scenes, steps, last = judged.scenes, judged.steps, judged.per_step[-1]
+    mean = said_mean(steps, experiment.run), mean_curves(judged.per_step)
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
-    write_detection(out, per_step[-1], about=about | {"mean_of_steps": steps}, mean=mean)
-    for scene, boxes in zip(scenes, detections[:PICTURES], strict=False):
-        save_picture(out / f"{scene.name}.png", detection_picture(scene, boxes, judged.voxels.range_m, title=""))
-    print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(per_step[-1])}\n")
+    write_detection(out, last, about=about | {"mean_of_steps": steps}, mean=mean)
+    for scene, boxes in zip(scenes, judged.detections[:PICTURES], strict=False):
+        save_picture(out / f"{scene.name}.png", detection_picture(scene, boxes, experiment.voxels.range_m, title=""))
+    print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(last)}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -11,16 +12,12 @@ import tyro
 
 from jaxsim.cli.eval_detector import judge_run
 from jaxsim.cli.source import SAME, Source
-from jaxsim.data import open_dataset, select
-from jaxsim.data.select import frames_to_judge
-from jaxsim.evaluate.fid import frechet_line, frechet_of_run, require_images
-from jaxsim.evaluate.paired import baseline_scores, score_pairs
+from jaxsim.evaluate.fid import frechet_line
+from jaxsim.evaluate.runs import score_sensor
 from jaxsim.metrics import Score
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.pairs.prepared import pairs_before, prepared
 from jaxsim.report import pair_picture, save_picture, score_table, write_list, write_scores
 from jaxsim.runs.run import is_detector
-from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import load
 
 
@@ -56,34 +53,22 @@ class Evaluation:
         if is_detector(self.run):
             return judge_run(self.run, self.data, frames=self.frames, out=out)
 
-        # Run: the learned sensor and the settings it was trained with.
+        # Scores: the network and the baselines on the same cells, and the Fréchet distance.
         sensor = load(self.run)
-        own, prepare = sensor.run.experiment.data, sensor.run.experiment.prepare
-        predict = make_predict(sensor.generate, prepare)
-
-        # Frames: those to judge, the one before each, and those that the baselines average.
-        own_set, data = open_dataset(own), self.data.config(own)
-        dataset = open_dataset(data) if data != own else own_set
-        positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
-        judged = prepared(dataset, positions, data, prepare)
-        before = pairs_before(dataset, positions, data, prepare)
-        train = prepared(own_set, select(own.train, own_set), own, prepare)
+        own = sensor.run.experiment.data
+        data = self.data.config(own)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
-        if extractor:
-            require_images(len(judged), extractor)
+        validation = "" if self.data.foreign else own.validation
+        judged = score_sensor(sensor, data, frames=self.frames, validation=validation, extractor=extractor)
 
-        # Scores: the network and the baselines, on the same cells.
-        scores = {"network": score_pairs(predict, sensor.params, judged), **baseline_scores(train, judged, before)}
-        write_scores(out, scores, frames=judged.names)
-        for name, pair in list(zip(judged.names, judged, strict=True))[: self.pictures]:
-            predicted = np.asarray(predict(sensor.params, pair))
+        # Tables and pictures.
+        pairs, frechet = judged.pairs, judged.frechet
+        write_scores(out, judged.scores, frames=pairs.names)
+        for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
+            predicted = np.asarray(judged.predict(sensor.params, pair))
             save_picture(out / f"{name}.png", pair_picture(pair, predicted, title=name))
-        print(f"{len(judged)} frames of {data.kind}\n\n{score_table(scores)}\n")
-
-        # Fréchet distance: images of the network's size, every judged frame once.
-        if extractor:
-            cache = own.cache / "statistics"
-            frechet = frechet_of_run(sensor.generate, sensor.params, judged, extractor, prepare=prepare, cache=cache)
+        print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores)}\n")
+        if extractor and frechet:
             about = {"extractor": extractor.name, "images": frechet.counts, "from_half_the_images": frechet.half}
             write_list(out, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)
             print(f"{frechet_line(frechet)}\n")

@@ -2,44 +2,38 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import tyro
 
 from jaxsim.cli.discover import Discover
-from jaxsim.cli.export import Export, export_trees
+from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig
 from jaxsim.files import lock
+from jaxsim.simulate.trees import export_trees
 from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
 
+DEFAULT = "real2sim2real"
 
-@dataclass(frozen=True)
-class Real2Sim2Real:
+
+def run(argv: Sequence[str]) -> None:
     """The paper's loop: learn the sensor from real drives, simulate with it, train detectors, score on real clouds.
 
     Trains the intensity network on real pairs; asks `discover` what it lacks; makes clouds of the renderer's frames in
     several kinds (without intensity, 32 lines, simulated intensity with lost rays, the same with the effects found);
     trains a detector on each and one on real clouds; scores all on real, and the real one on all. Tables beside the
-    paper's, pictures and one page go to OUT. Any setting is a flag: `--config NAME --help` lists them.
-    The same command resumes a killed one.
+    paper's, pictures and one page go to OUT. Any setting is a flag. The same command resumes a killed one.
+
+    `--config` names one of configs/ (real2sim2real, the embedded world; real2sim2real_kitti), a file like them, or the
+    loop.json of an earlier one.
     """
-
-    config: str = "real2sim2real"
-    """One of configs/: real2sim2real (the embedded world), real2sim2real_kitti; or the loop.json of an earlier one."""
-
-    def __call__(self) -> None:
-        run([f"--config={self.config}"])
-
-
-def run(argv: Sequence[str]) -> None:
-    """Runs the command on its own flags, those of LoopConfig among them."""
     name, flags = _config_of(argv)
     config, words = load_loop(name)
-    intro = f"    jaxsim real2sim2real --config {name}\n\n{Real2Sim2Real.__doc__}\n\n{name}: {words}"
+    intro = f"    jaxsim real2sim2real --config {name}\n\n{inspect.getdoc(run)}\n\n{name}: {words}"
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
@@ -52,7 +46,7 @@ def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:
     """The name after --config, and the other flags."""
     flags = [part for word in argv for part in (word.split("=", 1) if word.startswith("--config=") else [word])]
     if "--config" not in flags:
-        return Real2Sim2Real.config, flags
+        return DEFAULT, flags
     at = flags.index("--config")
     if at + 1 == len(flags):
         raise ValueError("real2sim2real: --config wants a name: real2sim2real, real2sim2real_kitti, or a loop.json")
@@ -80,4 +74,5 @@ def export_kinds(loop: Loop) -> None:
         )
         for kind in loop.config.kinds
     ]
-    export_trees(exports, exports[0].dataset())
+    dataset = exports[0].dataset()
+    export_trees([export.plan(dataset) for export in exports], dataset)

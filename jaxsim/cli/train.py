@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated
+from dataclasses import replace
 
 import tyro
 
 from jaxsim.train.experiments import AnyExperiment, experiment_names, load_experiment
 
-
-@dataclass(frozen=True)
-class Train:
-    """Trains an intensity network, a detector or depth completion; the same command resumes it.
-
-        jaxsim train kitti_raw --data.root KITTI_RAW
-
-    The run goes to runs/NAME. Any setting of the experiment is a flag: `jaxsim train NAME --help` lists them.
-    """
-
-    experiment: Annotated[str, tyro.conf.Positional] = "synthetic"
-    """One of configs/, a file like them (my_experiment.py), or the config.json of a run."""
-
-    def __call__(self) -> None:
-        run([self.experiment])
+DEFAULT = "synthetic"
 
 
 def run(argv: Sequence[str]) -> None:
-    """Runs the command on an optional name and flags, the settings of that experiment."""
+    """Trains an intensity network, a detector or depth completion; the same command resumes it.
+
+    `argv` is an experiment (one of configs/, a file like them, or the config.json of a run; by default the embedded
+    world) and flags, which are its settings.
+    """
     from jaxsim.train.loop import train
 
     train(*parse_experiment(argv))
@@ -37,7 +26,7 @@ def run(argv: Sequence[str]) -> None:
 def parse_experiment(argv: Sequence[str]) -> tuple[AnyExperiment, str]:
     """The experiment that a command line asks for, and its docstring."""
     named = bool(argv) and not argv[0].startswith("-")
-    name, flags = (argv[0], argv[1:]) if named else (Train.experiment, argv)
+    name, flags = (argv[0], argv[1:]) if named else (DEFAULT, argv)
     experiment, docstring = load_experiment(name)
     names = experiment_names()
     width = max(map(len, names)) + 2

@@ -17,10 +17,10 @@ Points = Float32[np.ndarray, "n 4"]
 
 def points_of(cloud: Cloud) -> Points:
     """The valid points of one unbatched cloud as rows x, y, z (m), intensity (0..1)."""
-    xyz, intensity, valid = (np.asarray(part) for part in (cloud.xyz_m, cloud.intensity, cloud.valid))
+    xyz = np.asarray(cloud.xyz_m)
     if xyz.ndim != 2:
         raise ValueError(f"cloud: expected one cloud of shape (n, 3), got {xyz.shape}; save a batch cloud by cloud")
-    return np.column_stack([xyz, intensity]).astype(np.float32)[valid]
+    return np.column_stack([xyz, np.asarray(cloud.intensity)]).astype(np.float32)[np.asarray(cloud.valid)]
 
 
 def _bin(points: Points, file: BinaryIO) -> None:

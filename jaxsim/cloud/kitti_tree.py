@@ -83,7 +83,8 @@ def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None 
     """
     if np.ndim(camera.intrinsics) != 2:
         raise ValueError(f"kitti: a calib file is of one camera, got a batch {np.shape(camera.intrinsics)[:-2]}")
-    cam_from_velo, intrinsics = (np.asarray(a, np.float64) for a in (camera.cam_from_velo, camera.intrinsics))
+    cam_from_velo = np.asarray(camera.cam_from_velo, np.float64)
+    intrinsics = np.asarray(camera.intrinsics, np.float64)
     rect = cam_from_velo if rect_from_velo is None else np.asarray(rect_from_velo, np.float64)
     shift = cam_from_velo @ np.linalg.inv(rect) if rect_from_velo is not None else np.eye(4)
     if np.abs(shift[:3, :3] - np.eye(3)).max() > 1e-4:
@@ -100,8 +101,11 @@ def label_lines(boxes: Boxes) -> list[str]:
 
     Raises ValueError for values that are not finite, sizes of 0 or less, and kinds with a blank in their name.
     """
-    centre, size, bbox = (np.asarray(a, np.float32) for a in (boxes.centre_m, boxes.size_m, boxes.bbox_px))
-    yaw, truncated = np.asarray(boxes.yaw_rad, np.float32), np.asarray(boxes.truncated, np.float32)
+    centre = np.asarray(boxes.centre_m, np.float32)
+    size = np.asarray(boxes.size_m, np.float32)
+    bbox = np.asarray(boxes.bbox_px, np.float32)
+    yaw = np.asarray(boxes.yaw_rad, np.float32)
+    truncated = np.asarray(boxes.truncated, np.float32)
     level = np.asarray(boxes.occluded)
     objects, regions = [], []
     for i, kind in enumerate(boxes.kind):

@@ -118,8 +118,12 @@ def _shape(cells: PolarGrid | EvenLines) -> tuple[int, int]:
 
 def _even_cell(xyz: Float[Array, "*b n 3"], cells: EvenLines) -> tuple[Int[Array, "*b n"], Int[Array, "*b n"]]:
     """Whole row and column from the angles; negative or too large outside."""
-    x, y, z = (xyz[..., i] for i in range(3))
-    left, top, step = (math.radians(angle) for angle in (cells.left_deg, cells.top_deg, cells.step_deg))
+    x = xyz[..., 0]
+    y = xyz[..., 1]
+    z = xyz[..., 2]
+    left = math.radians(cells.left_deg)
+    top = math.radians(cells.top_deg)
+    step = math.radians(cells.step_deg)
     elevation = azimuth_of(jnp.sqrt(x * x + y * y), z)
     row = jnp.floor((top - elevation) / step)
     column = jnp.floor((left - azimuth_of(x, y)) / (2 * left / cells.columns))

@@ -1,7 +1,7 @@
 """Every stage's settings, as frozen dataclasses. No behaviour lives here.
 
 An experiment (`configs/*.py`) is one `Experiment`, `DetectorExperiment` or `DepthExperiment` value; every field is a
-flag of `train.py` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
+flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
 """
 
 from jaxsim.config.clouds import CloudKind, CloudRecipe, LoopConfig

@@ -28,7 +28,7 @@ from jaxsim.data.kitti_files import (
     read_motion,
     read_plane,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
+from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -71,7 +71,7 @@ class KittiRaw:
             name=self.name_of(index),
             scene=drive.name,
             camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
-            cloud=read_cloud(self._scan(index), self._rows),
+            cloud=read_scan(self._scan(index), self._rows),
             time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
             speed_mps=speed_mps,
             heading_rad=heading_rad,
@@ -130,7 +130,7 @@ class KittiObject:
             name=number,
             scene=number,
             camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2], camera=self.camera)),
-            cloud=read_cloud(self._scan(index), self._rows),
+            cloud=read_scan(self._scan(index), self._rows),
             boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
             rect_from_velo=object_rect_from_velo(calibration),
             ground=read_plane(plane) if plane.parent.is_dir() else None,

@@ -24,7 +24,7 @@ def check_rows(rows: str) -> str:
     return rows
 
 
-def read_cloud(path: Path, rows: str) -> Cloud:
+def read_scan(path: Path, rows: str) -> Cloud:
     """The points of a `.bin` with their laser lines. Raises UnorderedCloud where the order hides them."""
     xyz_m, intensity = read_velodyne(path)
     return Cloud(

@@ -26,7 +26,7 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_cloud
+from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -95,7 +95,7 @@ class KittiStep:
                 semantic=semantic,
                 instance=instance,
             ),
-            cloud=read_cloud(self._path("velodyne", index, ".bin"), self._rows),
+            cloud=read_scan(self._path("velodyne", index, ".bin"), self._rows),
             boxes=self._boxes(sequence, int(number)),
             rect_from_velo=tracking_rect_from_velo(calibration),
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,8 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
-    azimuth, elevation = (angles_of(path, name, content[name]) for name in ("azimuth", "elevation"))
+    azimuth = angles_of(path, "azimuth", content["azimuth"])
+    elevation = angles_of(path, "elevation", content["elevation"])
     origin = origin_of(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
     frames = content.get("frames", {})
     check_about(path, frames)
@@ -90,5 +92,34 @@ def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
     check_arrays(path, arrays)
-    range_m, intensity = (np.asarray(arrays.pop(key), np.float32) for key in REQUIRED)
+    range_m = np.asarray(arrays.pop("range"), np.float32)
+    intensity = np.asarray(arrays.pop("intensity"), np.float32)
     return PolarImage(range_m, intensity, range_m > 0), arrays
+
+
+@dataclass(frozen=True)
+class PolarFrames:
+    """A folder of polar frames, read when asked for."""
+
+    folder: Path
+    grid: PolarGrid
+    about: dict[str, dict[str, Any]]
+    """What grid.json says of the frames, by name."""
+    names: tuple[str, ...]
+
+    def read(self, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
+        """One frame and its further rasters. Raises ValueError as `read_frame`, and where it is not on the grid."""
+        image, rasters = read_frame(self.folder, name)
+        shape = len(self.grid.elevation_rad), len(self.grid.azimuth_rad)
+        if image.range_m.shape != shape:
+            raise ValueError(f"polar frames: {self.folder / name}.npz is {image.range_m.shape}, its grid.json {shape}")
+        return image, rasters
+
+
+def open_polar_frames(folder: Path | str) -> PolarFrames:
+    """A folder of polar frames with its grid. Raises ValueError as `read_grid`, and where it holds no frames."""
+    grid, about = read_grid(folder)
+    names = frame_names(folder)
+    if not names:
+        raise ValueError(f"polar frames: no frames (NAME.npz) in {folder}")
+    return PolarFrames(Path(folder), grid, about, tuple(names))

@@ -146,8 +146,9 @@ class VirtualKitti2:
         intrinsics = self._of_frame(texts.intrinsics, "intrinsic", number, self.camera).astype(np.float32)
         if self.lidar == "camera":
             return camera_at_lidar(intrinsics)
-        left, own = (self._of_frame(texts.cam_from_world, "extrinsic", number, c) for c in (0, self.camera))
-        cam_from_left = own @ np.linalg.inv(left)
+        left_from_world = self._of_frame(texts.cam_from_world, "extrinsic", number, 0)
+        cam_from_world = self._of_frame(texts.cam_from_world, "extrinsic", number, self.camera)
+        cam_from_left = cam_from_world @ np.linalg.inv(left_from_world)
         return Camera(intrinsics, (cam_from_left @ kitti_camera().cam_from_velo).astype(np.float32))
 
     def _of_frame(self, table: dict[tuple[int, int], np.ndarray], name: str, number: int, camera: int) -> np.ndarray:

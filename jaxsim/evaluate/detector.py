@@ -22,6 +22,7 @@ from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
 from jaxsim.detect.state import Network, network_shapes
 from jaxsim.detect.steps import make_detect
 from jaxsim.frame import Boxes
+from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
@@ -57,10 +58,8 @@ def make_find(experiment: DetectorExperiment) -> Find:
 
     def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
         points = points[in_range(points, voxels)]
-        room = max(-(-len(points) // STEP_POINTS), 1) * STEP_POINTS
-        padded = np.zeros((1, room, 4), np.float32)
-        padded[0, : len(points)] = points
-        detections, dropped = detect(network, jnp.asarray(padded), jnp.asarray(np.arange(room) < len(points))[None])
+        padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
+        detections, dropped = detect(network, jnp.asarray(padded)[None], jnp.asarray(real)[None])
         detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
         valid = detections.valid[0]
         found = Found(detections.boxes[0][valid], detections.score[0][valid])
@@ -76,7 +75,7 @@ def find_all(
     *,
     total: int,
     quiet: bool = False,
-    more_room: str = "train.py makes room with --voxels.max-voxels and --voxels.growth",
+    more_room: str = "training makes room with --voxels.max-voxels and --voxels.growth",
 ) -> Iterator[tuple[str, Found]]:
     """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
     left_out: dict[str, dict[str, int]] = {}

@@ -5,19 +5,19 @@ One pass a folder keeps histograms and images, no cloud; frames of the same name
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.cloud import points_of
-from jaxsim.data.kitti_files import read_velodyne
-from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.data.clouds import SUFFIXES, read_cloud
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.geometry import incidence, polar_to_points
+from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import frechet_distance_of
 from jaxsim.metrics.generation import (
@@ -42,59 +42,49 @@ class Folder:
 
     path: Path
     names: tuple[str, ...]
-    grid: PolarGrid | None
+    frames: PolarFrames | None
     """None: a folder of clouds."""
 
-    def image(self, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
-        """A polar frame. Raises ValueError where its raster is not the grid's."""
-        assert self.grid is not None
-        image, more = read_frame(self.path, name)
-        shape = len(self.grid.elevation_rad), len(self.grid.azimuth_rad)
-        if image.range_m.shape != shape:
-            raise ValueError(f"generation: {self.path / name}.npz is {image.range_m.shape}, its grid.json {shape}")
-        return image, more
+    @property
+    def grid(self) -> PolarGrid | None:
+        """The grid of polar frames; None in a folder of clouds."""
+        return self.frames and self.frames.grid
 
-    def points(self, name: str) -> np.ndarray:
+    def image(self, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
+        """A polar frame and its further rasters. Raises ValueError where its raster is not the grid's."""
+        assert self.frames is not None
+        return self.frames.read(name)
+
+    def points(self, name: str) -> Float[np.ndarray, "n 4"]:
         """Rows x, y, z (m), intensity (0..1; 0 where a cloud has none)."""
-        if self.grid is not None:
-            return points_of(polar_to_points(self.image(name)[0], self.grid))
+        if self.frames is not None:
+            return points_of(polar_to_points(self.image(name)[0], self.frames.grid))
         path = self.path / f"{name}.bin"
-        if path.is_file():
-            return np.column_stack(read_velodyne(path))
-        path = path.with_suffix(".npz")
-        try:
-            with path.open("rb") as file, np.load(file) as archive:
-                arrays = {key: np.asarray(archive[key], np.float32) for key in archive.files}
-        except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
-            raise ValueError(f"generation: {path} is no readable .npz of plain arrays ({error})") from error
-        if "xyz" not in arrays:
-            raise ValueError(f"generation: {path} has no array xyz (n, 3), and beside it is no grid.json")
-        xyz = arrays["xyz"]
-        more = arrays.get("intensity", np.zeros(len(xyz), np.float32))
-        return np.column_stack([xyz, more]).astype(np.float32)
+        points = read_cloud(path if path.is_file() else path.with_suffix(".npz"))
+        return points if points.shape[1] == 4 else np.pad(points, ((0, 0), (0, 1)))
 
 
 def open_folder(path: Path) -> Folder:
     """A folder of polar frames (with grid.json) or of clouds. Raises ValueError where it is neither."""
-    grid = read_grid(path)[0] if (path / "grid.json").is_file() else None
-    names = frame_names(path) if grid else sorted({p.stem for p in (*path.glob("*.bin"), *path.glob("*.npz"))})
+    names = sorted({file.stem for file in path.glob("*") if file.suffix in SUFFIXES})
     if not names:
         raise ValueError(
             f"generation: {path} holds no frames; give a folder of polar frames (grid.json and NAME.npz, "
             "docs/polar-frames.md) or of clouds (.bin with x, y, z, intensity as float32, or .npz with xyz)"
         )
-    return Folder(path, tuple(names), grid)
+    if (path / "grid.json").is_file():
+        frames = open_polar_frames(path)
+        return Folder(path, frames.names, frames)
+    return Folder(path, tuple(names), None)
 
 
 def _batches(folder: Folder) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """(b, n, 4) points and (b, n) which of them are real."""
     for first in range(0, len(folder.names), BATCH):
         clouds = [folder.points(name) for name in folder.names[first : first + BATCH]]
-        size = max(-(-max(map(len, clouds)) // POINTS), 1) * POINTS
-        points, valid = np.zeros((len(clouds), size, 4), np.float32), np.zeros((len(clouds), size), bool)
-        for k, cloud in enumerate(clouds):
-            points[k, : len(cloud)], valid[k, : len(cloud)] = cloud, True
-        yield points, valid
+        room = room_for(max(map(len, clouds)), POINTS)
+        padded = [pad_points(cloud, room) for cloud in clouds]
+        yield np.stack([points for points, _ in padded]), np.stack([real for _, real in padded])
 
 
 def _histograms(folder: Folder) -> dict[str, np.ndarray]:
@@ -133,7 +123,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
 
     Angles come from each side's own range image. A frame without classes takes those of its namesake.
     """
-    shared = {*a.names} & {*b.names} if a.grid and b.grid and same_rays(a.grid, b.grid) else set()
+    shared = {*a.names} & {*b.names} if a.grid and b.grid and same_grid(a.grid, b.grid) else set()
     tables, classes = [], True
     for folder, other in ((a, b), (b, a)):
         assert folder.grid is not None
@@ -149,12 +139,6 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
             table = table + intensity_table(image.intensity, image.range_m, angle, known, label, image.valid)
         tables.append(np.asarray(table))
     return tables[0], tables[1], classes
-
-
-def same_rays(a: PolarGrid, b: PolarGrid) -> bool:
-    """Whether two grids have the same angles, to 1e-4 rad."""
-    pairs = (a.azimuth_rad, b.azimuth_rad), (a.elevation_rad, b.elevation_rad)
-    return all(x.shape == y.shape and np.allclose(x, y, rtol=0, atol=1e-4) for x, y in pairs)
 
 
 def _range_features(folder: Folder, values: Values) -> np.ndarray:
@@ -179,7 +163,7 @@ def generation_scores(a: Folder, b: Folder, *, rangenet: Values | None = None) -
         scores["frechet_rangenet53"] = Score(value, "1", min(len(a.names), len(b.names)))
     if a.grid is None or b.grid is None:
         return scores
-    if same_rays(a.grid, b.grid) and min(len(a.grid.elevation_rad), len(a.grid.azimuth_rad)) >= 16:
+    if same_grid(a.grid, b.grid) and min(len(a.grid.elevation_rad), len(a.grid.azimuth_rad)) >= 16:
         count = min(len(a.names), len(b.names))
         names = (shared, shared) if len(shared) == count else (a.names[:count], b.names[:count])
         swd = sliced_wasserstein(*(_pictures(f, n) for f, n in zip((a, b), names, strict=True)))

@@ -24,6 +24,7 @@ from jaxsim.geometry.camera import (
     transform,
     unproject,
 )
+from jaxsim.geometry.grids import grid_difference, pad_cloud, pad_points, room_for, same_grid
 from jaxsim.geometry.normals import incidence, normals
 from jaxsim.geometry.polar import (
     azimuth_of,
@@ -57,6 +58,7 @@ __all__ = [
     "directions",
     "fit_beams",
     "full_grid",
+    "grid_difference",
     "incidence",
     "invert",
     "iou_2d",
@@ -65,6 +67,8 @@ __all__ = [
     "lidar_boxes",
     "nms_bev",
     "normals",
+    "pad_cloud",
+    "pad_points",
     "pair_overlap",
     "points_in_boxes",
     "points_per_box",
@@ -75,8 +79,10 @@ __all__ = [
     "recover_rows",
     "resample",
     "resample_grid",
+    "room_for",
     "rows_by_elevation",
     "rows_of",
+    "same_grid",
     "scatter_nearest",
     "transform",
     "unproject",

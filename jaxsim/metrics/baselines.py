@@ -39,7 +39,10 @@ def group_means(
 
     A group never seen in training takes the mean of all cells. Raises ValueError where no cell counts.
     """
-    total, count, drops, seen = (np.zeros(groups) for _ in range(4))
+    total = np.zeros(groups)
+    count = np.zeros(groups)
+    drops = np.zeros(groups)
+    seen = np.zeros(groups)
     for intensity, returned, counts, group in frames:
         both = returned & counts
         total += np.bincount(group[both], intensity[both], groups)

@@ -90,9 +90,11 @@ def frechet_distance(a: Moments, b: Moments) -> float:
 
 def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]) -> float:
     """The same distance straight from features, where samples are fewer than features: no d x d matrix is made."""
-    a, b = (np.asarray(f, np.float64) for f in (x, y))
+    a = np.asarray(x, np.float64)
+    b = np.asarray(y, np.float64)
     step = a.mean(0) - b.mean(0)
-    a, b = ((f - f.mean(0)) / np.sqrt(len(f) - 1) for f in (a, b))
+    a = (a - a.mean(0)) / np.sqrt(len(a) - 1)
+    b = (b - b.mean(0)) / np.sqrt(len(b) - 1)
     return float(step @ step + (a * a).sum() + (b * b).sum() - 2 * _nuclear(a @ b.T))
 
 

@@ -59,8 +59,14 @@ def ssim_map(
     weight = m.astype(jnp.float32)
     x, y = jnp.where(m, x, 0.0), jnp.where(m, y, 0.0)
     total = jnp.maximum(_blur(weight, window), 1e-6)
-    mean_x, mean_y, xx, yy, xy = (_blur(part, window) / total for part in (x, y, x * x, y * y, x * y))
-    var_x, var_y, covariance = xx - mean_x**2, yy - mean_y**2, xy - mean_x * mean_y
+    mean_x = _blur(x, window) / total
+    mean_y = _blur(y, window) / total
+    xx = _blur(x * x, window) / total
+    yy = _blur(y * y, window) / total
+    xy = _blur(x * y, window) / total
+    var_x = xx - mean_x**2
+    var_y = yy - mean_y**2
+    covariance = xy - mean_x * mean_y
     c1, c2 = 0.01**2, 0.03**2
     similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
         (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)

@@ -91,11 +91,12 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
 def pairs_before(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> list[Pair | None]:
     """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
     holds = dataset.holds if data.kind == "prepared" else lambda position: True
-    there = [p for p in positions if p > 0 and holds(p - 1)]
-    own, earlier = (prepared(dataset, chosen, data, prepare) for chosen in (there, [p - 1 for p in there]))
-    same = zip(there, own.scenes, earlier.scenes, earlier, strict=True)
-    found = {p: pair for p, scene, before, pair in same if scene == before}
-    return [found.get(p) for p in positions]
+    followers = [p for p in positions if p > 0 and holds(p - 1)]
+    scenes = prepared(dataset, followers, data, prepare).scenes
+    earlier = prepared(dataset, [p - 1 for p in followers], data, prepare)
+    both = zip(followers, scenes, earlier.scenes, earlier, strict=True)
+    pair_before = {p: pair for p, scene, scene_before, pair in both if scene == scene_before}
+    return [pair_before.get(p) for p in positions]
 
 
 def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:

@@ -19,6 +19,8 @@ def edge_map(semantic: Int[Array, "*b h w"], instance: Int[Array, "*b h w"]) -> 
     down = (semantic[..., 1:, :] != semantic[..., :-1, :]) | (instance[..., 1:, :] != instance[..., :-1, :])
     right = (semantic[..., 1:] != semantic[..., :-1]) | (instance[..., 1:] != instance[..., :-1])
     batch = [(0, 0)] * (semantic.ndim - 2)
-    above, below = ([*batch, (k, 1 - k), (0, 0)] for k in (1, 0))
-    before, after = ([*batch, (0, 0), (k, 1 - k)] for k in (1, 0))
+    above = [*batch, (1, 0), (0, 0)]
+    below = [*batch, (0, 1), (0, 0)]
+    before = [*batch, (0, 0), (1, 0)]
+    after = [*batch, (0, 0), (0, 1)]
     return jnp.pad(down, above) | jnp.pad(down, below) | jnp.pad(right, before) | jnp.pad(right, after)

@@ -42,7 +42,8 @@ def _slope(
     The smaller of the changes to both neighbours, and none where they have different signs (a pole before a
     house, a gap): a limited slope does not reach over an edge. Only one neighbour known: the change to it.
     """
-    before, after = (jnp.roll(range_m, k, axis) for k in (1, -1))
+    before = jnp.roll(range_m, 1, axis)
+    after = jnp.roll(range_m, -1, axis)
     place = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
     has_before = jnp.roll(valid, 1, axis) & (place > 0)
     has_after = jnp.roll(valid, -1, axis) & (place < range_m.shape[axis] - 1)

@@ -78,7 +78,9 @@ def _pixels(
         raise ValueError("paint: the camera frame has no depth_m and depth_valid; complete it first (complete_depth)")
     *batch, h, w = camera_frame.depth_m.shape
     xyz = unproject(camera_frame.camera, camera_frame.depth_m).reshape(*batch, h * w, 3)
-    x, y, z = (xyz[..., k] for k in range(3))
+    x = xyz[..., 0]
+    y = xyz[..., 1]
+    z = xyz[..., 2]
     rho = jnp.sqrt(x * x + y * y)
     down, across = _row_of(rho, z, grid), column_of(azimuth_of(x, y), grid)
     away = jnp.sqrt(rho * rho + z * z)

@@ -14,15 +14,13 @@ from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, points_to_polar
+from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, points_to_polar
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
 from jaxsim.prepare.depth.penet import check_crop, open_penet
 from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.paint import paint
-
-_POINTS = 2**15  # clouds are padded to a multiple, so that kernels are compiled once and not for every frame
 
 
 def check_networks(config: PrepareConfig) -> None:
@@ -51,7 +49,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         )
     painted, angle, grid, place = _painted(frame, spec, config)
     first = round(float(place[0]) * (spec.rows - 1))
-    cloud = _padded(replace(cloud, row=(line - first).astype(np.int32)))
+    cloud = pad_cloud(replace(cloud, row=(line - first).astype(np.int32)))
     measured = jax.tree.map(np.asarray, points_to_polar(cloud, grid)[0])
     _check_gaps(frame.name, measured.valid)
     try:
@@ -115,7 +113,7 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
-            view = _completed(view, _padded(_measured(frame)), config, rows_cut)
+            view = _completed(view, pad_cloud(_measured(frame)), config, rows_cut)
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -207,11 +205,5 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
 
 
 def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, rows_cut: int) -> CameraFrame:
-    depth_m, valid = (np.asarray(x) for x in sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
+    depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
     return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)
-
-
-def _padded(cloud: Cloud) -> Cloud:
-    """The cloud with invalid points behind it."""
-    more = -cloud.intensity.shape[-1] % _POINTS
-    return jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)

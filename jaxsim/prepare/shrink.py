@@ -32,7 +32,8 @@ def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
             "cells; render it at the resolution of the images that the run learned from"
         )
     nothing = jnp.zeros(shape, jnp.int32)
-    semantic, instance = (nothing if r is None else r.astype(jnp.int32) for r in (view.semantic, view.instance))
+    semantic = nothing if view.semantic is None else view.semantic.astype(jnp.int32)
+    instance = nothing if view.instance is None else view.instance.astype(jnp.int32)
     valid = view.depth_valid & jnp.isfinite(view.depth_m)
     depth_m = jnp.where(valid, view.depth_m, jnp.zeros_like(view.depth_m))
     painted = Painted(

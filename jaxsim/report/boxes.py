@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32
 
 from jaxsim.detect.results import NEAR_M, Found, corners_of
 from jaxsim.detect.scenes import Scene, View
-from jaxsim.report.pictures import INK
+from jaxsim.report.pictures import INK, Rgb
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 LABEL, FOUND = (90, 200, 90), (255, 150, 40)
 """Green: labelled. Orange: found."""
 EDGES = [(k, (k + 1) % 4) for k in range(4)]

@@ -8,9 +8,10 @@ from html import escape
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
-Rgb = UInt8[np.ndarray, "h w 3"]
+from jaxsim.report.pictures import Rgb
+
 Points = Float[np.ndarray, "n 2"]
 Length = float | int
 """Pixels, whole or not."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float
 
 from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
-from jaxsim.report.pictures import colour_classes, colour_scalar, strip
+from jaxsim.report.pictures import Rgb, colour_classes, colour_scalar, strip
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 Raster = Float[np.ndarray, "rows columns"]
+Mask = Bool[np.ndarray, "rows columns"]
 
 
-def intensity_panel(intensity: Raster, valid: np.ndarray) -> Rgb:
+def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:
     """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
     return colour_scalar(intensity, valid & (intensity > 0), low=0, high=0.6, gamma=0.7)
 
@@ -61,7 +61,7 @@ def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb
     return strip([*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))])
 
 
-def depth_panel(depth_m: Raster, valid: np.ndarray) -> Rgb:
+def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
     """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
     return colour_scalar(depth_m, valid, low=0, high=60, gamma=0.6)
 

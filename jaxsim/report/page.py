@@ -92,7 +92,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, text: int, las
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def bar_cell(share: float, bar: float, *, strong: bool) -> str:
+def bar_cell(share: float | int, bar: float | int, *, strong: bool) -> str:
     """A bar of `share` of the cell's width with a line at `bar`; shares below 0 are drawn as nothing."""
     length = 240 * min(max(share, 0.0), 1.0) if share == share else 0.0
     at = 240 * min(max(bar, 0.0), 1.0)

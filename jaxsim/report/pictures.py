@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from jaxsim.files import replacing
 
-Rgb = UInt8[np.ndarray, "h w 3"]
+Rgb = UInt8[np.ndarray, "_ _ 3"]
+"""A picture, rows x columns; pictures of one call may differ in size."""
 NOTHING = np.array([38, 38, 42], np.uint8)
 INK = (232, 232, 232)
 
@@ -30,17 +31,17 @@ def colour_scalar(
     value: Float[np.ndarray, "h w"],
     valid: Bool[np.ndarray, "h w"],
     *,
-    low: float,
-    high: float,
+    low: float | int,
+    high: float | int,
     gamma: float = 1.0,
-) -> Rgb:
+) -> UInt8[np.ndarray, "h w 3"]:
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
     colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
     return np.where(valid[..., None], colours, NOTHING)
 
 
-def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> Rgb:
+def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
     """Cityscapes' own colours."""
     return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
@@ -81,7 +82,9 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     order = np.argsort(-forward[seen][inside])
     u, v = u[inside][order], v[inside][order]
     shade = np.clip(points[seen][inside][order, 3] * 1.6, 0, 1) ** 0.7
-    colours = cv2.applyColorMap((shade * 255).astype(np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    # A table of colours, for OpenCV colours no empty list: there may be no point ahead.
+    palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
+    colours = palette[(shade * 255).astype(np.uint8)]
     for du, dv in ((0, 0), (1, 0), (0, 1), (1, 1)):
         picture[v + dv, u + du] = colours
     cv2.putText(picture, title, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, INK, 1, cv2.LINE_AA)

@@ -13,6 +13,7 @@ from jaxsim.discover.verdict import Interval, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
 Line = Float[np.ndarray, " k"]
+Real = float | int
 
 
 class Sides(NamedTuple):
@@ -86,7 +87,7 @@ NUISANCES = {
 """Meaning and unit of jaxsim.discover.model.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
-def nuisance(name: str, value: float) -> str:
+def nuisance(name: str, value: Real) -> str:
     """A noise scale with its unit, or a rate as a share."""
     if name not in NUISANCES:
         return number(value)
@@ -94,7 +95,7 @@ def nuisance(name: str, value: float) -> str:
     return f"{number(math.exp(value))} {unit}" if unit else f"{number(100 / (1 + math.exp(-value)))} %"
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def number(value: Real | None, digits: int = 3) -> str:
     """Three significant digits with a true minus sign; a dash where there is no value."""
     if value is None or not math.isfinite(value):
         return "–"
@@ -106,7 +107,7 @@ def number(value: float | None, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
-def probability(p: float) -> str:
+def probability(p: Real) -> str:
     if not math.isfinite(p):
         return "–"
     return "< 0.0001" if p < 1e-4 else f"{p:.2g}"
@@ -117,7 +118,7 @@ def span(interval: Interval) -> str:
     return f"{number(interval.low)} to {number(interval.high)}"
 
 
-def percent(value: float) -> str:
+def percent(value: Real) -> str:
     return f"{100 * value:.0f} %".replace("-", "−") if math.isfinite(value) else "–"
 
 

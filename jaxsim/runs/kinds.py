@@ -70,8 +70,8 @@ class Kind:
     """In words, with its article."""
     key: str
     """The part of its experiment that no other kind has."""
-    experiment: type
-    run: type
+    experiment: type[Any]
+    run: type[Any]
     builder: str
     """`module:function` that makes a `Training` of an experiment; a name, as runs are also loaded below training."""
     fixed: tuple[str, ...] = ()
@@ -79,16 +79,25 @@ class Kind:
     bare: bool = False
     """Whether config.json holds the experiment alone."""
 
+    def plain(self, experiment: Any) -> dict[str, Any]:
+        """The settings of an experiment as JSON has them."""
+        return _adapter(self.experiment).dump_python(experiment, mode="json")
+
     def dump(self, run: AnyRun) -> bytes:
         """The config.json of a run."""
-        value, held = (run.experiment, self.experiment) if self.bare else (run, self.run)
-        return TypeAdapter(held).dump_json(value, indent=2)
+        if self.bare:
+            return _adapter(self.experiment).dump_json(run.experiment, indent=2)
+        return _adapter(self.run).dump_json(run, indent=2)
 
-    def parse(self, content: bytes) -> AnyRun:
+    def parse(self, content: bytes) -> Any:
         """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
         if self.bare:
-            return self.run(TypeAdapter(self.experiment).validate_json(content))
-        return TypeAdapter(self.run).validate_json(content)
+            return self.run(_adapter(self.experiment).validate_json(content))
+        return _adapter(self.run).validate_json(content)
+
+
+def _adapter(held: Any):
+    return TypeAdapter(held)
 
 
 KINDS = (

@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from jaxsim.config import Experiment
 from jaxsim.files import claim, lock
@@ -59,18 +59,13 @@ def start_run(folder: Path, run: AnyRun) -> None:
     kind = kind_of(run)
     claim(
         folder / "config.json",
-        _settings(run),
+        kind.plain(run.experiment),
         by="run",
         text=kind.dump(run),
-        read=lambda _: _settings(load_run(folder, type(run))),
+        read=lambda _: kind.plain(load_run(folder, type(run)).experiment),
         free=[name for name in FREE if name not in kind.fixed],
         instead="another --run.name",
     )
-
-
-def _settings(run: AnyRun) -> dict[str, Any]:
-    """The settings of a run's experiment as plain values."""
-    return TypeAdapter(type(run.experiment)).dump_python(run.experiment, mode="json")
 
 
 def run_kind(folder: Path | str) -> Kind:
@@ -78,7 +73,7 @@ def run_kind(folder: Path | str) -> Kind:
     path = Path(folder) / "config.json"
     if not path.is_file():
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
-        hint = f"; there are runs at {', '.join(near)}" if near else "; `python train.py` makes one"
+        hint = f"; there are runs at {', '.join(near)}" if near else "; `jaxsim train` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
     try:
         return kind_in(json.loads(path.read_bytes()))

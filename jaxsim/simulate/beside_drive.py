@@ -14,14 +14,11 @@ import numpy as np
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, points_to_polar
+from jaxsim.geometry import incidence, pad_cloud, points_to_polar
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.checks import check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
-
-_POINTS = 2**15
-"""Clouds are padded to a multiple, so that the kernel is not compiled for every frame."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -30,20 +27,20 @@ def take(tree: Any, k: int) -> Any:
 
 
 def simulate_batch(
-    sensor: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
+    learned: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
 ) -> tuple[PolarImage, Painted, float]:
     """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
     from dense views to results. Raises ValueError where a frame's images are not like those of the run."""
     for frame in frames:
         try:
-            check_image(frame.camera.rgb.shape[-3:-1], sensor.run)
+            check_image(frame.camera.rgb.shape[-3:-1], learned.run)
         except ValueError as error:
             raise ValueError(f"{frame.name}: {error}") from error
-    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
+    views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
-    image, painted = jax.device_get(sensor.simulate_view(batch, projection=projection))
+    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection))
     return image, painted, time.monotonic() - begun
 
 
@@ -53,7 +50,7 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
-    angle, known = (np.asarray(x) for x in incidence(painted.range_m, painted.valid, grid))
+    angle, known = jax.device_get(incidence(painted.range_m, painted.valid, grid))
     middle = np.median(angle[known]) if known.any() else 0
     return {
         "semantic": np.asarray(painted.semantic).astype(np.uint8),
@@ -80,9 +77,7 @@ def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
     cloud = replace(frame.cloud, row=(frame.cloud.row - round(float(place[0]) * (lines - 1))).astype(np.int32))
-    more = -cloud.intensity.shape[-1] % _POINTS
-    cloud = jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
-    return jax.device_get(points_to_polar(cloud, grid)[0])
+    return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])
 
 
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:
@@ -92,7 +87,7 @@ def comparable(measured: PolarImage, seen: Array) -> PolarImage:
 
 
 def write_pairs(
-    sensor: LearnedSensor,
+    learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
     out: Path,
@@ -117,11 +112,11 @@ def write_pairs(
             raise ValueError(
                 f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
             )
-    window, lines = sensor.window, sensor.run.spec.rows
+    window, lines = learned.window, learned.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
     for first in range(0, len(positions), batch):
         frames = [dataset[p] for p in positions[first : first + batch]]
-        images, painted, _ = simulate_batch(sensor, frames, min(batch, len(positions)))
+        images, painted, _ = simulate_batch(learned, frames, min(batch, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

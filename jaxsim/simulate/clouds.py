@@ -30,7 +30,7 @@ NO_LINES = "none"
 _KNOWN = {*LINES, *PRESETS, NO_LINES}
 
 
-def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None = None) -> None:
+def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_model: SensorModel | None = None) -> None:
     """Raises ValueError for lines that nobody knows, for beams of lines that name theirs, for a simulated cloud without
     a trained sensor, and for effects on a cloud of pixels."""
     if lines_of(recipe) not in _KNOWN and grid_file(recipe) is None:
@@ -43,11 +43,11 @@ def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None, effects: Sen
             f"clouds: {recipe.lines} already keeps some of its rows; name those that you want of all: "
             f"--recipe.lines 64 --recipe.beams {' '.join(map(str, recipe.beams))}"
         )
-    if recipe.source == "simulated" and sensor is None:
+    if recipe.source == "simulated" and learned is None:
         raise ValueError("clouds: a simulated cloud needs a trained sensor; name its run with --run runs/NAME")
-    if effects is not None and (recipe.source, recipe.projection) != ("simulated", "grid"):
+    if effects_model is not None and (recipe.source, recipe.projection) != ("simulated", "grid"):
         raise ValueError(
-            "clouds: effects act on rays of the sensor's own grid, and a cloud of pixels has none; with --sensor give "
+            "clouds: effects act on rays of the sensor's own grid, and a cloud of pixels has none; with --effects give "
             "--recipe.source simulated --recipe.projection grid"
         )
 
@@ -67,18 +67,18 @@ def grid_file(recipe: CloudRecipe) -> Path | None:
 def make_cloud(
     frame: Frame,
     recipe: CloudRecipe,
-    sensor: LearnedSensor | None = None,
+    learned: LearnedSensor | None = None,
     *,
-    effects: SensorModel | None = None,
+    effects_model: SensorModel | None = None,
     key: Array | None = None,
 ) -> Cloud:
     """The cloud of one frame, host memory; points that are not there are not valid.
 
-    `effects` are what the trained sensor lacks, drawn with `key` (by default that of seed 0). Raises ValueError where
-    the frame lacks what the recipe needs, and as `check_recipe`.
+    `effects_model` is what the learned sensor lacks, drawn with `key` (by default that of seed 0). Raises ValueError
+    where the frame lacks what the recipe needs, and as `check_recipe`.
     """
-    check_recipe(recipe, sensor, effects)
-    dense = _dense(frame, recipe, sensor, effects, jax.random.key(0) if key is None else key)
+    check_recipe(recipe, learned, effects_model)
+    dense = _dense(frame, recipe, learned, effects_model, jax.random.key(0) if key is None else key)
     lines = lines_of(recipe)
     if lines != NO_LINES:
         cells, rows = _cells(lines)
@@ -96,7 +96,7 @@ def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
 
 
 def _dense(
-    frame: Frame, recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None, key: Array
+    frame: Frame, recipe: CloudRecipe, learned: LearnedSensor | None, effects_model: SensorModel | None, key: Array
 ) -> Cloud:
     view = frame.camera
     if recipe.source == "measured":
@@ -105,14 +105,14 @@ def _dense(
                 f"clouds: {frame.name} has no measured cloud; make one: --recipe.source depth or simulated"
             )
         return frame.cloud
-    if recipe.projection == "grid" and recipe.source == "simulated" and sensor is not None:
-        grid, _ = sensor.window
-        batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, sensor.run.experiment.prepare))
-        image, painted = take(sensor.simulate_view(batch), 0)
+    if recipe.projection == "grid" and recipe.source == "simulated" and learned is not None:
+        grid, _ = learned.window
+        batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, learned.run.experiment.prepare))
+        image, painted = take(learned.simulate_view(batch), 0)
         image = replace(image, valid=painted.valid) if recipe.keep_zero else image
-        if effects is not None:
+        if effects_model is not None:
             motion = {"time_s": frame.time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
-            image = with_effects(effects, image, painted, grid, key=key, **motion)
+            image = with_effects(effects_model, image, painted, grid, key=key, **motion)
         return polar_to_points(image, grid)
     if view.depth_m is None:
         raise ValueError(
@@ -121,7 +121,7 @@ def _dense(
         )
     known = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
     known = known if view.depth_valid is None else known & np.asarray(view.depth_valid)
-    intensity = sensor.intensity_map(view) if recipe.source == "simulated" and sensor is not None else None
+    intensity = learned.intensity_map(view) if recipe.source == "simulated" and learned is not None else None
     return depth_to_cloud(
         view.camera, view.depth_m, known, intensity, drop_zero=not recipe.keep_zero, max_high_m=recipe.max_high_m
     )

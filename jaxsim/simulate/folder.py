@@ -1,17 +1,147 @@
-"""A folder of simulated frames: OUT/polar, OUT/clouds, OUT/previews, and what they are made with.
+"""Frames of a data set simulated into a folder, by the learned sensor of a run and the effects that it lacks.
 
-OUT/simulation.json   the trained sensor, the data set and the seed
+OUT/polar             polar frames: grid.json and NAME.npz
+OUT/clouds            NAME.bin, .pcd ...
+OUT/simulation.json   what they are made with: the learned sensor, the data set and the seed
 OUT/sensor.json       the effects that were added, where there are any
 """
 
 from __future__ import annotations
 
 import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
+from tqdm import tqdm
+
+from jaxsim.cloud import save_cloud
+from jaxsim.data import Dataset
+from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import claim
+from jaxsim.frame import Cloud, Frame, Painted, PolarGrid, PolarImage
+from jaxsim.geometry import polar_to_points, same_grid
+from jaxsim.simulate.beside_drive import about_of, rasters, simulate_batch, take
+from jaxsim.simulate.effects import check_motion, with_effects
+from jaxsim.simulate.sensor import LearnedSensor, Projection
+
+Draw = Callable[[str, Cloud, PolarImage, Painted], None]
+"""Pictures of a frame: its name, its cloud, what the sensor reports, and what the camera's rasters show."""
+
+
+@dataclass(frozen=True)
+class Speed:
+    """How many frames were simulated, and how long it took."""
+
+    simulated: int
+    already: int
+    """Frames that were there."""
+    batch: int
+    batches_s: tuple[float, ...]
+    """Seconds of each batch from dense views to results."""
+    total_s: float
+    """Seconds of all, with loading, compiling and writing."""
+
+    @property
+    def frames_per_s(self) -> float | None:
+        """Frames a second of the simulation alone; None where there was one batch.
+
+        The first batch is left out, for it waits for the compiler. The last counts as full: it was computed so.
+        """
+        if len(self.batches_s) < 2:
+            return None
+        return self.batch * (len(self.batches_s) - 1) / sum(self.batches_s[1:])
+
+
+def simulate_folder(
+    learned: LearnedSensor,
+    dataset: Dataset,
+    positions: Sequence[int],
+    out: Path,
+    *,
+    data: str,
+    effects_model: SensorModel | None = None,
+    seed: int = 0,
+    projection: Projection = "lidar",
+    formats: Sequence[str] = ("bin", "pcd", "ply"),
+    batch: int = 8,
+    draw: Draw | None = None,
+    previews: int = 0,
+) -> Speed:
+    """Simulates frames of a data set and writes them to `out`; those that are there are not made again.
+
+    `data` says in words what the frames are of. What the effects leave to chance depends on `seed` and on a frame's
+    place in the data set; effects that drift count time from the first of `positions`. The first `previews` frames
+    are drawn. Raises ValueError where `out` holds frames of another making, and where a frame lacks what the network
+    or an effect needs.
+    """
+    # The folder: one making alone.
+    grid, _ = learned.window
+    first_s = 0.0
+    if effects_model:
+        opening = dataset[positions[0]]
+        check_motion(effects_model, **_motion(opening, 0.0))
+        first_s = opening.time_s or 0.0
+    claim_effects(out, effects_model)
+    claim_frames(out, sensor=learned.fingerprint, data=data, seed=seed if effects_model else None)
+    missing = [p for p in positions if not all(path.is_file() for path in _files(out, dataset.name_of(p), formats))]
+
+    # Batches: the last is filled up, so that one compiled program serves all.
+    begun = time.monotonic()
+    batches_s = []
+    number = already = len(positions) - len(missing)
+    with tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
+        for first in range(0, len(missing), batch):
+            chosen = missing[first : first + batch]
+            frames = [dataset[position] for position in chosen]
+            images, painted, seconds = simulate_batch(learned, frames, batch, projection=projection)
+            batches_s.append(seconds)
+            _announce(out / "polar", grid, frames)
+            for k, (position, frame) in enumerate(zip(chosen, frames, strict=True)):
+                image, under = take((images, painted), k)
+                if effects_model:
+                    key = jax.random.fold_in(jax.random.key(seed), position)
+                    image = with_effects(effects_model, image, under, grid, key=key, **_motion(frame, first_s))
+                cloud = polar_to_points(image, grid)
+                # The polar frame is written last: where it is, the frame is whole.
+                *clouds, _ = _files(out, frame.name, formats)
+                for path in clouds:
+                    save_cloud(path, cloud)
+                if draw and number < previews:
+                    draw(frame.name, cloud, image, under)
+                write_frame(out / "polar", frame.name, image, **rasters(under, grid))
+                number += 1
+            bar.update(len(frames))
+    return Speed(len(missing), already, batch, tuple(batches_s), time.monotonic() - begun)
+
+
+def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """All files of a frame that must be there."""
+    return [*(out / "clouds" / f"{name}.{suffix}" for suffix in formats), out / "polar" / f"{name}.npz"]
+
+
+def _motion(frame: Frame, first_s: float) -> dict[str, float | None]:
+    """When a frame was taken, counted from the first, and how the car moved; None where the frame does not say."""
+    time_s = None if frame.time_s is None else frame.time_s - first_s
+    return {"time_s": time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
+
+
+def _announce(folder: Path, grid: PolarGrid, frames: Sequence[Frame]) -> None:
+    """Adds frames to grid.json. Raises ValueError where the folder is of another grid."""
+    known: dict[str, dict[str, Any]] = {}
+    if (folder / "grid.json").is_file():
+        old, known = read_grid(folder)
+        if not same_grid(old, grid):
+            raise ValueError(
+                f"simulate: {folder} holds frames of another grid ("
+                f"{len(old.elevation_rad)} x {len(old.azimuth_rad)} cells; these have {len(grid.elevation_rad)} x "
+                f"{len(grid.azimuth_rad)}); give another --out"
+            )
+    write_grid(folder, grid, frames=known | {frame.name: about_of(frame) for frame in frames})
 
 
 def claim_frames(out: Path, *, sensor: str, data: str, seed: int | None) -> None:

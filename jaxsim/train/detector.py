@@ -69,5 +69,5 @@ def detector_training(experiment: DetectorExperiment) -> Training:
             "Validation, last step (AP is average precision over 40 recalls, KITTI's rules):\n\n" + list_scores(scores)
         ),
         use=f"```\njaxsim detect {folder} --clouds FOLDER --out OUT\n```",
-        hint=f"The last epochs' average precision, and pictures: python eval.py {folder}",
+        hint=f"The last epochs' average precision, and pictures: jaxsim eval {folder}",
     )

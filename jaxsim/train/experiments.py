@@ -1,8 +1,8 @@
 """Experiments by name or by file: those of configs/, a user's own, and the config.json of a run.
 
-A file of configs/ holds one value, `experiment` (for train.py) or `loop` (for `jaxsim real2sim2real`), and a docstring
-that says what it takes and scored. The folder lies beside the package in a checkout and inside it when installed, and
-is loaded by its path, so that experiments are the same from anywhere.
+A file of configs/ holds one value, `experiment` (for `jaxsim train`) or `loop` (for `jaxsim real2sim2real`), and a
+docstring that says what it takes and scored. The folder lies beside the package in a checkout and inside it when
+installed, and is loaded by its path, so that experiments are the same from anywhere.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopC
 from jaxsim.runs.kinds import kind_in
 
 AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
-TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
-"""The program that trains one, for a process of its own."""
 PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "configs") if folder.is_dir())
 """The folder of experiments: installed, or of the checkout."""
@@ -30,7 +28,7 @@ CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "conf
 
 @cache
 def experiment_names() -> tuple[str, ...]:
-    """Names of the experiments that train.py trains."""
+    """Names of the experiments that `jaxsim train` trains."""
     return tuple(name for name in _names() if hasattr(_module(name), "experiment"))
 
 
@@ -51,7 +49,7 @@ def load_experiment(name: str) -> tuple[AnyExperiment, str]:
         raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(experiment_names())}")
     module = _module(name)
     if hasattr(module, "loop"):
-        raise ValueError(f"{name} is not trained by train.py: jaxsim real2sim2real --config {name}")
+        raise ValueError(f"{name} is not for `jaxsim train`: jaxsim real2sim2real --config {name}")
     if not isinstance(getattr(module, "experiment", None), AnyExperiment):
         raise ValueError(f"{name} holds no experiment; write `experiment = ...` as in {CONFIGS / 'synthetic.py'}")
     return module.experiment, (module.__doc__ or "").strip()
@@ -76,7 +74,9 @@ def read_experiment(path: Path) -> AnyExperiment:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
     try:
         content = json.loads(path.read_text())
-        return TypeAdapter(kind_in(content).experiment).validate_python(content.get("experiment", content))
+        return TypeAdapter[AnyExperiment](kind_in(content).experiment).validate_python(
+            content.get("experiment", content)
+        )
     except FileNotFoundError:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
     except (ValueError, AttributeError, TypeError, ValidationError) as error:

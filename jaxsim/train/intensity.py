@@ -87,5 +87,5 @@ def intensity_training(experiment: Experiment) -> Training:
         ),
         scored=lambda scores: score_table({"validation": scores}),
         use=f'```python\nimport jaxsim\nsensor = jaxsim.load("{folder}")\n```',
-        hint=f"Scores beside baselines, and pictures: python eval.py {folder}",
+        hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )

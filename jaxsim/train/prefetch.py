@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 Batch = TypeVar("Batch", covariant=True)
 
 
+@runtime_checkable
 class Loader(Protocol[Batch]):
     """Batches by number."""
 

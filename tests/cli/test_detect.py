@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.cli.detect import Detect, cloud_files, read_cloud
+from jaxsim.cli.detect import Detect
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
@@ -126,25 +126,6 @@ def test_images_and_labels_need_a_calibration(run, kitti, tmp_path):
     for name in ("images", "labels"):
         with pytest.raises(ValueError, match=f"--{name} needs --calib"):
             Detect(run, kitti / "velodyne", tmp_path, **{name: kitti})()
-
-
-def test_broken_clouds_are_named(tmp_path):
-    with pytest.raises(ValueError, match="there is no such folder"):
-        cloud_files(tmp_path / "none")
-    with pytest.raises(ValueError, match=r"it holds no \.bin or \.npz"):
-        cloud_files(tmp_path)
-    (tmp_path / "a.bin").write_bytes(b"")
-    with pytest.raises(ValueError, match=r"a\.bin is empty"):
-        read_cloud(tmp_path / "a.bin")
-    np.savez(tmp_path / "b.npz", xyz=np.ones((4, 3)))
-    with pytest.raises(ValueError, match="3 columns, no intensity"):
-        read_cloud(tmp_path / "b.npz")
-    np.savez(tmp_path / "c.npz", points=np.ones((4, 3)))
-    with pytest.raises(ValueError, match="no array xyz"):
-        read_cloud(tmp_path / "c.npz")
-    np.savez(tmp_path / "a.npz", xyz=np.ones((4, 3)))
-    with pytest.raises(ValueError, match="a twice"):
-        cloud_files(tmp_path)
 
 
 def test_a_step_that_is_not_kept_is_refused(run):

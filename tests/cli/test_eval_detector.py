@@ -35,9 +35,9 @@ def run(tmp_path, monkeypatch):
         found = [Found(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
         return kitti_curves(scenes, found, experiment), found
 
-    monkeypatch.setattr("jaxsim.cli.eval_detector.open_dataset", lambda source: SCENES)
-    monkeypatch.setattr("jaxsim.cli.eval_detector.experiment_scenes", lambda *_: SCENES)
-    monkeypatch.setattr("jaxsim.cli.eval_detector.score_detector", scored)
+    monkeypatch.setattr("jaxsim.evaluate.runs.open_dataset", lambda source: SCENES)
+    monkeypatch.setattr("jaxsim.evaluate.runs.experiment_scenes", lambda *_: SCENES)
+    monkeypatch.setattr("jaxsim.evaluate.runs.score_detector", scored)
     return tmp_path / "run"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.cli.export import Export, Maker, export_trees
+from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
 from jaxsim.cloud.kitti_tree import files_of
 from jaxsim.config import CloudRecipe
@@ -18,6 +18,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, CameraFrame, Cloud, Frame
 from jaxsim.geometry import LidarSpec, full_grid, preset
+from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
 
 SIZE = (38, 124)
@@ -117,7 +118,7 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
     Export(out=tmp_path / "whole", frames="3-5", workers=1)()
     assert (killed / "training/label_2/000003.txt").is_file()
     with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
-        Export(out=killed, frames="3-5", reach_m=60)()
+        Export(out=killed, frames="3-5", reach_m=60.0)()
     Export(out=killed, frames="3-5")()
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
     assert len(files) == 3 * 4 + 3 + 1
@@ -163,7 +164,12 @@ def test_lines_of_any_sensor_are_read_from_its_grid(tmp_path, six):
 def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path, six):
     depth, wide = Export(out=tmp_path / "a", frames="0-5"), Export(out=tmp_path / "b", frames="0-3", validation="3")
     wide = replace(wide, recipe=CloudRecipe(lines="none"))
-    export_trees([depth, wide], depth.dataset())
+
+    def export_both():
+        dataset = depth.dataset()
+        export_trees([depth.plan(dataset), wide.plan(dataset)], dataset)
+
+    export_both()
     assert sorted(six.made) == [0, 1, 2, 3, 4, 5]
     for tree in (depth, wide):
         alone = replace(tree, out=tmp_path / f"{tree.out.name}_alone")
@@ -172,7 +178,7 @@ def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path,
         assert all((alone.out / path).read_bytes() == (tree.out / path).read_bytes() for path in files)
     (wide.out / "training/label_2/000000.txt").unlink()
     six.made.clear()
-    export_trees([depth, wide], depth.dataset())
+    export_both()
     assert six.made == [0]
 
 
@@ -185,7 +191,7 @@ def test_effects_need_rays(tmp_path, six):
 def test_frames_of_another_making_are_not_added(tmp_path, six):
     Export(out=tmp_path, frames="0")()
     with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
-        Export(out=tmp_path, frames="0-1", reach_m=60)()
+        Export(out=tmp_path, frames="0-1", reach_m=60.0)()
     (tmp_path / "export.json").write_text("{")
     with pytest.raises(ValueError, match="cannot be read"):
         Export(out=tmp_path, frames="0")()
@@ -307,8 +313,9 @@ def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, six, 
 
     drift = SensorModel((("emitter_drift", {"rate": 0.1}),))
     monkeypatch.setattr(Six, "__getitem__", started)
-    monkeypatch.setattr("jaxsim.cli.export.make_cloud", made)
-    monkeypatch.setattr(Maker, "of", classmethod(lambda cls, export: cls(None, drift)))
+    monkeypatch.setattr("jaxsim.simulate.trees.make_cloud", made)
+    monkeypatch.setattr("jaxsim.simulate.trees.check_recipe", lambda *of: None)
+    drift.save(tmp_path / "sensor.json")
     with pytest.raises(ValueError, match="enough"):
-        Export(out=tmp_path, frames="3-5", workers=1)()
+        Export(out=tmp_path / "out", frames="3-5", workers=1, effects=tmp_path / "sensor.json")()
     np.testing.assert_allclose(seen[0], 0.3, atol=1e-3)

@@ -127,7 +127,7 @@ def test_effects_act_on_the_rays_of_the_sensors_grid(virtual, sensor):
     plain = make_cloud(frame, recipe, sensor)
     lossy = SensorModel((("random_dropout", {"probability": 0.4}),))
     first, again, other = (
-        make_cloud(frame, recipe, sensor, effects=lossy, key=jax.random.key(seed)) for seed in (3, 3, 4)
+        make_cloud(frame, recipe, sensor, effects_model=lossy, key=jax.random.key(seed)) for seed in (3, 3, 4)
     )
     assert first.valid.sum() == pytest.approx(0.6 * plain.valid.sum(), rel=0.05)
     assert not first.valid[~plain.valid].any()

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.data import read_lidar_top, read_pcap
 from jaxsim.data.polar_checks import angles_of
-from jaxsim.data.polar_frames import read_frame, read_grid, write_frame, write_grid
+from jaxsim.data.polar_frames import open_polar_frames, read_frame, read_grid, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry.sensor import PRESETS
 
@@ -184,3 +184,20 @@ def test_a_nuscenes_sweep_is_kept_as_a_polar_frame(samples, tmp_path):
     assert list(frames) == [sweep.name]
     assert got.range_m.shape == (32, len(grid.azimuth_rad))
     np.testing.assert_array_equal(got.range_m[got.valid], sweep.image.range_m[sweep.image.valid])
+
+
+def test_a_folder_is_opened_with_its_grid_and_its_frames_are_checked_against_it(tmp_path):
+    write_grid(tmp_path, GRID, frames={"a": {"scene": "street"}})
+    with pytest.raises(ValueError, match="no frames"):
+        open_polar_frames(tmp_path)
+    write_frame(tmp_path, "a", image(), semantic=np.zeros((3, 5), np.uint8))
+    frames = open_polar_frames(tmp_path)
+    assert frames.names == ("a",)
+    assert frames.about == {"a": {"scene": "street"}}
+    read, rasters = frames.read("a")
+    np.testing.assert_array_equal(read.valid, image().valid)
+    assert [*rasters] == ["semantic"]
+    small = PolarImage(np.ones((2, 5), np.float32), np.ones((2, 5), np.float32), np.ones((2, 5), bool))
+    write_frame(tmp_path, "b", small)
+    with pytest.raises(ValueError, match=r"b\.npz is \(2, 5\), its grid\.json \(3, 5\)"):
+        open_polar_frames(tmp_path).read("b")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxsim.data.select import select
+from jaxsim.data.select import frames_to_judge, select
 
 
 def test_ranges_and_single_numbers_keep_their_order():
@@ -61,3 +61,11 @@ def test_a_named_part_is_taken_whole_or_thinned_and_mixes_with_numbers():
 def test_a_part_that_is_not_there_is_explained(text, message):
     with pytest.raises(ValueError, match=message):
         select(text, Parted(range(7)))
+
+
+@pytest.mark.parametrize(
+    ("frames", "validation", "positions"),
+    [("1", "2-3", [1]), ("", "2-3", [2, 3]), ("", "", [0, 1, 2, 3, 4])],
+)
+def test_frames_to_judge_are_those_asked_for_then_those_that_validate_then_all(frames, validation, positions):
+    assert frames_to_judge(frames, range(5), validation=validation) == positions

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxsim.cli.ablation import Ablation, unmeasured
 from jaxsim.cli.simulate import Simulate
 from jaxsim.cli.source import Source
+from jaxsim.config import DataConfig
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.simulate.sensor import load
+from jaxsim.studies.ablation.stages import draw_unmeasured
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +88,9 @@ def test_plain_arrays_give_a_cloud_and_must_be_like_the_runs_images(step_run, vi
         sensor.simulate(**{name: raster[:, :621] for name, raster in arrays.items()}, camera=view.camera)
 
 
-def test_an_ablation_draws_frames_that_no_lidar_measured(step_run, virtual, tmp_path):
-    args = Ablation(out=tmp_path, also="vkitti2", also_root=virtual.root, also_scenes=("Scene01",), also_frames="0")
-    (picture,) = unmeasured({"combined": load(step_run)}, args).values()
+def test_an_ablation_draws_frames_that_no_lidar_measured(step_run, virtual):
+    source = DataConfig("vkitti2", root=virtual.root, scenes=("Scene01",))
+    (picture,) = draw_unmeasured({"combined": load(step_run)}, source, "0").values()
     inputs, predicted = picture[:, :744], picture[:200, 748:]
     assert inputs.std() > 20
     assert predicted.std() > 5

@@ -88,6 +88,6 @@ def test_voxels_left_out_are_told(capsys):
     clouds = [(name, np.zeros((n, 4), np.float32)) for name, n in (("a", 0), ("b", 70), ("c", 3))]
     assert [name for name, _ in find_all(find, Network({}, {}), clouds, total=3, quiet=True)] == ["a", "b", "c"]
     assert "2 of 3 clouds had more voxels" in (said := capsys.readouterr().out)
-    assert "worst b: 70 of voxels left out; train.py makes room with --voxels.max-voxels" in said
+    assert "worst b: 70 of voxels left out; training makes room with --voxels.max-voxels" in said
     list(find_all(find, Network({}, {}), clouds, total=3, quiet=True, more_room="raise --max-voxels"))
     assert "left out; raise --max-voxels\n" in capsys.readouterr().out

@@ -12,7 +12,7 @@ from jaxsim.prepare.denoise.lidia.published import published_shapes
 from tests.prepare.lidia_oracle import random_state
 
 HEAD = "separable_fc_net.sep_part2.ver_hor_out"
-EPOCHS = 12
+EPOCHS = 24
 ONE_EPOCH = adapt.Adaptation(noise=0.1, epochs=1, block=16, stride=16, batch=2)
 
 

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Result, Unexplained, Verdict, Where
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
+from jaxsim.report import write_report
 
 ROWS, COLUMNS = 16, 96
 GAIN = tuple(np.round(0.2 * np.sin(1.7 * np.arange(ROWS)), 3).tolist())
+
+
+def page(folder: Path, result: Result) -> str:
+    """The report of an answer."""
+    return write_report(folder, result).read_text(encoding="utf-8")
 
 
 def grid() -> PolarGrid:

@@ -1,21 +1,12 @@
-from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
-from jaxsim.discover.verdict import Interval, Nulls, Result
-from jaxsim.frame import PolarGrid
-from jaxsim.report import verdict_sentence, write_report
-from jaxsim.report.charts import azimuth_ticks, colour_limit, diverging, residual_maps, ticks
-from jaxsim.report.words import number, probability
+from jaxsim.report import verdict_sentence
 from tests.report import results
-
-
-def page(folder: Path, result: Result) -> str:
-    return write_report(folder, result).read_text(encoding="utf-8")
+from tests.report.results import page
 
 
 @pytest.mark.parametrize("make", [results.named, results.none, results.not_in_catalogue])
@@ -39,19 +30,6 @@ def test_every_chart_of_the_page_is_a_figure_too(tmp_path: Path):
         assert cv2.imread(str(path)).std() > 5
 
 
-def test_what_chance_gives_is_drawn_where_nulls_were_asked_for(tmp_path: Path):
-    assert "What chance gives" not in page(tmp_path, results.named())
-    result = results.named()
-    nulls = Nulls(("oren_nayar", "", "saturation"), (1.4, 0.0, 0.3), (0.0, 0.0, 0.9), 1, 1.4, 0.9)
-    text = page(tmp_path, replace(result, verdict=replace(result.verdict, nulls=nulls)))
-    assert "3 measurements in which nothing is missing" in text
-    assert "On 1 of them something would have been said" in text
-    assert f"({number(1.4)} nats a scene)" in text
-    assert cv2.imread(str(tmp_path / "figures" / "chance.png")).std() > 5
-    page(tmp_path, result)
-    assert not (tmp_path / "figures" / "chance.png").exists()
-
-
 def test_figures_of_an_earlier_answer_do_not_stay_and_other_files_do(tmp_path: Path):
     page(tmp_path, results.named())
     (tmp_path / "figures" / "mine.png").write_bytes(b"mine")
@@ -65,152 +43,3 @@ def test_names_are_escaped(tmp_path: Path):
     text = page(tmp_path, results.named())
     assert "drive &lt;b&gt;3&lt;/b&gt; &amp; Co" in text
     assert "<b>3</b>" not in text
-
-
-def test_the_page_tells_the_look_alike_and_what_would_separate_it(tmp_path: Path):
-    text = page(tmp_path, results.named())
-    assert "focal_compensation" in text
-    assert "follow one beam over range" in text
-    assert "Runner-up, look-alikes left out: range_falloff" in text
-
-
-def test_a_small_share_is_told_as_such(tmp_path: Path):
-    result = results.named()
-    places = (*result.verdict.where, replace(result.verdict.where[0], covariate="rgb", share=0.001))
-    assert "&lt; 1 %" in page(tmp_path, replace(result, verdict=replace(result.verdict, where=places)))
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "word"),
-    [(-0.0001, 0.02, "not worse"), (-0.02, 0.02, "may be worse"), (0.001, 0.02, "shrank"), (-0.02, -0.01, "grew")],
-)
-def test_the_page_says_whether_a_channel_is_worse(tmp_path: Path, low: float, high: float, word: str):
-    result = results.named()
-    gap = {name: replace(one, before=0.1, low=low, high=high) for name, one in result.verdict.gap.items()}
-    assert f"<small>{word}</small>" in page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
-
-
-def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_path: Path):
-    result = results.named()
-    nothing = np.full((results.ROWS, results.COLUMNS), np.nan)
-    gap = dict(result.verdict.gap)
-    gap["drop"] = replace(gap["drop"], before=np.nan, after=np.nan, low=np.nan, high=np.nan, win_rate=np.nan)
-    result = replace(
-        result,
-        verdict=replace(result.verdict, gap=gap),
-        maps_before=result.maps_before | {"drop": nothing},
-        maps_after=result.maps_after | {"drop": nothing},
-    )
-    text = page(tmp_path, result)
-    assert "no ray could be compared" in text
-    assert "not compared" in text
-    assert "nan" not in text
-
-
-def test_a_curve_of_the_spread_is_a_figure_of_its_own(tmp_path: Path):
-    result = results.named()
-    spread = replace(result.curves[0], channel="range", unit="spread over the one expected, less 1", spread=True)
-    text = page(tmp_path, replace(result, curves=(*result.curves, spread)))
-    assert "Range along row: spread over the one expected, less 1." in text
-    assert (tmp_path / "figures" / "curve_range_row_spread.png").is_file()
-    assert (tmp_path / "figures" / "curve_intensity_row.png").is_file()
-
-
-def test_effects_and_covariates_that_the_catalogue_does_not_know_are_drawn_all_the_same(tmp_path: Path):
-    result = results.named()
-    strange = replace(result.verdict.effects[0], name="new_effect", parameters={"a b": (Interval(1.0, 0.5, 1.5, ""),)})
-    curve = replace(result.curves[0], covariate="moon phase")
-    result = replace(result, verdict=replace(result.verdict, effects=(strange,)), curves=(curve,))
-    assert "moon phase" in page(tmp_path, result)
-    assert (tmp_path / "figures" / "parameter_new_effect_a-b.png").is_file()
-
-
-def test_sentences():
-    named = verdict_sentence(results.named().verdict)
-    assert named.startswith("The simulation lacks beam_gain (each beam has its own gain) and range_scale")
-    assert "closes 93 % of the explainable gap (90 % interval 88 % to 97 %) on 2 scenes" in named
-    assert named.endswith("These data cannot tell beam_gain from focal_compensation.")
-    assert verdict_sentence(results.none().verdict).startswith("No missing effect was found")
-    outside = verdict_sentence(results.not_in_catalogue().verdict)
-    assert outside == (
-        "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
-    )
-
-
-def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():
-    verdict = replace(results.named().verdict, closure=None)
-    assert (
-        "adding them makes the intensities of 2 scenes that nothing was fitted to more probable, by 180 nats per scene "
-        "(90 % interval 150 to 210), where free curves gain nothing for certain" in verdict_sentence(verdict)
-    )
-    silent = {name: replace(g, gained=None) for name, g in verdict.gap.items()}
-    assert "more probable" not in verdict_sentence(replace(verdict, gap=silent))
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "word"), [(2.0, 9.0, "gains"), (-9, -2, "loses"), (-9, 9, "undecided"), (-0.5, 0.7, "as before")]
-)
-def test_the_page_says_what_the_likelihood_of_judge_scenes_gains(tmp_path: Path, low: float, high: float, word: str):
-    result = results.named()
-    one = result.verdict.gap["intensity"]
-    gap = {"intensity": replace(one, gained=replace(one.gained, low=low, high=high))}
-    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
-    assert f"<small>{word}</small>" in text
-    assert "nats per scene" in text
-
-
-def test_before_and_after_share_one_colour_scale():
-    weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
-    chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
-    assert chart is not None
-    pictures = [stroke.rgb for stroke in chart.strokes if hasattr(stroke, "rgb")]
-    assert (pictures[0] == diverging(strong, 0.4)).all()
-    assert (pictures[1] == diverging(weak, 0.4)).all()
-
-
-def test_few_strong_cells_do_not_let_a_quiet_map_look_loud():
-    quiet = np.full((20, 50), -0.003)
-    quiet[3, :3] = 1.0
-    limit = colour_limit([quiet])
-    assert limit == pytest.approx(np.sqrt(np.mean(quiet**2)))
-    assert diverging(quiet, limit)[0, 0].min() > 225
-
-
-def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
-    result = results.named()
-    gap = dict(result.verdict.gap)
-    gap["range"] = replace(gap["range"], low=-2e-7, high=-4e-8)
-    gap["drop"] = replace(gap["drop"], low=-0.02, high=-0.01)
-    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
-    assert [text.count(f"<small>{word}</small>") for word in ("shrank", "unchanged", "grew")] == [1, 1, 1]
-
-
-def test_colours_are_white_at_zero_and_grey_where_nothing_is_known():
-    rgb = diverging(np.array([[-1.0, 0.0, 1.0, np.nan]]), 1.0)[0]
-    assert rgb[0, 2] > rgb[0, 0]
-    assert rgb[2, 0] > rgb[2, 2]
-    assert (rgb[1] == 250).all()
-    assert (rgb[3] == 176).all()
-
-
-def test_azimuth_is_written_where_its_column_is():
-    azimuth = np.deg2rad(np.arange(39.5, -40, -1.0))
-    places = {text: place for place, text in azimuth_ticks(PolarGrid(azimuth, np.zeros(1), np.zeros(1)))}
-    assert places["0"] == pytest.approx(0.5)
-    assert places["20"] == pytest.approx(0.25)
-    assert places["−20"] == pytest.approx(0.75)
-
-
-def test_ticks_are_round_and_whole_where_they_count_things():
-    assert ticks(-0.23, 0.23) == [-0.2, -0.1, 0.0, 0.1, 0.2]
-    assert all(value == int(value) for value in ticks(0, 15, 7, whole=True))
-    assert ticks(3.0, 3.0) == [3.0]
-
-
-def test_numbers_are_short_and_honest():
-    assert number(0.0) == "0"
-    assert number(-0.12345) == "−0.123"
-    assert number(211.4) == "211"
-    assert number(float("nan")) == "–"
-    assert number(3e-6) == "3.00e−06"
-    assert probability(1e-5) == "< 0.0001"

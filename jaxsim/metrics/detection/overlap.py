@@ -24,7 +24,8 @@ class Pairs(NamedTuple):
 
 def pairs_of(truth: Objects, detections: Objects, among: Bool[np.ndarray, " n"]) -> Pairs:
     """All pairs of a label `among` the labels with a detection of its frame."""
-    first, stop = (np.searchsorted(detections.frame, truth.frame, side=side) for side in ("left", "right"))
+    first = np.searchsorted(detections.frame, truth.frame, side="left")
+    stop = np.searchsorted(detections.frame, truth.frame, side="right")
     count = np.where(among, stop - first, 0)
     label = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(label)) - np.repeat(np.cumsum(count) - count, count)

@@ -42,7 +42,9 @@ def spherical_image(
 
     semantic-kitti-api `laserscan.py`: points above or below go to the first or last row.
     """
-    x, y, z = (xyz_m[..., i] for i in range(3))
+    x = xyz_m[..., 0]
+    y = xyz_m[..., 1]
+    z = xyz_m[..., 2]
     range_m = jnp.sqrt(x * x + y * y + z * z)
     seen = valid & jnp.isfinite(range_m) & (range_m > 0)
     pitch = jnp.arcsin(jnp.where(seen, z / jnp.where(seen, range_m, 1.0), 0.0))
@@ -141,7 +143,8 @@ def _spectral(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _euclidean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    x, y = (h.reshape(len(h), -1).astype(np.float64) for h in (a, b))
+    x = a.reshape(len(a), -1).astype(np.float64)
+    y = b.reshape(len(b), -1).astype(np.float64)
     return (x * x).sum(1)[:, None] + (y * y).sum(1)[None] - 2 * x @ y.T
 
 

@@ -33,7 +33,8 @@ def _nearest(a: Points, b: Points) -> tuple[Nearest, Nearest]:
             raise ValueError("chamfer: a cloud is empty; leave the frame out")
         if not np.isfinite(cloud).all():
             raise ValueError("chamfer: a cloud has points that are not finite; leave them out")
-    first, second = (KDTree(np.asarray(cloud, np.float64)) for cloud in (a, b))
+    first = KDTree(np.asarray(a, np.float64))
+    second = KDTree(np.asarray(b, np.float64))
     (d1, i1), (d2, i2) = second.query(first.data), first.query(second.data)
     return Nearest(d1**2, np.asarray(i1)), Nearest(d2**2, np.asarray(i2))
 

@@ -73,7 +73,8 @@ def _compared(a: Float[np.ndarray, "k levels"], b: Float[np.ndarray, "k levels"]
     if not kept.any():
         return Conditional(float("nan"), float("nan"), 0.0, 0)
     weight = m[kept] / m[kept].sum()
-    first, second = (np.cumsum(t[kept], 1) / t[kept].sum(1, keepdims=True) for t in (a, b))
+    first = np.cumsum(a[kept], 1) / a[kept].sum(1, keepdims=True)
+    second = np.cumsum(b[kept], 1) / b[kept].sum(1, keepdims=True)
     step = 1 / (LEVELS - 1)
     distance = np.abs(first - second).sum(1) * step
     both = (a[kept] + b[kept]).cumsum(1) / (n + m)[kept][:, None]
@@ -93,7 +94,8 @@ def conditional_intensity(
     `classes` False where the frames have none: then `all` is range and incidence. Raises ValueError where a side has
     no return.
     """
-    a, b = (np.asarray(t, np.float64) for t in (simulated, measured))
+    a = np.asarray(simulated, np.float64)
+    b = np.asarray(measured, np.float64)
     if not (a.sum() and b.sum()):
         raise ValueError("conditional: a set has no returns")
     found = {"intensity": _compared(a.reshape(-1, LEVELS).sum(0)[None], b.reshape(-1, LEVELS).sum(0)[None])}

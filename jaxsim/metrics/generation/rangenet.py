@@ -99,7 +99,7 @@ def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS)
 
 def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
-    kernel, bias = (jnp.asarray(v) for v in values[name])
+    kernel, bias = map(jnp.asarray, values[name])
     convolve = partial(
         jax.lax.conv_general_dilated,
         dimension_numbers=("NHWC", "HWIO", "NHWC"),
@@ -147,7 +147,8 @@ def network_image(
         return jnp.take_along_axis(values, flat, axis=1).reshape(index.shape)
 
     channels = jnp.stack([range_m, *(picked(xyz_m[..., i]) for i in range(3)), picked(remission)], -1)
-    mean, deviation = (jnp.asarray(v, jnp.float32)[None, None, None] for v in (MEANS, DEVIATIONS))
+    mean = jnp.asarray(MEANS, jnp.float32)[None, None, None]
+    deviation = jnp.asarray(DEVIATIONS, jnp.float32)[None, None, None]
     return jnp.where(filled[..., None], (channels - mean) / deviation, 0.0)
 
 

@@ -97,20 +97,23 @@ def sliced_wasserstein(
     levels, key = levels_of(rows, columns), jax.random.key(seed)
     # Halving and doubling must give the same size: what is left over at the lower right is cut.
     multiple = 2 ** (levels - 1)
-    a, b = (s[:, : rows // multiple * multiple, : columns // multiple * multiple] for s in (a, b))
+    a = a[:, : rows // multiple * multiple, : columns // multiple * multiple]
+    b = b[:, : rows // multiple * multiple, : columns // multiple * multiple]
     found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
     for first in range(0, n, batch):
         pyramids = [
             laplacian_pyramid(jnp.asarray(s[first : first + batch], jnp.float32), levels=levels) for s in (a, b)
         ]
         for level, pair in enumerate(zip(*pyramids, strict=True)):
-            height, width = (size - PATCH + 1 for size in pair[0].shape[1:3])
-            order = jax.random.permutation(jax.random.fold_in(key, level * n + first), height * width)
+            rows, columns = pair[0].shape[1:3]
+            corners = (rows - PATCH + 1) * (columns - PATCH + 1)
+            order = jax.random.permutation(jax.random.fold_in(key, level * n + first), corners)
             for side, image in enumerate(pair):
                 found[level][side].append(patches_at(image, order[:PLACES]))
     scores = {}
     for level, sides in enumerate(found):
-        x, y = (_standardised(jnp.concatenate(patches)) for patches in sides)
+        x = _standardised(jnp.concatenate(sides[0]))
+        y = _standardised(jnp.concatenate(sides[1]))
         distances = []
         for repeat in range(REPEATS):
             fold = jax.random.fold_in(jax.random.fold_in(key, 2**30 + level), repeat)

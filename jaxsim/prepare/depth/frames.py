@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 
-from jaxsim.frame import Cloud, DepthFrame, Frame
+from jaxsim.frame import DepthFrame, Frame
+from jaxsim.geometry import pad_cloud
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.sparse import sparse_depth
 
-_POINTS = 2**15
 REACH_M = 120.0
 """True depth beyond a LiDAR's reach is left out, as no sweep could tell it; it would rule a squared error."""
 
@@ -32,7 +31,7 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
         raise ValueError(
             f"depth: {frame.name} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
         )
-    sparse_m, given = (np.asarray(x) for x in sparse_depth(_padded(cloud), view.camera, (h, w)))
+    sparse_m, given = jax.device_get(sparse_depth(pad_cloud(cloud), view.camera, (h, w)))
     top, left = h - rows, round((w - columns) / 2)
     cut = lambda raster: np.asarray(raster)[top:, left : left + columns]  # noqa: E731
     intrinsics = np.array(view.camera.intrinsics, np.float32)
@@ -46,9 +45,3 @@ def where_backed(frame: DepthFrame) -> DepthFrame:
     line nothing says how far a facade is, and no completed depth is used there (`Penet`)."""
     backed = fill_in_multiscale(np.asarray(frame.sparse_m), np.asarray(frame.given))[1]
     return replace(frame, known=frame.known & backed)
-
-
-def _padded(cloud: Cloud) -> Cloud:
-    """The cloud with invalid points behind it, so that kernels are compiled once."""
-    more = -cloud.intensity.shape[-1] % _POINTS
-    return jax.tree.map(lambda leaf: np.pad(leaf, [(0, more), *[(0, 0)] * (leaf.ndim - 1)]), cloud)

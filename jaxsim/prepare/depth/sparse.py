@@ -28,7 +28,8 @@ def sparse_depth(
     inside = cloud.valid & (depth_m > _NEAREST_M) & jnp.isfinite(depth_m)
     u, v = pixel[..., 0], pixel[..., 1]
     inside &= (u >= 0) & (u < size[1]) & (v >= 0) & (v < size[0])
-    row, column = (jnp.where(inside, value, 0).astype(jnp.int32) for value in (v, u))
+    row = jnp.where(inside, v, 0).astype(jnp.int32)
+    column = jnp.where(inside, u, 0).astype(jnp.int32)
     winner, valid = scatter_nearest(depth_m, row, column, inside, size)
     nearest = jnp.take_along_axis(depth_m, winner.reshape(*depth_m.shape[:-1], -1), axis=-1)
     return jnp.where(valid, nearest.reshape(winner.shape), 0), valid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
@@ -12,7 +11,6 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxsim.evaluate.fid import frechet_line
-from jaxsim.files import replacing
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.metrics import Score
 from jaxsim.prepare import edge_map
@@ -21,6 +19,7 @@ from jaxsim.report.frames import Raster, input_panels, intensity_panel
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import NOTHING, beside, strip
+from jaxsim.report.results import list_facts, write_results
 from jaxsim.studies.ablation.table import PAPER_FID, AblationRow
 
 Rgb = UInt8[np.ndarray, "h w 3"]
@@ -77,14 +76,8 @@ def write_ablation(
         "rows": [_plain(row) | {"paper_fid": PAPER_FID.get(row.name)} for row in rows],
         "baselines": {who: {name: score._asdict() for name, score in row.items()} for who, row in baselines.items()},
     }
-    facts = "\n".join(f"- {name}: {value}" for name, value in about.items())
-    with replacing(folder / "ablation.json") as path:
-        path.write_text(json.dumps(content, indent=2))
-    with replacing(folder / "ablation.md") as path:
-        path.write_text(f"{facts}\n\n{ablation_table(rows, baselines)}\n\n{_notes(rows)}\n")
-    with replacing(folder / "ablation.html") as path:
-        path.write_text(_page(rows, baselines, pictures, about))
-    return folder / "ablation.html"
+    text = f"{list_facts(about)}\n\n{ablation_table(rows, baselines)}\n\n{_notes(rows)}"
+    return write_results(folder, "ablation", content, text=text, page=_page(rows, baselines, pictures, about))
 
 
 def _plain(row: AblationRow) -> dict[str, object]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor, load
 from jaxsim.studies.ablation.page import ablation_picture, ablation_table, write_ablation
 from jaxsim.studies.ablation.table import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
-from jaxsim.train.experiments import TRAINER
+from jaxsim.train.apart import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 
@@ -44,7 +43,7 @@ def train_all(
     for name, inputs in reversed(MODALITIES.items()):  # combined first: its pairs have labels and serve all
         print(f"ablation: {name} ({', '.join(inputs)})", flush=True)
         named = ["--prepare.inputs", *inputs, *more, "--run.name", name, "--run.out", str(out)]
-        status = subprocess.run([*trainer, experiment, *flags, *named]).returncode
+        status = train_apart(experiment, *flags, *named, trainer=trainer)
         if status:
             sys.exit(f"error: ablation: training {name} ended with status {status}; the same command resumes")
         runs.insert(0, out / name)

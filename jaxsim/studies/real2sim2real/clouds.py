@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import DISTANCES_M, REST, CloudCounts, band_name, classes_in, compare_clouds
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
+from jaxsim.report.results import write_results
 from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
@@ -101,9 +101,7 @@ def write_checks(out: Path, counts: Counts, first: str, pictures: Mapping[str, R
     pictures = {**pictures, **check_pictures(counts, first)}
     for name, picture in pictures.items():
         save_picture(out / "pictures" / f"{name}.png", picture)
-    with replacing(out / "clouds.md") as path:
-        path.write_text(check_text(counts, first) + "\n")
     classes = {kind: plain_rows(counts, kind) for kind in classes_in(counts, first)}
-    with replacing(out / "clouds.json") as path:
-        path.write_text(json.dumps({"clouds": list(counts), "classes": classes}, indent=1))
+    content = {"clouds": list(counts), "classes": classes}
+    write_results(out, "clouds", content, text=check_text(counts, first), indent=1)
     return pictures

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -10,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.canvas import data_uri
 from jaxsim.report.page import paragraph, section, table, whole_page
 from jaxsim.report.pictures import save_picture
+from jaxsim.report.results import write_results
 from jaxsim.studies.real2sim2real.clouds import WORDS, check_tables, write_checks
 from jaxsim.studies.real2sim2real.epochs_chart import epochs_chart
 from jaxsim.studies.real2sim2real.settings import KINDS, Loop
@@ -30,13 +29,9 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
     if epochs := epochs_chart(loop):
         pictures["epochs"] = epochs.pixels()
         save_picture(loop.out / "pictures" / "epochs.png", pictures["epochs"])
-    with replacing(loop.out / "real2sim2real.json") as path:
-        path.write_text(json.dumps(plain_scores(loop, counts), indent=1))
-    with replacing(loop.out / "real2sim2real.md") as path:
-        path.write_text(loop_tables(loop, counts) + "\n")
-    with replacing(loop.out / "real2sim2real.html") as path:
-        path.write_text(_page(loop, counts, pictures))
-    return loop.out / "real2sim2real.html"
+    content, text = plain_scores(loop, counts), loop_tables(loop, counts)
+    page = _page(loop, counts, pictures)
+    return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
 
 def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:

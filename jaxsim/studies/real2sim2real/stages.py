@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,7 +26,7 @@ from jaxsim.studies.real2sim2real.pictures import count_objects, draw_found, dra
 from jaxsim.studies.real2sim2real.scores import write_score
 from jaxsim.studies.real2sim2real.settings import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.tables import loop_tables
-from jaxsim.train.experiments import TRAINER
+from jaxsim.train.apart import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 EPOCHS = 5
@@ -109,7 +108,7 @@ class Stages:
         settings = self.loop.out / "settings" / f"{'_'.join(run.relative_to(self.loop.out).parts)}.json"
         with replacing(settings) as path:
             path.write_bytes(b'{"experiment": ' + TypeAdapter(type(experiment)).dump_json(experiment, indent=1) + b"}")
-        status = subprocess.run([*self.trainer, str(settings)]).returncode
+        status = train_apart(settings, trainer=self.trainer)
         if status:
             sys.exit(f"error: real2sim2real: training {run} ended with status {status}; the same command resumes")
 

@@ -47,7 +47,8 @@ def nearest_patches(
     if measured is not None:
         mask = measured.astype(image.dtype)
         image = jnp.where(measured, image, 0.0)
-        here, mask_here = (x[margin : margin + h, margin : margin + w] for x in (image, mask))
+        here = image[margin : margin + h, margin : margin + w]
+        mask_here = mask[margin : margin + h, margin : margin + w]
 
     def distance(shift: Array) -> Array:
         corner = (d * (shift // side), d * (shift % side))

@@ -112,7 +112,7 @@ def open_penet(path: Path | None) -> Penet:
     if path is None:
         raise ValueError(
             f"depth: penet needs its weights: fetch {CONVERTERS['penet'].fetch}; then `jaxsim convert penet FILE --out "
-            "penet.npz`, or train one (`python train.py penet_synthetic`); and --prepare.depth-weights penet.npz"
+            "penet.npz`, or train one (`jaxsim train penet_synthetic`); and --prepare.depth-weights penet.npz"
         )
     return _open(path, path.stat().st_mtime_ns if path.is_file() else 0)
 

@@ -131,5 +131,5 @@ CONVERTERS = {
     ),
 }
 """What `jaxsim convert` makes of the published checkpoint."""
-TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `python train.py penet_synthetic`", _trained)
+TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `jaxsim train penet_synthetic`", _trained)
 TRAINED_KIND = "penet_trained"

@@ -1,0 +1,140 @@
+"""A folder of clouds for a detector, the cameras that stand beside them, and the folder of its results.
+
+Results are KITTI's (one NAME.txt a cloud). OUT/detect.json says what made them, so that a resumed command adds none of
+another making.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float, Float32
+from pydantic import TypeAdapter
+
+from jaxsim.config import DetectorExperiment
+from jaxsim.data.clouds import SUFFIXES, read_cloud
+from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
+from jaxsim.detect.results import Found, result_lines, write_lines
+from jaxsim.detect.scenes import View, check_points
+from jaxsim.evaluate.detector import LearnedDetector
+from jaxsim.files import claim
+from jaxsim.geometry.boxes import lidar_boxes
+
+AT_LIDAR = View(
+    intrinsics=np.eye(3),
+    cam_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
+    rect_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
+    size=(1, 1),
+)
+"""Where boxes are written without a calibration: a camera that stands in the LiDAR. Their rectangles are empty."""
+
+
+@dataclass(frozen=True)
+class CloudFolder:
+    """Clouds NAME.bin or NAME.npz, and folders of files of the same names that belong to them."""
+
+    clouds: Path
+    calib: Path | None = None
+    """Of NAME.txt, KITTI's object calibration."""
+    images: Path | None = None
+    """Of NAME.png."""
+    labels: Path | None = None
+    """Of NAME.txt, KITTI's labels."""
+    image_size: tuple[int, int] = (375, 1242)
+    """Rows and columns of the images where they are not given."""
+
+    def view(self, name: str) -> View:
+        """The camera of a cloud. Raises ValueError where its calibration or image is missing."""
+        if not self.calib:
+            return AT_LIDAR
+        path = self.calib / f"{name}.txt"
+        size = self.image(name).shape[:2] if self.images else self.image_size
+        camera = object_camera(path, size)
+        return View(
+            np.asarray(camera.intrinsics, np.float64),
+            np.asarray(camera.cam_from_velo, np.float64),
+            rect_from_velo=object_rect_from_velo(path),
+            size=size,
+        )
+
+    def image(self, name: str) -> np.ndarray:
+        """The image of a cloud, rows x columns x 3, 0..255."""
+        if not self.images:
+            raise ValueError("detect: there is no folder of images; give --images")
+        return read_image(self.images / f"{name}.png")
+
+    def labelled(self, name: str, view: View, kind: str) -> Float[np.ndarray, "g 7"] | None:
+        """The labelled boxes of a class in the LiDAR's axes; None where no labels are given."""
+        if not self.labels:
+            return None
+        labels = read_labels(self.labels / f"{name}.txt")
+        of_kind = np.array([k == kind for k in labels.kind], bool)
+        return lidar_boxes(labels, view.rect_from_velo)[of_kind]
+
+    def claim(self, out: Path, learned: LearnedDetector, **about: Any) -> None:
+        """Writes OUT/detect.json: all that decides what results hold, and what else is to be said `about` them.
+
+        Raises ValueError where OUT holds results of something else, or of nobody knows what.
+        """
+        path = out / "detect.json"
+        made = made_with(learned) | {
+            "clouds": str(self.clouds.resolve()),
+            "calib": str(self.calib.resolve()) if self.calib else None,
+            "image_size": None if self.images or not self.calib else list(self.image_size),
+        }
+        claim(
+            path,
+            made,
+            by="detect",
+            text=json.dumps(about | {"made": made}, indent=1),
+            filled=any((out / "results").glob("*.txt")),
+            read=lambda record: json.loads(record)["made"],
+        )
+
+
+def made_with(learned: LearnedDetector) -> dict[str, Any]:
+    """What of a detector decides its results: SHA-256 of its weights, the voxels with their cap, its score limit and
+    all else of its settings. Where and on what it was trained is in the weights."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(learned.network):
+        digest.update(np.ascontiguousarray(leaf).tobytes())
+    settings = TypeAdapter(DetectorExperiment).dump_python(learned.experiment, mode="json")
+    return {"weights": digest.hexdigest()} | {key: settings[key] for key in ("in_image", "voxels", "detector")}
+
+
+def write_detections(path: Path, found: Found, kind: str, *, view: View) -> None:
+    """Writes KITTI's lines; boxes as seen from the LiDAR (AT_LIDAR) have no rectangle in an image."""
+    lines = result_lines(found, kind, view)
+    write_lines(path, [without_rectangle(line) for line in lines] if view is AT_LIDAR else lines)
+
+
+def without_rectangle(line: str) -> str:
+    """A result line whose rectangle in the image is empty."""
+    words = line.split()
+    return " ".join([*words[:4], "0", "0", "0", "0", *words[8:]])
+
+
+def cloud_files(folder: Path) -> list[Path]:
+    """The clouds of a folder, by name. Raises ValueError where there is none, or two of a name."""
+    files = sorted(f for f in folder.iterdir() if f.suffix in SUFFIXES) if folder.is_dir() else []
+    if not files:
+        why = "there is no such folder" if not folder.is_dir() else f"it holds no {' or '.join(SUFFIXES)}"
+        raise ValueError(f"detect: no clouds in {folder}: {why}")
+    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
+    if twice:
+        raise ValueError(f"detect: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
+    return files
+
+
+def read_points(path: Path) -> Float32[np.ndarray, "n 4"]:
+    """x, y, z (m) and intensity (0..1) of a file. Raises ValueError where it is broken or lacks intensity."""
+    points = read_cloud(path)
+    check_points(points, path.name)
+    return points

@@ -1,0 +1,243 @@
+"""KITTI trees of a data set's frames, with measured, plain or simulated clouds: what detectors train on.
+
+OUT/training, OUT/ImageSets   the tree, in the benchmark's own formats
+OUT/export.json               what it is made with, and what became of each frame
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from jaxsim.cloud.kitti_tree import REACH_M, choose_boxes, within_reach, write_image_sets, write_kitti_frame
+from jaxsim.cloud.tree_record import TreeRecord
+from jaxsim.config import CloudRecipe, DataConfig
+from jaxsim.data import Dataset, select
+from jaxsim.data.vkitti2 import VirtualKitti2
+from jaxsim.data.vkitti2_files import boxes_of
+from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import Boxes, Frame
+from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
+from jaxsim.simulate.sensor import LearnedSensor
+
+SAVE_EVERY = 20
+"""Frames between two writings of export.json."""
+
+Occlusion = Literal["levels", "never_visible", "paper"]
+
+
+@dataclass(frozen=True)
+class LabelRules:
+    """Which objects a tree labels, and what its column `occluded` says of those of vkitti2."""
+
+    occlusion: Occlusion = "levels"
+    """KITTI's 0, 1, 2; the same one level up; or the hidden share as a fraction, as the paper has it."""
+    filled: tuple[float, float] = (0.5, 0.25)
+    """Share of its box that an object fills at least at level 0, and at level 1."""
+    reach_m: float = REACH_M
+    """Objects farther away are left out."""
+    keep_empty: bool = False
+    """Whether frames without objects are written."""
+
+
+@dataclass(frozen=True)
+class TreePlan:
+    """One tree: its frames, and how their clouds and labels are made."""
+
+    out: Path
+    source: DataConfig
+    """The data set that the frames are of."""
+    positions: list[int]
+    """The frames, by their places in the data set; a place is the frame's number in the tree."""
+    validation: set[int]
+    """Those that go to ImageSets/val.txt, the others to train.txt; none named: all go to both."""
+    recipe: CloudRecipe
+    labels: LabelRules = LabelRules()
+    learned: LearnedSensor | None = None
+    effects_model: SensorModel | None = None
+    """Effects that the learned sensor lacks."""
+
+    def settings(self) -> dict[str, Any]:
+        """All that decides what a frame's files hold, as plain values for export.json."""
+        data = self.source
+        of_source = ("scenes", "variations", "camera", "lidar", "seed", "streets")
+        source = {"data": data.kind} | {key: getattr(data, key) for key in of_source}
+        recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
+        if (grid := grid_file(self.recipe)) is not None:
+            recipe["recipe.lines"] = f"grid of SHA-256 {hashlib.sha256(grid.read_bytes()).hexdigest()}"
+        # A path is no proof that files are the same, but another path is a question; the embedded world has no files.
+        root = str(data.root.resolve()) if data.root else None
+        files = {} if data.kind == "synthetic" else {"root": root, "rows": data.rows}
+        made = {
+            "sensor": self.learned and self.learned.fingerprint,
+            "effects": self.effects_model and self.effects_model.effects,
+        }
+        return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
+
+
+def choose_frames(dataset: Dataset, *, frames: str, validation: str) -> tuple[list[int], set[int]]:
+    """The frames to export, all where none are named, and which of them validate.
+
+    Raises ValueError as `select` does, and where those that validate are not among them.
+    """
+    positions = select(frames, dataset) if frames else list(range(len(dataset)))
+    judged = set(select(validation, dataset)) if validation else set()
+    if not judged <= set(positions):
+        raise ValueError(f"export: --validation {validation} names frames that --frames does not")
+    return positions, judged
+
+
+def export_trees(plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 2) -> None:
+    """Writes trees that differ in how their clouds are made; each frame is read, or rendered, once for all of them.
+
+    All take their frames from `dataset`; `workers` frames are made at once. Frames that are there are not made
+    again. Prints what was written. Raises ValueError, before anything is written, for recipes and labels that cannot
+    be and for folders of other trees.
+    """
+    trees = [_begin(plan, dataset) for plan in plans]
+    missing: dict[int, list[_Tree]] = {}
+    for tree in trees:
+        for position in tree.plan.positions:
+            if not tree.record.has(tree.plan.out, _number(position)):
+                missing.setdefault(position, []).append(tree)
+
+    def write(position: int) -> list[tuple[_Tree, dict[str, Any]]]:
+        frame = dataset[position]
+        return [(tree, _write_frame(tree, dataset, position, frame)) for tree in missing[position]]
+
+    def save() -> None:
+        for tree in trees:
+            tree.record.save(tree.plan.out)
+
+    save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
+
+    # Frames in threads: files and kernels leave Python's lock.
+    total = len({position for plan in plans for position in plan.positions})
+    with (
+        tqdm(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar,
+        ThreadPoolExecutor(workers) as pool,
+    ):
+        jobs = {pool.submit(write, position): position for position in sorted(missing)}
+        try:
+            for job in as_completed(jobs):
+                for tree, entry in job.result():
+                    tree.record.frames[_number(jobs[job])] = entry
+                bar.update()
+                if bar.n % SAVE_EVERY == 0:
+                    save()
+        finally:
+            pool.shutdown(cancel_futures=True)
+            save()
+    for tree in trees:
+        _finish(tree)
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """A tree at work."""
+
+    plan: TreePlan
+    record: TreeRecord
+    first_s: float
+    """Time of the data set's first frame, which effects that drift count from; data sets count from 1970."""
+
+
+def _begin(plan: TreePlan, dataset: Dataset) -> _Tree:
+    """Claims a tree's folder. Raises ValueError where the plan cannot be, or the folder is another's."""
+    check_recipe(plan.recipe, plan.learned, plan.effects_model)
+    _check_occlusion(plan, dataset)
+    record = TreeRecord.open(plan.out, plan.settings())
+    record.check_names(plan.out, {_number(position): dataset.name_of(position) for position in plan.positions})
+    return _Tree(plan, record, (dataset[0].time_s or 0.0) if plan.effects_model else 0.0)
+
+
+def _check_occlusion(plan: TreePlan, dataset: Dataset) -> None:
+    occlusion = plan.labels.occlusion
+    if occlusion == "levels":
+        return
+    if not isinstance(dataset, VirtualKitti2):
+        raise ValueError(f"export: --occlusion {occlusion} is for vkitti2; labels of {plan.source.kind} have levels")
+    if occlusion == "paper":
+        print(
+            "warning: fractions in the column `occluded`: the official evaluation reads an integer there and takes "
+            "every later column for another. Score with `jaxsim eval detection --rules openpcdet`, or export with "
+            "--occlusion never_visible, which every program reads. No object is easy either way.",
+            file=sys.stderr,
+        )
+
+
+def _number(position: int) -> str:
+    """The name of a frame's files."""
+    return f"{position:06d}"
+
+
+def _write_frame(tree: _Tree, dataset: Dataset, position: int, frame: Frame) -> dict[str, Any]:
+    """Writes one frame, unless nothing is left of it, and gives its entry in export.json."""
+    plan = tree.plan
+    boxes = _labels(plan.labels, dataset, position, frame)
+    boxes = choose_boxes(boxes, within_reach(boxes, plan.labels.reach_m))
+    objects = sum(kind != "DontCare" for kind in boxes.kind)
+    entry = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
+    if not objects and not plan.labels.keep_empty:
+        return entry | {"left_out": f"no object within {plan.labels.reach_m:g} m"}
+    key = jax.random.fold_in(jax.random.key(0), position)
+    if frame.time_s is not None:
+        frame = replace(frame, time_s=frame.time_s - tree.first_s)
+    cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
+    points = int(np.asarray(cloud.valid).sum())
+    if not points:
+        return entry | {"left_out": "no point"}
+    rect = frame.rect_from_velo
+    write_kitti_frame(plan.out, _number(position), frame.camera, cloud, boxes, rect_from_velo=rect)
+    return entry | {"points": points}
+
+
+def _labels(rules: LabelRules, dataset: Dataset, position: int, frame: Frame) -> Boxes:
+    """Boxes of a frame, with what is to be written into `occluded`. Raises ValueError where it has no labels."""
+    if isinstance(dataset, VirtualKitti2):
+        seen = [thing for thing in dataset.objects(position) if thing.pixels > 0]
+        boxes = boxes_of(seen, levels=rules.filled)  # 1, 2, 3
+        if rules.occlusion == "paper":
+            return replace(boxes, occluded=np.array([1 - thing.occupancy for thing in seen], np.float32))
+        shift = 1 if rules.occlusion == "levels" else 0
+        return replace(boxes, occluded=np.asarray(boxes.occluded) - shift)
+    if frame.boxes is None:
+        raise ValueError(
+            f"export: {frame.name} has no labels, and a detector needs them; copy the data set's labels beside its "
+            "clouds, or export another set (kitti_raw has none)"
+        )
+    return frame.boxes
+
+
+def _finish(tree: _Tree) -> None:
+    """Writes ImageSets and prints what was left out. Raises ValueError where no frame is left."""
+    out, validation = tree.plan.out, tree.plan.validation
+    entries = {position: tree.record.frames[_number(position)] for position in tree.plan.positions}
+    kept = {position for position, entry in entries.items() if not entry["left_out"]}
+    judged_scenes = {entries[position]["scene"] for position in kept & validation}
+    shared = judged_scenes & {entries[position]["scene"] for position in kept - validation}
+    if shared:
+        print(
+            f"warning: scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
+            "scored on streets that it has seen",
+            file=sys.stderr,
+        )
+    sets = {"trainval": kept, "train": kept - validation, "val": validation & kept if validation else kept}
+    write_image_sets(out, {name: [_number(position) for position in positions] for name, positions in sets.items()})
+    reasons = Counter(entry["left_out"] for entry in entries.values() if entry["left_out"])
+    left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
+    points = sum(entries[position]["points"] for position in kept) / max(len(kept), 1)
+    print(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {out}")
+    if not kept:
+        raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")

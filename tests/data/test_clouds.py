@@ -1,0 +1,26 @@
+import numpy as np
+import pytest
+
+from jaxsim.data.clouds import read_cloud
+
+XYZ = np.float32([[1, 2, 3], [4, 5, 6]])
+
+
+def test_both_formats_hold_the_same_points(tmp_path):
+    intensity = np.float32([0.25, 0.5])
+    np.column_stack([XYZ, intensity]).astype("<f4").tofile(tmp_path / "a.bin")
+    np.savez(tmp_path / "a.npz", xyz=XYZ, intensity=intensity)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.bin"), read_cloud(tmp_path / "a.npz"))
+
+
+def test_a_cloud_without_intensity_has_three_columns(tmp_path):
+    np.savez(tmp_path / "a.npz", xyz=XYZ)
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.npz"), XYZ)
+
+
+@pytest.mark.parametrize(("name", "message"), [("none", "holds no array xyz"), ("broken", "is no readable")])
+def test_what_is_no_cloud_says_so(tmp_path, name, message):
+    np.savez(tmp_path / "none.npz", intensity=XYZ[:, 0])
+    (tmp_path / "broken.npz").write_text("no archive")
+    with pytest.raises(ValueError, match=message):
+        read_cloud(tmp_path / f"{name}.npz")

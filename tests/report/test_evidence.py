@@ -1,0 +1,73 @@
+"""A report's evidence, in the words and figures of the page."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.report import results
+from tests.report.results import page
+
+
+def test_a_small_share_is_told_as_such(tmp_path: Path):
+    result = results.named()
+    places = (*result.verdict.where, replace(result.verdict.where[0], covariate="rgb", share=0.001))
+    assert "&lt; 1 %" in page(tmp_path, replace(result, verdict=replace(result.verdict, where=places)))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"),
+    [(-0.0001, 0.02, "not worse"), (-0.02, 0.02, "may be worse"), (0.001, 0.02, "shrank"), (-0.02, -0.01, "grew")],
+)
+def test_the_page_says_whether_a_channel_is_worse(tmp_path: Path, low: float, high: float, word: str):
+    result = results.named()
+    gap = {name: replace(one, before=0.1, low=low, high=high) for name, one in result.verdict.gap.items()}
+    assert f"<small>{word}</small>" in page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
+
+
+def test_a_channel_that_was_not_compared_leaves_a_line_instead_of_a_chart(tmp_path: Path):
+    result = results.named()
+    nothing = np.full((results.ROWS, results.COLUMNS), np.nan)
+    gap = dict(result.verdict.gap)
+    gap["drop"] = replace(gap["drop"], before=np.nan, after=np.nan, low=np.nan, high=np.nan, win_rate=np.nan)
+    result = replace(
+        result,
+        verdict=replace(result.verdict, gap=gap),
+        maps_before=result.maps_before | {"drop": nothing},
+        maps_after=result.maps_after | {"drop": nothing},
+    )
+    text = page(tmp_path, result)
+    assert "no ray could be compared" in text
+    assert "not compared" in text
+    assert "nan" not in text
+
+
+def test_a_curve_of_the_spread_is_a_figure_of_its_own(tmp_path: Path):
+    result = results.named()
+    spread = replace(result.curves[0], channel="range", unit="spread over the one expected, less 1", spread=True)
+    text = page(tmp_path, replace(result, curves=(*result.curves, spread)))
+    assert "Range along row: spread over the one expected, less 1." in text
+    assert (tmp_path / "figures" / "curve_range_row_spread.png").is_file()
+    assert (tmp_path / "figures" / "curve_intensity_row.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"), [(2.0, 9.0, "gains"), (-9, -2, "loses"), (-9, 9, "undecided"), (-0.5, 0.7, "as before")]
+)
+def test_the_page_says_what_the_likelihood_of_judge_scenes_gains(tmp_path: Path, low: float, high: float, word: str):
+    result = results.named()
+    one = result.verdict.gap["intensity"]
+    gap = {"intensity": replace(one, gained=replace(one.gained, low=low, high=high))}
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
+    assert f"<small>{word}</small>" in text
+    assert "nats per scene" in text
+
+
+def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
+    result = results.named()
+    gap = dict(result.verdict.gap)
+    gap["range"] = replace(gap["range"], low=-2e-7, high=-4e-8)
+    gap["drop"] = replace(gap["drop"], low=-0.02, high=-0.01)
+    text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
+    assert [text.count(f"<small>{word}</small>") for word in ("shrank", "unchanged", "grew")] == [1, 1, 1]

@@ -1,0 +1,48 @@
+"""A verdict in words, and how its numbers are written."""
+
+from dataclasses import replace
+
+from jaxsim.report import verdict_sentence
+from jaxsim.report.words import listed, nuisance, number, percent, probability
+from tests.report import results
+
+
+def test_sentences():
+    named = verdict_sentence(results.named().verdict)
+    assert named.startswith("The simulation lacks beam_gain (each beam has its own gain) and range_scale")
+    assert "closes 93 % of the explainable gap (90 % interval 88 % to 97 %) on 2 scenes" in named
+    assert named.endswith("These data cannot tell beam_gain from focal_compensation.")
+    assert verdict_sentence(results.none().verdict).startswith("No missing effect was found")
+    outside = verdict_sentence(results.not_in_catalogue().verdict)
+    assert outside == (
+        "The simulation lacks something that is not in the catalogue: a periodic dependence of intensity on range."
+    )
+
+
+def test_without_a_floor_the_sentence_tells_what_the_likelihood_gains():
+    verdict = replace(results.named().verdict, closure=None)
+    assert (
+        "adding them makes the intensities of 2 scenes that nothing was fitted to more probable, by 180 nats per scene "
+        "(90 % interval 150 to 210), where free curves gain nothing for certain" in verdict_sentence(verdict)
+    )
+    silent = {name: replace(g, gained=None) for name, g in verdict.gap.items()}
+    assert "more probable" not in verdict_sentence(replace(verdict, gap=silent))
+
+
+def test_numbers_are_short_and_honest():
+    assert number(0.0) == "0"
+    assert number(-0.12345) == "−0.123"
+    assert number(211.4) == "211"
+    assert number(float("nan")) == "–"
+    assert number(3e-6) == "3.00e−06"
+    assert probability(1e-5) == "< 0.0001"
+
+
+def test_shares_names_and_noise_are_written_as_people_read_them():
+    assert percent(0.934) == "93 %"
+    assert percent(float("nan")) == "–"
+    assert listed(["a"]) == "a"
+    assert listed(["a", "b", "c"], "or") == "a, b or c"
+    assert nuisance("drop", 0.0) == "50.0 %"
+    assert nuisance("range_", 0.0) == "1.00 m"
+    assert nuisance("reflectance of class 7", 0.5) == "0.500"

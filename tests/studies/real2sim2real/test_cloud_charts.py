@@ -1,0 +1,41 @@
+"""Charts of what clouds hold."""
+
+import pytest
+
+from jaxsim.metrics.cloud_checks import REST, count_clouds
+from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
+from tests.studies.real2sim2real.made import COUNTS, clouds, street
+
+
+def test_the_drop_maps_carry_their_key():
+    """Ninety points on one car leave most directions empty: the map's usual colour is the key's right end."""
+    picture = drop_picture({"real": clouds(0.4)})
+    key, corner = picture[-1], picture[30, 0]
+    assert (key[-1] == corner).all()
+    assert (key[0] != corner).any()
+
+
+def test_the_chart_draws_a_line_for_each_kind():
+    drawn = intensity_chart({kind: clouds(value) for kind, value in COUNTS.items()})
+    assert [s.text for s in drawn.strokes if getattr(s, "text", "") in COUNTS] == list(COUNTS)
+    assert (drawn.pixels() < 128).any()
+
+
+def test_a_class_chart_draws_range_height_and_intensity_of_its_own_points():
+    """All points of a car at 10 m, at one intensity: the range has its peak there, intensity one bin."""
+    counts = {"real": count_clouds([street(("Car", 10, 400), intensity=0.32)])}
+    drawn = class_chart(counts, "Car")
+    said = [s.text for s in drawn.strokes if hasattr(s, "text")]
+    assert [words for words in said if words.endswith(("m", "cars"))] == [
+        "range on cars, m", "height above the LiDAR on cars, m", "intensity on cars",
+    ]  # fmt: skip
+    lines = [s.points for s in drawn.strokes if hasattr(s, "points") and len(s.points) > 2]
+    assert len(lines) == 3
+    in_range, _, intensity = lines
+    peak = in_range[in_range[:, 1].argmin(), 0]
+    first, last = in_range[0, 0], in_range[-1, 0]
+    assert (peak - first) / (last - first) == pytest.approx((10 - 1) / 18, abs=0.06)  # bins of 2 m, axis to 20 m
+    full = intensity[:, 1] < intensity[:, 1].max() - 1
+    assert full.sum() == 1
+    elsewhere = [s.text for s in class_chart(counts, REST).strokes if hasattr(s, "text")]
+    assert "range elsewhere, m" in elsewhere

@@ -1,0 +1,50 @@
+"""Averages of what was scored, beside the paper's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.metrics.detection import COLUMNS, Curve
+from jaxsim.studies.real2sim2real.scores import PAPER_OF_REAL, PAPER_ON_REAL, read_average, write_score
+from jaxsim.studies.real2sim2real.settings import KINDS, settle_loop
+from jaxsim.train.experiments import load_loop
+
+
+def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", truths=10):
+    precision = np.zeros(41)
+    precision[1:] = ap / 100
+    return Curve("Car", difficulty, overlap_set, metric, 0.7, precision, np.zeros(0), np.zeros(0), truths, 12)
+
+
+@pytest.fixture
+def loop(tmp_path):
+    config, _ = load_loop("real2sim2real")
+    return settle_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
+
+
+def test_the_papers_tables_are_whole():
+    for table in (PAPER_ON_REAL, PAPER_OF_REAL):
+        assert all(len(row) == len(COLUMNS) for kind in table.values() for row in kind.values())
+    assert PAPER_ON_REAL["simulated_64"]["moderate"][0] == 51.74
+    assert {*PAPER_OF_REAL} < {*KINDS}
+
+
+def test_an_average_is_over_epochs_and_its_spread_over_seeds(loop):
+    for seed, aps in ((0, (40.0, 50.0)), (1, (60.0, 70.0))):
+        write_score(loop.score("raw_64", "real", seed), [[curve(ap)] for ap in aps], steps=(5, 6), frames=3)
+    found = read_average(loop, "raw_64", "real", ("3d", "0.7"), "moderate")
+    assert found is not None
+    assert (found.mean, found.seeds, found.labels) == (pytest.approx(55), 2, 10)
+    assert found.spread == pytest.approx(np.std([45, 65], ddof=1))
+    one = replace(loop, config=replace(loop.config, seeds=(1,)))
+    alone = read_average(one, "raw_64", "real", ("3d", "0.7"), "moderate")
+    assert alone is not None
+    assert (alone.mean, alone.spread) == (pytest.approx(65), None)
+    assert read_average(loop, "raw_32", "real", ("3d", "0.7"), "moderate") is None
+
+
+def test_a_difficulty_without_labels_has_no_average(loop):
+    nothing = curve(0, difficulty="easy", truths=0)
+    write_score(loop.score("raw_64", "real", 0), [[nothing]], steps=(5,), frames=3)
+    assert read_average(loop, "raw_64", "real", ("3d", "0.7"), "easy") is None
