@@ -13,7 +13,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PreparedPairs
 from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.results import Found
-from jaxsim.detect.scenes import Scenes
+from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.evaluate.fid import frechet_of_run, require_images
 from jaxsim.evaluate.paired import Predict, baseline_scores, score_pairs
@@ -83,7 +83,7 @@ def score_sensor(
 class DetectorScores:
     """What the last checkpoints of a detector score on frames."""
 
-    scenes: Scenes
+    scenes: Sequence[Scene]
     steps: list[int]
     """The checkpoints."""
     per_step: list[list[Curve]]
