@@ -13,7 +13,7 @@ from jaxsim.discover.model.nuisance import MOST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(8)

@@ -11,7 +11,7 @@ from jaxsim.discover.model.fit import on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.effects import EFFECTS
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(3)

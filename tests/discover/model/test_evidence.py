@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover.model.cast import cast
 from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, gather
 from jaxsim.discover.model.surfaces import with_planes
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
 FRAMES = np.arange(6)
