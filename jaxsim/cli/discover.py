@@ -91,7 +91,7 @@ class Discover:
             result = discover_unpaired(simulated=simulated, measured=measured, say=say)
         else:
             known = self.known(simulated)
-            result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, say=say)
+            result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, log=say)
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)

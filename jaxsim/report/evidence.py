@@ -8,7 +8,8 @@ from html import escape
 import numpy as np
 
 from jaxsim.discover.find.localise import CATEGORICAL
-from jaxsim.discover.verdict import WORSE, CurveLine, Gained, Gap, Result, Verdict, Where
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict import CurveLine, Gained, Gap, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
@@ -121,7 +122,8 @@ def gap(verdict: Verdict) -> str:
     if added:
         words += (
             " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
-            f"each held against itself. Not worse: at 95 %, the error grew by less than {percent(WORSE)}."
+            f"each held against itself. Not worse: at 95 %, the error grew by less than "
+            f"{percent(RULES.not_worse_share)}."
         )
     return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
 

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.model.gradients import DIFFERENTIATED, effect_with_gradient, gradient_in_z, with_effect
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS, all_rays
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 from tests.quick import quick_jit
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
