@@ -60,7 +60,8 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
     gain = clipped(step.chosen.by_scene)
     low, high = mean_interval(gain)
     alike = tuple(c.effect.name for c in step.alike)
-    apart = {name: effect.look_alikes.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
+    told = EFFECTS[effect.name].look_alikes
+    apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
         name=effect.name,
         look_alikes=alike,

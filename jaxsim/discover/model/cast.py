@@ -11,8 +11,9 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.effects.edits import displace
 from jaxsim.effects.rays import Rays, Scan, rays_at
-from jaxsim.effects.recast import displacement, recast
+from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 
 RAYS = 20_000
@@ -113,7 +114,7 @@ def pose_derivatives(scan: Scan, rays: Rays) -> Float[Array, "*n 6"]:
         turn = yaw - rise * (roll * jnp.cos(azimuth) + pitch * jnp.sin(azimuth))
         lift = roll * jnp.sin(azimuth) - pitch * jnp.cos(azimuth)
         one = jnp.ones_like(azimuth)
-        by = displacement(rays, turn_rad=(turn, lift), move_m=(x * one, y * one, z * one))
-        return recast(rays, scan, by, passes=1).range_m
+        displaced = displace(rays, turn_rad=(turn, lift), move_m=(x * one, y * one, z * one))
+        return recast(displaced, scan, passes=1).range_m
 
     return jnp.moveaxis(jax.vmap(lambda axis: jax.jvp(reading, (jnp.zeros(6),), (axis,))[1])(jnp.eye(6)), 0, -1)

@@ -31,7 +31,7 @@ from jaxsim.discover.model.noise import LEAST, MOST, NOISE_SD, Noise
 from jaxsim.discover.model.parameters import prior, ravel, restorer, to_z
 from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.discover.scenes import folds
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
@@ -47,7 +47,7 @@ NO_LOSS = 1e12
 """Loss where a fit has gone to no number: the line search turns back."""
 CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
 """Effects that put false returns before surfaces: the mixture has that component for them alone."""
-NOTHING = Effect("nothing", "surface", "", "", {}, CHANNELS, "", (), {}, "", lambda p, rays, scan: rays)
+NOTHING = Law(name="nothing", parameters={}, channels=CHANNELS, apply=lambda p, rays: rays)
 """The effect of the null."""
 
 
@@ -63,6 +63,8 @@ class Problem:
     """Rays already carry clutter."""
     loss: float = 1e4
     """Of the null: the scale of a fit's loss."""
+    basis: Float[Array, "b c r k"] | None = None
+    """What free curves are made of (`Rays.basis`); the likelihood knows nothing of it."""
 
     @cached_property
     def null_fits(self) -> list[Fit]:
@@ -81,13 +83,13 @@ class Fit:
     loss: float
 
 
-def channels_of(effect: Effect) -> tuple[str, ...]:
+def channels_of(effect: Law) -> tuple[str, ...]:
     """The channels whose likelihood an effect can change; range and drop are one mixture."""
     returns = ("range", "drop") if {"range", "drop"} & set(effect.channels) else ()
     return (*(("intensity",) if "intensity" in effect.channels else ()), *returns)
 
 
-def rays_for(effect: Effect, ev: Evidence) -> Rays:
+def rays_for(effect: Law, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
     if "intensity" in effect.channels or "intensity" not in effect.covariates:
@@ -99,9 +101,9 @@ class Objective:
     """Minus the log-likelihood of an effect's z and of the noise, as one vector x = ravel((z, noise)), with their
     priors."""
 
-    def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"]):
+    def __init__(self, effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"]):
         self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
-        self.rays = rays_for(effect, problem.ev)
+        self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
         self.fitted = jnp.asarray(fitted, jnp.float32)
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
         neutral = (to_z(effect, {}, self.rows), problem.noise)
@@ -162,7 +164,7 @@ class Objective:
 
 
 def fit(
-    effect: Effect,
+    effect: Law,
     problem: Problem,
     fitted: Float[np.ndarray, " b"],
     *,
@@ -196,7 +198,7 @@ def fit_noise(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Fit:
 
 
 def score_at(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
     _, likelihood = Objective(effect, problem, fitted).gradient(ravel((z, noise)))
@@ -204,7 +206,7 @@ def score_at(
 
 
 def partway(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], *, fit: Fit, share: float
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, fit: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 
@@ -238,7 +240,7 @@ def _between(before: Stage, after: Stage, share: Float[Array, ""]) -> Stage:
     return fields, constant_before, jax.tree.map(mix, noise_before, noise_after)
 
 
-def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
+def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
     """The problem with an effect in place: as it was fitted (`rays_for`), or as a simulation has it, which knows no
     reported intensities."""
     ev = problem.ev

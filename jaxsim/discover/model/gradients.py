@@ -25,9 +25,9 @@ from jaxsim.discover.model.likelihood import CHANNELS, intensity_by_block, retur
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.model.random_effects import NormalEquations
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 from jaxsim.effects.rays import Rays, Scan
-from jaxsim.effects.recast import Displaced, Displacement, recast
+from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 
 OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
@@ -158,13 +158,13 @@ def _gradient(
 _sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))
 
 
-def effect_with_gradient(effect: Effect, z: Z, rays: Rays, *, scan: Scan) -> EffectGradient:
+def effect_with_gradient(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> EffectGradient:
     """The rays with an effect, and the pullback of derivatives in their fields."""
-    if isinstance(effect.apply, Displaced):
+    if effect.casts:
         by, to_z = _displaced(effect, z, rays)
-        fields, constant, to_by = _recast_fields(by, effect.apply.passes, rays, scan)
+        fields, constant, to_by = _recast_fields(by, effect.casts, rays, scan)
         return EffectGradient(fields, constant, (to_by, to_z))
-    fields, constant, to_z = _effect_fields(effect, z, rays, scan)
+    fields, constant, to_z = _effect_fields(effect, z, rays)
     return EffectGradient(fields, constant, (to_z,))
 
 
@@ -176,11 +176,11 @@ def gradient_in_z(pullbacks: tuple[Pullback, ...], by_fields: Fields) -> Z:
     return gradient
 
 
-def with_effect(effect: Effect, z: Z, rays: Rays, *, scan: Scan) -> Rays:
+def with_effect(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> Rays:
     """The rays with an effect."""
-    if isinstance(effect.apply, Displaced):
-        return _recast(_displaced(effect, z, rays)[0], effect.apply.passes, rays, scan)
-    return _applied(effect, z, rays, scan)
+    if effect.casts:
+        return _recast(_displaced(effect, z, rays)[0], effect.casts, rays, scan)
+    return _applied(effect, z, rays)
 
 
 def _fields(rays: Rays) -> tuple[Fields, Fields]:
@@ -189,28 +189,39 @@ def _fields(rays: Rays) -> tuple[Fields, Fields]:
 
 
 @partial(jax.jit, static_argnames="effect")
-def _applied(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
-    return effect.apply(to_values(effect, z), rays, scan)
+def _applied(effect: Law, z: Z, rays: Rays) -> Rays:
+    return effect.apply(to_values(effect, z), rays)
 
 
 @partial(jax.jit, static_argnames="effect")
-def _effect_fields(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
-    fields, back, constant = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays, scan)), z, has_aux=True)
+def _effect_fields(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Fields, Pullback]:
+    fields, back, constant = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays)), z, has_aux=True)
     return fields, constant, back
 
 
 @partial(jax.jit, static_argnames="effect")
-def _displaced(effect: Effect, z: Z, rays: Rays) -> tuple[Displacement, Pullback]:
-    assert isinstance(effect.apply, Displaced)
-    return jax.vjp(lambda z: effect.apply.displace(to_values(effect, z), rays), z)
+def _displaced(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Pullback]:
+    """By how much an effect turns and moves rays, whatever was done to them before."""
+    straight = replace(rays, turned_rad=jnp.zeros_like(rays.turned_rad), moved_m=jnp.zeros_like(rays.moved_m))
+
+    def by(z: Z) -> Fields:
+        after = effect.apply(to_values(effect, z), straight)
+        return {"turned_rad": after.turned_rad, "moved_m": after.moved_m}
+
+    return jax.vjp(by, z)
 
 
-_recast = jax.jit(lambda by, passes, rays, scan: recast(rays, scan, by, passes))
+def _cast_again(by: Fields, passes: Array, rays: Rays, scan: Scan) -> Rays:
+    displaced = {name: getattr(rays, name) + more for name, more in by.items()}
+    return recast(replace(rays, **displaced), scan, passes)
+
+
+_recast = jax.jit(_cast_again)
 
 
 @jax.jit
-def _recast_fields(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
-    fields, back, constant = jax.vjp(lambda by: _fields(recast(rays, scan, by, passes)), by, has_aux=True)
+def _recast_fields(by: Fields, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
+    fields, back, constant = jax.vjp(lambda by: _fields(_cast_again(by, passes, rays, scan)), by, has_aux=True)
     return fields, constant, back
 
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.effects import Effect, Parameter
+from jaxsim.effects import Law, Parameter
 from jaxsim.frame import Array
 
 LOOSE = 3.0
@@ -29,18 +29,18 @@ class Prior(NamedTuple):
     high: Float[np.ndarray, " n"]
 
 
-def fitted_parameters(effect: Effect) -> dict[str, Parameter]:
+def fitted_parameters(effect: Law) -> dict[str, Parameter]:
     """The parameters that fits may change, by name in the effect's order; the others stay neutral."""
     return {name: p for name, p in effect.parameters.items() if p.fitted}
 
 
-def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Any]:
+def to_values(effect: Law, z: dict[str, Array]) -> dict[str, Any]:
     """All parameters in their units; differentiable in z."""
     values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 
-def to_z(effect: Effect, values: dict[str, Any], rows: int, *, dtype: type = np.float32) -> dict[str, np.ndarray]:
+def to_z(effect: Law, values: dict[str, Any], rows: int, *, dtype: type = np.float32) -> dict[str, np.ndarray]:
     """The z of `values`; parameters that they do not name are neutral, and one number stands for all beams."""
     z = {}
     for name, p in fitted_parameters(effect).items():
@@ -49,7 +49,7 @@ def to_z(effect: Effect, values: dict[str, Any], rows: int, *, dtype: type = np.
     return z
 
 
-def prior(effect: Effect, rows: int) -> Prior:
+def prior(effect: Law, rows: int) -> Prior:
     """Standard deviation and bounds of every z on a sensor of so many beams."""
     sd, low, high = {}, {}, {}
     for name, p in fitted_parameters(effect).items():

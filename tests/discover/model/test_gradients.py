@@ -8,6 +8,7 @@ import pytest
 from jaxsim.discover.model.gradients import DIFFERENTIATED, effect_with_gradient, gradient_in_z, with_effect
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS, all_rays
+from jaxsim.effects.chain import apply_law
 from tests.discover.toy import device, toy
 from tests.quick import quick_jit
 
@@ -34,7 +35,7 @@ def test_rays_and_slopes_are_the_effects_own(name, street):
     z = to_z(effect, GEOMETRY.get(name, {"gain": 0.1 * np.cos(np.arange(ROWS))}), ROWS)
 
     def alone(z):
-        after = effect.apply(to_values(effect, z), rays, scan)
+        after = apply_law(effect, to_values(effect, z), rays, scan)
         seen = {field: jnp.asarray(getattr(after, field), jnp.float32) for field in DIFFERENTIATED}
         return seen, after
 

@@ -44,5 +44,5 @@ def test_a_threshold_on_an_uncertain_power_loses_the_mean_share(problem):
     for power in (-6.0, -4.5, -4.0, -3.0):
         rays = replace(problem.ev.rays, log_power=jnp.full((1,), power), log_power_sd=jnp.full((1,), 0.8))
         rays = replace(rays, log_keep=jnp.zeros(1))
-        kept = float(jnp.exp(EFFECTS["snr_dropout"].apply(p, rays, problem.scan).log_keep[0]))
+        kept = float(jnp.exp(EFFECTS["snr_dropout"].apply(p, rays).log_keep[0]))
         assert kept == pytest.approx(np.mean(1 / (1 + np.exp(-(power + draws + 4.0) / 0.4))), abs=0.02)
