@@ -1,7 +1,8 @@
 """What is compared: thinned rays of the simulation beside what the sensor said of them.
 
 Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where there is but one scan. A unit
-is what statistics count: a scene (drive), or a sector. Whole columns are kept, since columns are lost whole.
+is what statistics count: a scene (drive), or a sector. Whole columns are kept, since columns are lost whole; of the n
+that a scan has, c are looked at.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ def gather(
     frame: Int[np.ndarray, " b"],
     column: Int[np.ndarray, "b c"],
     unit: Int[np.ndarray, " b"],
-    given_rad: Float[Array, "f r c"] | None = None,
+    given_rad: Float[Array, "f r n"] | None = None,
     rays: Cast | None = None,
 ) -> Evidence:
     """The evidence of chosen columns: `frame`, `column` and `unit` of each block.
@@ -141,7 +142,7 @@ def _gather(
     simulated: Cast,
     *,
     index: RayIndex,
-    given_rad: Float[Array, "f r c"],
+    given_rad: Float[Array, "f r n"],
     surfaces: Surfaces,
     unit: Int[Array, " b"],
     darkest: Float[Array, ""],

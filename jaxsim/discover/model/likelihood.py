@@ -143,8 +143,8 @@ def return_terms(
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
     """`log_lost`; the logarithm of the density with which a ray returns where it did; and what each block's pose
     costs. Without `clutter` its component is left out, which no ray has then."""
-    shift, cost = pose_shift(ev, equations, rays.reading_m, on=ev.returned & rays.hit)
     off = ev.range_m - rays.reading_m
+    shift, cost = pose_shift(ev, equations, rays.reading_m, on=ev.returned & rays.hit)
     off = off - shift
 
     near = _log_near(rays, ev)
