@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.echo_power import as_implied
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.parameters import fitted_parameters, flat, restorer, to_values
+from jaxsim.discover.model.null import as_implied, fit_null
+from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
 from jaxsim.discover.name.select import Step
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
@@ -109,7 +108,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     whose filling is the scatter of the scenes' slopes."""
     scene = np.asarray(problem.ev.unit)
     objective = Objective(effect, problem, np.ones(len(scene), np.float32))
-    x = flat((result.z, result.noise))
+    x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
     for k in range(len(x)):
         step = np.zeros(len(x))
@@ -165,5 +164,5 @@ def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
-    implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.weights))
+    implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
     return fit(effect, implied, all_blocks, starts=(start,), steps=80)

@@ -113,7 +113,9 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     all_blocks = np.ones(len(null.ev.unit), np.float32)
-    levels = [np.asarray(gain_and_classes(one.ev, one.weights, all_blocks)).tolist() for one in (null, choice.problem)]
+    levels = [
+        np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
+    ]
     classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.parameters import fitted_parameters
-from jaxsim.discover.model.rounding import gained_by, rounded
+from jaxsim.discover.model.rounding import rounded, rounding_gain
 from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
@@ -123,12 +123,13 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
             gained = np.zeros((len(scene), 3))
             gained[:, used] = (result.score - base.score)[:, used]
             if step is not None:
-                gained += gained_by(problem.ev, {effect.name: step})
+                gained += rounding_gain(problem.ev, {effect.name: step})
             inside.append(gained[fitted > 0].sum())
             gained[fitted > 0] = 0
             begun = gained if at else np.zeros((len(scene), 3))
             if not at:
-                begun[:, used] = (partway(effect, start, fitted, result, RULES.direction_share) - base.score)[:, used]
+                part = partway(effect, start, fitted, fit=result, share=RULES.direction_share)
+                begun[:, used] = (part - base.score)[:, used]
                 begun[fitted > 0] = 0
             slope += np.bincount(scene, begun.sum(-1), scenes)
             if over_smooth is not None:
@@ -167,4 +168,4 @@ def smooth_score(
     """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
     kinds = fitted_parameters(effect)
     z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in result.z.items()}
-    return score_at(effect, problem, fitted, {n: np.asarray(v, np.float32) for n, v in z.items()}, result.noise)
+    return score_at(effect, problem, fitted, z={n: np.asarray(v, np.float32) for n, v in z.items()}, noise=result.noise)
