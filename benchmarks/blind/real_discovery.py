@@ -8,7 +8,7 @@ their answers:
 - KITTI: a trained run (`--run`, train.py kitti_raw) against the scans of its own drive and of other drives: what has
   it not learned? And are the gains of the beams, fitted to each half of the scans, the same?
 
-Writes each case's report to OUT/CASE and prints what docs/discover.md quotes.
+Writes each case's report to OUT/CASE and prints what docs/discover-rates.md quotes.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _join(folders: Sequence[tuple[Path, Path]], case: Path) -> None:
 
 
 def answer(case: Path, nulls: int) -> Verdict:
-    """Discovers, writes the report, and prints the verdict as docs/discover.md has it."""
+    """Discovers, writes the report, and prints the verdict as docs/discover-rates.md has it."""
     result = discover_folders(simulated=case / "simulated", measured=case / "measured", nulls=nulls)
     result.sensor.save(case / "sensor.json")
     write_report(case, result)

@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsim.discover import Result
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.scenes import FOLDS
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 
 RIVALS = {
@@ -23,7 +23,7 @@ RIVALS = {
 
 def rival_answers(result: Result, rays: int) -> dict[str, list[str]]:
     """Each rival's names, at most one; `rays` are those that all find scenes show."""
-    seen = rays * (1 - 1 / FOLDS)
+    seen = rays * (1 - 1 / RULES.folds)
     inside = max(result.candidates, key=lambda c: c.inside)
     bic = max(result.candidates, key=lambda c: _bic(c, seen))
     held_out = result.candidates[0]

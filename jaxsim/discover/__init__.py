@@ -1,9 +1,21 @@
-"""Which effect is missing from a simulation: found, named, added, and shown on unseen scenes."""
+"""Which effect is missing from a simulation: found, named, added, and shown on unseen scenes.
+
+    read_comparison     two folders of polar frames -> a Comparison, checked
+    discover            a Comparison -> a Result: find, name, add, show (`workflow`, the place to begin reading)
+    discover_folders    the same on two folders
+    discover_unpaired   the same where the two folders show different streets
+    disagreements       its first step alone, in seconds: where the two sides disagree
+    judge_known         the gap that an answer known in advance reaches
+    Result, Verdict     the answer with its evidence; what verdict.json holds of it
+
+The likelihood stands in `model`, every threshold of the decision in `rules`, all statistics over scenes in `scenes`.
+"""
 
 from jaxsim.discover.read import Comparison, read_comparison
+from jaxsim.discover.show.judge import judge_known
 from jaxsim.discover.unpaired import discover_unpaired
 from jaxsim.discover.verdict import CurveLine, Result, Verdict
-from jaxsim.discover.workflow import disagreements, discover, discover_folders, judge_known
+from jaxsim.discover.workflow import disagreements, discover, discover_folders
 
 __all__ = [
     "Comparison",

@@ -1,4 +1,4 @@
-"""The lines of a verdict that account for the answer: what was named, what ranked below, what moved, and notes."""
+"""The verdict of an answer: what was named, what ranked below, what changed beside it, and notes."""
 
 from __future__ import annotations
 
@@ -7,24 +7,57 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.discover.add import parameters_of
+from jaxsim.discover.add import Added, parameters_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import gain_and_classes
+from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import CLEAR, LEVEL, Choice, Step, padded, scenes_agree, smooth_is_enough
+from jaxsim.discover.name.select import Choice, Step, padded
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
-from jaxsim.discover.verdict import Interval, Named, Rank
+from jaxsim.discover.verdict import Interval, Judged, Named, Rank, Verdict, Where
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.chain import SensorModel
 
-SHOWN = 12
-"""Candidates of the first step that are listed."""
-FEW_JUDGES = 5
-"""Below so many judge scenes a note says that intervals are wide."""
+
+def explain(
+    comparison: Comparison,
+    parts: Split,
+    where: tuple[Where, ...],
+    *,
+    null: Problem,
+    answer: Answer,
+    added: Added,
+    shown: Judged,
+    known: SensorModel,
+    seconds: float,
+) -> Verdict:
+    """What verdict.json says, of the four steps' results."""
+    choice = answer.choice
+    return Verdict(
+        verdict=answer.verdict,
+        effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
+        where=where,
+        unexplained=answer.unexplained,
+        gap=shown.gap,
+        closure=shown.closure,
+        find=parts.find,
+        judge=parts.judge,
+        sha256=parts.sha256,
+        frames=len(comparison.names),
+        seconds=seconds,
+        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        ranking=ranking(choice),
+        nulls=answer.nulls,
+        notes=notes(comparison, parts, choice, held=[name for name, _ in known.effects]),
+    )
 
 
 def named(step: Step, parameters: dict[str, Any]) -> Named:
-    effect, gain = step.chosen.effect, clipped(step.chosen.by_unit)
+    """An effect that was named, with its look-alikes and what would tell them apart."""
+    effect = step.chosen.effect
+    gain = clipped(step.chosen.by_scene)
     low, high = mean_interval(gain)
     alike = tuple(c.effect.name for c in step.alike)
     told = EFFECTS[effect.name].look_alikes
@@ -42,17 +75,17 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
 
 def ranking(choice: Choice) -> tuple[Rank, ...]:
     """The first step's best candidates and why each was not named."""
-    rows = choice.steps[0].ranking if choice.steps else choice.last
     bar = choice.bars.effect
     return tuple(
-        Rank(one.effect.name, one.total / len(one.by_unit), one.chance, bar / len(one.by_unit), why_not(one, choice))
-        for one in rows[:SHOWN]
+        Rank(one.effect.name, one.total / len(one.by_scene), one.chance, bar / len(one.by_scene), why_not(one, choice))
+        for one in choice.first_ranking[: RULES.candidates_listed]
     )
 
 
 def why_not(candidate: Candidate, choice: Choice) -> str:
     """Why a candidate of the first step is not what was named first; empty if it is."""
-    name, steps = candidate.effect.name, choice.steps
+    name = candidate.effect.name
+    steps = choice.steps
     order = [step.chosen.effect.name for step in steps]
     if name in order:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
@@ -60,13 +93,13 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "these data cannot tell it from the one that is named"
     if candidate.total <= choice.bars.effect:
         return "its gain is within what a null reaches"
-    if smooth_is_enough(candidate):
+    if candidate.smooth_is_enough:
         return "a smooth change along the rows gains as much"
-    if not scenes_agree(candidate):
+    if not candidate.scenes_agree:
         return "the scenes disagree on it"
     if not steps:
         strongest = (choice.last or (candidate,))[0]
-        if candidate.total < CLEAR * strongest.total:
+        if candidate.total < RULES.weak_share * strongest.total:
             return f"it is weak beside {strongest.effect.name}, on which the scenes disagree"
         return "a free curve explains clearly more"
     if padded(candidate, steps[0].chosen):
@@ -74,41 +107,43 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     return "it explains clearly less than the one that is named"
 
 
-def moved(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
+def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
     """Noise scales, rates, gain and reflectances without the effects and with them; and of several effects (`fitted` is
     z of each) the parameters when each was added, and in the end."""
-    problems = (null, choice.problem)
     names = null.noise.__dataclass_fields__
-    found = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
-    everyone = np.ones(len(null.ev.unit), np.float32)
-    levels = [np.asarray(gain_and_classes(one.ev, one.equations, everyone)).tolist() for one in problems]
+    changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
+    all_blocks = np.ones(len(null.ev.unit), np.float32)
+    levels = [
+        np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
+    ]
     classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
-    found |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
+    changes |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:
         for step, z in zip(choice.steps, fitted, strict=True):
             effect = step.chosen.effect
-            first, last = (parameters_of(effect, one) for one in (step.fitted.z, z))
+            first = parameters_of(effect, step.fitted.z)
+            last = parameters_of(effect, z)
             single = [name for name, value in first.items() if isinstance(value, float)]
-            found |= {f"{effect.name}.{name}": (first[name], last[name]) for name in single}
-    return found
+            changes |= {f"{effect.name}.{name}": (first[name], last[name]) for name in single}
+    return changes
 
 
-def notes(comparison: Comparison, parts: Split, there: Sequence[str], choice: Choice) -> tuple[str, ...]:
-    """What a reader must know."""
-    found = list(comparison.notes)
-    if there:
-        found.append(
-            f"beside what the sensor model already had: {', '.join(there)}, held as given; the judge scenes are "
+def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequence[str] = ()) -> tuple[str, ...]:
+    """What a reader must know; `held` are the effects that the sensor model already had."""
+    lines = list(comparison.notes)
+    if held:
+        lines.append(
+            f"beside what the sensor model already had: {', '.join(held)}, held as given; the judge scenes are "
             "those of any other run on these frames: after several rounds, what they show is no longer new"
         )
     if len(set(comparison.scenes)) == 1:
-        found.append(
+        lines.append(
             "one drive alone: its frames are cut into the same sectors with gaps between them; sectors are less "
             "independent than drives"
         )
     for step in choice.steps:
-        if step.chosen.chance > LEVEL:
-            found.append(f"{step.chosen.effect.name}: a rare event; few scenes show it, without the test over scenes")
-    if len(parts.judge) < FEW_JUDGES:
-        found.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
-    return tuple(found)
+        if step.chosen.chance > RULES.agreement_level:
+            lines.append(f"{step.chosen.effect.name}: a rare event; few scenes show it, without the test over scenes")
+    if len(parts.judge) < RULES.few_judge_scenes:
+        lines.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
+    return tuple(lines)

@@ -1,4 +1,19 @@
-"""Which scenes are for finding an effect and which, never looked at before, for judging it."""
+"""Statistics over scenes: how they are divided, and what so few of them can say of chance and of scatter.
+
+The scene is the statistical unit: rays and frames of one street share its surfaces, its pose and its weather, so that
+only scenes are independent. Letters: s scenes, b blocks of columns (each of one scene), c candidates, k columns.
+
+- Division: by the hash of the scenes' names, before anything is fitted; folds deal the find scenes in turn.
+- Chance: a scene gains as likely as it loses where there is nothing to find, so the signs of its gains are exchangeable
+  (Fisher's randomisation test): all 2^s of them up to twelve scenes, drawn ones beyond. Where the best of many is
+  asked about, the largest over all of them is held against the same signs (max-T, Westfall & Young 1993), which pays
+  for trying many without supposing them independent.
+- Clipping: no scene counts for more than the third largest, so that no one or two decide.
+- Scatter: scenes are few (a third of them judge), and the percentile bootstrap is too narrow then: of five normal
+  scenes its 90 % interval covers 77 % (tests/discover/test_scenes.py shows both). Student's t with the scenes' own
+  scatter covers what it says. Of a ratio, and of fits that share scenes, the jackknife gives that scatter (Efron &
+  Tibshirani 1993, ch. 11).
+"""
 
 from __future__ import annotations
 
@@ -10,17 +25,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
 
-JUDGE_SHARE = 1 / 3
-FOLDS = 3
-"""Parts of the find scenes, each held out of a fit once."""
-FEWEST = 10
-"""Units that a verdict needs: 7 to find with, for the signs of fewer cannot agree so well that chance is ruled out at
-the level that naming asks for (`name.LEVEL`, of the better of two tests: 2 x 2^-7), and 3 to judge on."""
+from jaxsim.discover.rules import RULES
+
+ALL_SIGNS = 12
+"""Scenes up to which all signs are tried."""
 
 
 @dataclass(frozen=True)
 class Split:
-    """Units by name, and the hash that fixes the division before anything is fitted."""
+    """Scenes by name, and the hash that fixes the division before anything is fitted."""
 
     find: tuple[str, ...]
     judge: tuple[str, ...]
@@ -28,111 +41,136 @@ class Split:
 
 
 def split(names: Sequence[str]) -> Split:
-    """Divides units by the hash of their names: two thirds to find, one third to judge; the same names always
-    divide alike.
+    """Divides scenes by the hash of their names: two thirds to find, one third to judge; the same names always divide
+    alike.
 
-    Raises ValueError for fewer than FEWEST units.
+    Raises ValueError for fewer than `Rules.fewest_scenes`.
     """
     names = list(dict.fromkeys(names))
-    if len(names) < FEWEST:
+    if len(names) < RULES.fewest_scenes:
         raise ValueError(
-            f"discover: {len(names)} independent scenes; a verdict needs {FEWEST} or more (16 to tell effects apart "
-            "well). Frames of one drive count as one scene: give more drives, or one drive alone, which is cut into "
-            "sectors of azimuth"
+            f"discover: {len(names)} independent scenes; a verdict needs {RULES.fewest_scenes} or more (16 to tell "
+            "effects apart well). Frames of one drive count as one scene: give more drives, or one drive alone, which "
+            "is cut into sectors of azimuth"
         )
     order = sorted(names, key=lambda name: hashlib.sha256(name.encode()).hexdigest())
-    count = max(2, round(len(names) * JUDGE_SHARE))
-    judge, find = sorted(order[:count]), sorted(order[count:])
+    count = max(2, round(len(names) * RULES.judge_share))
+    judge = sorted(order[:count])
+    find = sorted(order[count:])
     text = "\n".join(["find", *find, "judge", *judge])
     return Split(tuple(find), tuple(judge), hashlib.sha256(text.encode()).hexdigest())
 
 
-def folds(unit: Int[np.ndarray, " b"], count: int = FOLDS) -> Float[np.ndarray, "k b"]:
-    """For each fold, 1 for the blocks that are fitted and 0 for those held out; units stay together."""
-    units = np.unique(unit)
-    group = np.searchsorted(units, unit) % min(count, len(units))
-    return (group[None, :] != np.arange(min(count, len(units)))[:, None]).astype(np.float32)
+def folds(scene: Int[np.ndarray, " b"], count: int = RULES.folds) -> Float[np.ndarray, "k b"]:
+    """For each fold, 1 for the blocks that are fitted and 0 for those held out; blocks of a scene stay together."""
+    scenes = np.unique(scene)
+    count = min(count, len(scenes))
+    group = np.searchsorted(scenes, scene) % count
+    return (group[None, :] != np.arange(count)[:, None]).astype(np.float32)
 
 
-LEVEL = 0.90
+def clipped(gain: Float[np.ndarray, " s"]) -> Float[np.ndarray, " s"]:
+    """Scenes' gains and losses, none larger than the third largest of either: no one or two scenes decide."""
+    sizes = np.sort(np.abs(gain))
+    limit = sizes[-min(RULES.decisive_scenes, len(sizes))]
+    return np.clip(gain, -limit, limit)
 
 
-def half_width(scenes: Float[np.ndarray, "u *k"]) -> Float[np.ndarray, "*k"]:
-    """Half width of the interval of each mean over the first axis; NaN entries do not count, NaN where fewer than two
-    are left."""
-    known = np.isfinite(scenes)
+def signs_of(scenes: int) -> Float[np.ndarray, "k s"]:
+    """All ways to give the scenes signs, up to ALL_SIGNS of them; else `Rules.sign_draws` at random, the first all
+    positive: it is what was measured."""
+    if scenes <= ALL_SIGNS:
+        return 1.0 - 2 * ((np.arange(2**scenes)[:, None] >> np.arange(scenes)) & 1)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (RULES.sign_draws, scenes))
+    signs[0] = 1
+    return signs
+
+
+def p_value(gains: Float[np.ndarray, " s"]) -> float:
+    """One-sided probability of so large a mean gain if scenes gain nothing, by the signs of `signs_of`."""
+    if not gains.any():
+        return 1.0
+    return float(np.mean(signs_of(len(gains)) @ gains >= gains.sum() - 1e-12))
+
+
+def chance_of_best(rates: Float[np.ndarray, "c s"], best: int) -> float:
+    """How often chance makes the scenes of some candidate agree as well as those of candidate `best`: trying many is
+    paid for (max-T). A candidate counts by its sum in units of its own scatter: one that a single scene makes large
+    does not hide the others. `rates` lie about 0 where there is nothing to find."""
+    scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
+    return float(np.mean((signs_of(rates.shape[1]) @ scaled.T).max(1) >= scaled[best].sum() - 1e-9))
+
+
+def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
+    """The candidate whose scenes agree most that it gains, and how often chance makes some candidate's agree as much.
+
+    Held-out gains lie below 0 where there is nothing to find, for what was fitted to chance costs; so their deviations
+    from each candidate's mean take the signs, as if the mean were 0, which errs to the safe side.
+    """
+    off = gains - gains.mean(1, keepdims=True)
+    spread = np.sqrt((off**2).sum(1)) + 1e-9
+    agreement = gains.sum(1) / spread
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (RULES.sign_draws, gains.shape[1]))
+    by_chance = (signs @ (off / spread[:, None]).T).max(1)
+    best = int(agreement.argmax())
+    return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
+
+
+def student_reach(scenes: int | Int[np.ndarray, "*k"]) -> np.ndarray:
+    """Standard errors to either side of a mean over so many scenes within which it lies at `Rules.interval_level`."""
+    return student.ppf(0.5 + RULES.interval_level / 2, np.maximum(np.subtract(scenes, 1), 1))
+
+
+def half_width(values: Float[np.ndarray, "s *k"]) -> Float[np.ndarray, "*k"]:
+    """Half width of the interval of each mean over scenes; NaN entries do not count, NaN where fewer than two are
+    left."""
+    known = np.isfinite(values)
     n = known.sum(0)
-    centre = np.where(known, scenes, 0).sum(0) / np.maximum(n, 1)
-    squares = np.where(known, (scenes - centre) ** 2, 0).sum(0)
-    reach = student.ppf(0.5 + LEVEL / 2, np.maximum(n - 1, 1))
-    width = reach * np.sqrt(squares / np.maximum(n - 1, 1) / np.maximum(n, 1))
+    centre = np.where(known, values, 0).sum(0) / np.maximum(n, 1)
+    squares = np.where(known, (values - centre) ** 2, 0).sum(0)
+    width = student_reach(n) * np.sqrt(squares / np.maximum(n - 1, 1) / np.maximum(n, 1))
     return np.where(n > 1, width, np.nan)
 
 
-def mean_interval(scenes: Float[np.ndarray, " u"]) -> tuple[float, float]:
+def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
     """Interval of a mean over scenes; NaN where fewer than two scenes have a value."""
-    if not np.isfinite(scenes).any():
+    if not np.isfinite(values).any():
         return float("nan"), float("nan")
-    centre, half = float(np.nanmean(scenes)), float(half_width(scenes))
+    centre = float(np.nanmean(values))
+    half = float(half_width(values))
     return centre - half, centre + half
 
 
-def ratio_interval(top: Float[np.ndarray, " u"], bottom: Float[np.ndarray, " u"]) -> tuple[float, float]:
+def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]) -> tuple[float, float]:
     """Interval of mean(top) / mean(bottom), by the jackknife over scenes that have both."""
     both = np.isfinite(top) & np.isfinite(bottom)
-    top, bottom = top[both], bottom[both]
+    top = top[both]
+    bottom = bottom[both]
     n = len(top)
     if n < 2:
         return float("nan"), float("nan")
     without = (top.sum() - top) / (bottom.sum() - bottom)
-    half = student.ppf(0.5 + LEVEL / 2, n - 1) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum())
+    half = student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum())
     value = top.sum() / bottom.sum()
     return float(value - half), float(value + half)
+
+
+def difference_interval(first: Float[np.ndarray, " u"], second: Float[np.ndarray, " v"]) -> tuple[float, float]:
+    """Interval of mean(first) - mean(second), in their unit, of two independent groups of scenes whose scatter may
+    differ (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where either has fewer than two scenes."""
+    if min(len(first), len(second)) < 2:
+        return float("nan"), float("nan")
+    centre = float(first.mean() - second.mean())
+    ours, theirs = first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)
+    if ours + theirs == 0:
+        return centre, centre
+    freedom = (ours + theirs) ** 2 / (ours**2 / (len(first) - 1) + theirs**2 / (len(second) - 1))
+    half = float(student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(ours + theirs))
+    return centre - half, centre + half
 
 
 def fold_half_width(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:
     """Half width of the interval of a mean of fits, each of which left out one of g groups of scenes: the jackknife
     again, by whose factor fits are farther apart than they look, since any two share scenes."""
     groups = len(fits)
-    reach = student.ppf(0.5 + LEVEL / 2, max(groups - 1, 1))
-    return reach * (groups - 1) / np.sqrt(groups) * fits.std(0, ddof=1)
-
-
-FLIPS = 4096
-"""Of signs over units, to see what chance does."""
-
-
-def p_value(gains: Float[np.ndarray, " u"]) -> float:
-    """One-sided probability of so large a mean gain if units gain nothing: exact sign-flip test up to 12 units,
-    else by FLIPS draws."""
-    if not gains.any():
-        return 1.0
-    return float(np.mean(signs_of(len(gains)) @ gains >= gains.sum() - 1e-12))
-
-
-def chance_of_best(rates: Float[np.ndarray, "p u"], best: int) -> float:
-    """How often chance makes the units of some row agree as well as those of row `best`: trying many is paid for
-    (Westfall & Young 1993, max-T, by signs over units). A row counts by its sum in units of its own scatter: one that
-    a single unit makes large does not hide the others."""
-    scaled = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
-    return float(np.mean((signs_of(rates.shape[1]) @ scaled.T).max(1) >= scaled[best].sum() - 1e-9))
-
-
-def signs_of(n: int) -> Float[np.ndarray, "k n"]:
-    """All ways to give n units signs, up to 12 units; else FLIPS at random, the first all positive."""
-    if n <= 12:
-        return 1.0 - 2 * ((np.arange(2**n)[:, None] >> np.arange(n)) & 1)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, n))
-    signs[0] = 1
-    return signs
-
-
-AGREE = 3
-"""Units that must agree: no gain or loss counts for more than the third largest."""
-
-
-def clipped(gain: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-    """Units' gains and losses, none larger than the third largest of either: no one or two scenes decide."""
-    sizes = np.sort(np.abs(gain))
-    most = sizes[-min(AGREE, len(sizes))]
-    return np.clip(gain, -most, most)
+    return student_reach(groups) * (groups - 1) / np.sqrt(groups) * fits.std(0, ddof=1)

@@ -1,4 +1,7 @@
-"""The answer, as plain values: what verdict.json holds and the report draws."""
+"""The answer, as plain values: what verdict.json holds and the report draws.
+
+Nothing is computed here; the rooms fill these in, and the report reads nothing else.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import replacing
 from jaxsim.frame import PolarGrid
-
-WORSE = 0.01
-"""Share of its distance by which a channel may grow and still count as not worse."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,9 @@ class Gap:
 
     @property
     def not_worse(self) -> bool:
-        """Whether the channel is shown (95 %, one-sided) to be worse by less than WORSE of its distance."""
-        return self.low > -WORSE * self.before
+        """Whether the channel is shown (95 %, one-sided) to be worse by less than `Rules.not_worse_share` of its
+        distance."""
+        return self.low > -RULES.not_worse_share * self.before
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class Rank:
 
 @dataclass(frozen=True)
 class Nulls:
-    """What naming made of measurements in which nothing is missing (`calibrate`), one entry a null."""
+    """What naming made of measurements in which nothing is missing (`name.null_bar`), one entry a null."""
 
     effects: tuple[str, ...]
     """The strongest that passed every test but the bar; empty where none did."""
@@ -254,5 +255,5 @@ class Result:
     maps_before: dict[str, Float[np.ndarray, "r c"]]
     maps_after: dict[str, Float[np.ndarray, "r c"]]
     curves: tuple[CurveLine, ...]
-    candidates: tuple[Candidate, ...] = ()
-    """The whole first ranking with its fits, for who wants to choose by another rule."""
+    candidates: tuple[Any, ...] = ()
+    """The whole first ranking (`name.candidates.Candidate`) with its fits, for who wants to choose by another rule."""

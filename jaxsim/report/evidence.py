@@ -8,7 +8,8 @@ from html import escape
 import numpy as np
 
 from jaxsim.discover.find.localise import CATEGORICAL
-from jaxsim.discover.verdict import WORSE, CurveLine, Gained, Gap, Result, Verdict, Where
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict import CurveLine, Gained, Gap, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
@@ -51,8 +52,8 @@ def maps(result: Result, draw: Draw) -> str:
             draw(
                 f"map_{file_name(channel)}",
                 residual_maps(shown, result.grid, unit=sides.unit),
-                f"{channel.capitalize()}. Red: {sides.more}; blue: {sides.less}; grey: nothing compared. Root mean "
-                f"square over cells: {sizes}.",
+                f"{channel.capitalize()}. Red: {sides.positive}; blue: {sides.negative}; grey: nothing compared. "
+                f"Root mean square over cells: {sizes}.",
             )
         )
     explain = paragraph(
@@ -112,8 +113,8 @@ def gap(verdict: Verdict) -> str:
         ]
         for name, g in verdict.gap.items()
     ]
-    more = ["after", "before − after, 90 %", "scenes better"] if added else []
-    head = ["channel", "before", *more, "floor", *(["placebo"] if added else [])]
+    columns = ["after", "before − after, 90 %", "scenes better"] if added else []
+    head = ["channel", "before", *columns, "floor", *(["placebo"] if added else [])]
     words = (
         "Mean errors of the simulation on scenes that nothing was fitted to; a scene counts once. "
         "Floor: what a free additive model reaches with the same data."
@@ -121,7 +122,8 @@ def gap(verdict: Verdict) -> str:
     if added:
         words += (
             " Placebo: with the runner-up added instead, fitted in the same way. Intervals: Student's t over scenes, "
-            f"each held against itself. Not worse: at 95 %, the error grew by less than {percent(WORSE)}."
+            f"each held against itself. Not worse: at 95 %, the error grew by less than "
+            f"{percent(RULES.not_worse_share)}."
         )
     return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
 

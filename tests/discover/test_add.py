@@ -12,7 +12,7 @@ from jaxsim.discover.model.noise import MOST
 from jaxsim.discover.model.null import fit_null, implied_level
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.scenes import fold_half_width, half_width, mean_interval, ratio_interval
+from jaxsim.discover.scenes import difference_interval, fold_half_width, half_width, mean_interval, ratio_interval
 
 
 @pytest.mark.parametrize("scenes", [2, 3, 5, 20])
@@ -19,6 +19,20 @@ def test_the_percentile_bootstrap_of_five_scenes_would_be_too_narrow():
     means = scenes[:, rng.integers(0, 5, (1000, 5))].mean(-1)
     low, high = np.quantile(means, [0.05, 0.95], axis=1)
     assert np.mean((low <= 0) & (high >= 0)) == pytest.approx(0.77, abs=0.03)
+
+
+@pytest.mark.parametrize(("first", "second", "scatter"), [(5, 5, 1.0), (4, 11, 0.2), (11, 5, 0.2)])
+def test_the_interval_of_a_difference_covers_nine_times_in_ten_also_where_scatters_differ(first, second, scatter):
+    rng = np.random.default_rng(first)
+    groups = [(rng.normal(1.0, 1.0, first), rng.normal(0.4, scatter, second)) for _ in range(3000)]
+    intervals = np.array([difference_interval(*pair) for pair in groups])
+    covered = (intervals[:, 0] <= 0.6) & (intervals[:, 1] >= 0.6)
+    assert covered.mean() == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_interval_of_a_difference_without_scatter_is_a_point():
+    assert difference_interval(np.full(3, 0.5), np.full(4, 0.25)) == (0.25, 0.25)
+    assert np.isnan(difference_interval(np.ones(1), np.ones(4))).all()
 
 
 @pytest.mark.parametrize("scenes", [4, 8])

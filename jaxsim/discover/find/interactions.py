@@ -2,7 +2,7 @@
 
 A channel's residuals, less what an additive model of all covariates explains on scenes that it was not fitted to, are
 held against products of two covariates' curves. The strongest pair must beat what the strongest of all pairs gains by
-chance (Westfall & Young 1993, max-T, by signs over scenes), so that trying many pairs is paid for.
+chance (`scenes.best_of_gains`), so that trying many pairs is paid for.
 """
 
 from __future__ import annotations
@@ -12,97 +12,82 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.find.additive import Additive
 from jaxsim.discover.find.localise import COVARIATES, Place, curve_basis, values_of
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import best_of_gains
 
 CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
 """Covariates of which pairs are tried; time since the first frame has too few values to be crossed with others."""
-KNOTS = 5
-"""Of each covariate's curve within a pair; rows are taken as a length here, for a number each would be too many."""
-MOST = 30_000
-"""Residuals looked at, evenly spread: more cost time and hardly change a pair's rank."""
-FEWEST = 100.0
-"""Residuals, as `_effective` counts them, from which a channel is looked at: a handful of lost rays tells nothing."""
-FLIPS = 4096
 
 
 def interactions(
     rays: Any,
     residuals: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    unit: Int[np.ndarray, " b"],
+    scene: Int[np.ndarray, " b"],
     *,
-    level: float,
+    level: float = RULES.dependence_level,
 ) -> list[Place]:
     """Each channel's strongest pair, as a Place whose covariate is `A x B`, where its p-value is at most `level`.
 
-    Arguments as `localise`. Fewer than six units decide nothing.
+    Arguments as `localise`. Fewer than `Rules.fewest_pair_scenes` decide nothing.
     """
     places = []
-    units = np.unique(unit)
+    scenes = np.unique(scene)
     for channel, (z, counts) in residuals.items():
         counts = _thinned(counts)
-        if counts.sum() < 100 or len(units) < 6:
+        if counts.sum() < RULES.fewest_residuals or len(scenes) < RULES.fewest_pair_scenes:
             continue
-        place = np.searchsorted(units, np.broadcast_to(unit[:, None, None], counts.shape)[counts])
-        if _effective(z[counts]) < FEWEST:
+        index = np.searchsorted(scenes, np.broadcast_to(scene[:, None, None], counts.shape)[counts])
+        if _effective(z[counts]) < RULES.fewest_effective:
             continue
-        left = _unexplained(z[counts].astype(np.float32), rays, counts, place, len(units))
+        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+        additive = Additive(z[counts].astype(np.float32), designs, index, scenes=len(scenes))
+        rest = additive.z - additive.predicted(list(designs))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
         pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
-        gains = np.stack([_pair_gain(left, curves[a], curves[b], place, len(units)) for a, b in pairs])
-        best, p = _strongest(gains)
+        gains = np.stack([_pair_gain(rest, curves[a], curves[b], index, scenes=len(scenes)) for a, b in pairs])
+        best, p = best_of_gains(gains)
         if p <= level:
-            share = float(2 * gains[best].sum() / (left.astype(np.float64) ** 2).sum())
+            share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
             scale = (residuals[channel][1].sum() / counts.sum()).item()
             places.append(Place(channel, " x ".join(pairs[best]), p, share, float(gains[best].sum() * scale)))
     return places
 
 
-def _thinned(counts: np.ndarray) -> np.ndarray:
-    """Every so manieth of the cells that count."""
+def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:
+    """Every so manieth of the cells that count, `Rules.pair_residuals` at most."""
     cells = np.flatnonzero(counts)
     kept = np.zeros(counts.size, bool)
-    kept[cells[:: max(1, -(-len(cells) // MOST))]] = True
+    kept[cells[:: max(1, -(-len(cells) // RULES.pair_residuals))]] = True
     return kept.reshape(counts.shape)
 
 
-def _effective(z: np.ndarray) -> float:
+def _effective(z: Float[np.ndarray, " n"]) -> float:
     """How many equally large residuals have the weight of these (Kish 1965)."""
     squares = z.astype(np.float64) ** 2
     return float(squares.sum() ** 2 / max((squares**2).sum(), 1e-12))
 
 
 def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
-    return curve_basis(x, name if name == "class" else "", KNOTS)
+    """A curve of few knots: a product of two has the product of their numbers. Only classes keep a column each."""
+    return curve_basis(x, name if name == "class" else "", RULES.pair_knots)
 
 
-def _unexplained(z: np.ndarray, rays: Any, counts: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
-    """Residuals less the additive model of all covariates, each fold's fitted to the others."""
-    designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
-    return z - Additive(z, designs, place, units).predicted(list(designs))
-
-
-def _pair_gain(left: np.ndarray, a: np.ndarray, b: np.ndarray, place: np.ndarray, units: int) -> np.ndarray:
-    """Held-out nats of each unit by the products of two curves."""
-    model = Additive(left, {"pair": (a[:, :, None] * b[:, None, :]).reshape(len(left), -1)}, place, units)
-    return model.by_unit(np.zeros(len(left)), model.predicted(["pair"]))[0]
-
-
-def _strongest(gains: Float[np.ndarray, "p u"]) -> tuple[int, float]:
-    """The pair whose units agree most that it gains, and how often chance makes some pair's agree as much.
-
-    By chance: units deviate from each pair's mean gain, taken as 0, at random signs. (A pair that says nothing gains
-    less than 0, for its curves cost; so this errs to the safe side.)
-    """
-    off = gains - gains.mean(1, keepdims=True)
-    spread = np.sqrt((off**2).sum(1)) + 1e-9
-    agreement = gains.sum(1) / spread
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, gains.shape[1]))
-    by_chance = (signs @ (off / spread[:, None]).T).max(1)
-    best = int(agreement.argmax())
-    return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + FLIPS))
+def _pair_gain(
+    rest: Float[np.ndarray, " n"],
+    first: Float[np.ndarray, "n j"],
+    second: Float[np.ndarray, "n k"],
+    index: Int[np.ndarray, " n"],
+    *,
+    scenes: int,
+) -> Float[np.ndarray, " s"]:
+    """Held-out nats of each scene by the products of two curves."""
+    products = (first[:, :, None] * second[:, None, :]).reshape(len(rest), -1)
+    model = Additive(rest, {"pair": products}, index, scenes=scenes)
+    return model.by_scene(np.zeros(len(rest)), model.predicted(["pair"]))[0]
 
 
 def spelled(covariate: str, names: Mapping[str, str]) -> str:

@@ -2,12 +2,12 @@
 
 Residuals are brought to a standard normal scale by the null model (intensity and range by their own
 distribution, drop by its rate), so that one tool serves the three channels: an additive model of smooth curves,
-one a covariate, fitted by ridge regression and judged on held-out units.
+one a covariate, fitted by ridge regression and judged on held-out scenes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,18 +16,12 @@ from jaxtyping import Float, Int
 from scipy.stats import rankdata
 
 from jaxsim.discover.find.additive import Additive
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of_best
 
-KNOTS = 10
-FEW = 40
-"""Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not seen.
-"""
-CHANCE = 0.05
-"""Dependences that chance explains more often than this are not reported ..."""
-WORTH = 10.0
-"""... nor those that gain fewer nats: what a consistent trace of a nuisance is worth."""
 FITTED = (("intensity", "class"),)
-"""... nor what is a nuisance itself: what is left along it says how far reflectances are held to the table."""
+"""Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
+to the table."""
 
 COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "range": lambda r: np.log(np.maximum(r.range_m, 0.5)),
@@ -49,7 +43,7 @@ COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "rgb": lambda r: r.rgb.mean(-1),
     "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
 }
-"""Of rays on the host, by the name that a verdict uses."""
+"""Covariates of rays on the host, by the name that a verdict uses."""
 ALTERNATING = ("even rows", "even columns")
 """Receivers and emitters often work in two banks, in turn."""
 CATEGORICAL = ("row", "class", *ALTERNATING)
@@ -59,6 +53,7 @@ NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb", "even rows":
 
 def _step(r: Any) -> np.ndarray:
     """Signed depth step to the side where it is larger: positive to the right, compressed, m."""
+    # A neighbour that hits nothing lies far behind.
     side = [np.where(np.isfinite(r.beside_m[..., k]), r.beside_m[..., k], 100.0) - r.range_m for k in (0, 1)]
     step = np.where(np.abs(side[0]) > np.abs(side[1]), -side[0], side[1])
     return np.sign(step) * np.log1p(np.abs(step) / 0.3)
@@ -72,12 +67,12 @@ class Place:
     covariate: str
     p_value: float
     share: float
-    """Of the residuals' variance that it explains on held-out units."""
+    """Of the residuals' variance that it explains on held-out scenes."""
     gain: float
-    """Held-out nats, all units."""
+    """Held-out nats, all scenes."""
 
 
-def curve_basis(x: np.ndarray, name: str, most: int = KNOTS) -> Float[np.ndarray, "n k"]:
+def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.ndarray, "n k"]:
     """Functions of a covariate that are nowhere negative and sum to 1: one column a category, hat functions between
     at most `most` quantiles, or a parabola's Bernstein polynomials where a covariate has few values (one a frame)."""
     x = np.asarray(x, np.float64)
@@ -86,7 +81,7 @@ def curve_basis(x: np.ndarray, name: str, most: int = KNOTS) -> Float[np.ndarray
         return (x[:, None] == values).astype(np.float32)
     if len(values) < 2:
         return np.zeros((len(x), 0), np.float32)
-    if len(values) <= FEW:
+    if len(values) <= RULES.few_values:
         t = (x - values[0]) / (values[-1] - values[0])
         return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1).astype(np.float32)
     knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))
@@ -96,50 +91,66 @@ def curve_basis(x: np.ndarray, name: str, most: int = KNOTS) -> Float[np.ndarray
 
 
 def localise(
-    rays: Any, residuals: dict[str, tuple[np.ndarray, np.ndarray]], unit: Int[np.ndarray, " b"], *, most: int = 4
+    rays: Any,
+    residuals: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    scene: Int[np.ndarray, " b"],
+    *,
+    most: int = RULES.dependences_tried,
 ) -> list[Place]:
     """Ranks (channel, covariate), strongest first. Within a channel a covariate counts for what it adds to
     those above it. A p-value is that of the strongest of all covariates tried (`chance_of_best`), times the channels.
 
-    `rays` are host arrays (b, c, r); `residuals` gives each channel's standardised residuals and where they count.
+    `rays` are host arrays (b, c, r); `residuals` gives each channel's standardised residuals and where they count;
+    `scene` is that of each block.
     """
     places = []
-    units = np.unique(unit)
+    scenes = np.unique(scene)
     for channel, (z, counts) in residuals.items():
-        if counts.sum() < 100:
+        if counts.sum() < RULES.fewest_residuals:
             continue
-        place = np.searchsorted(units, np.broadcast_to(unit[:, None, None], counts.shape)[counts])
+        index = np.searchsorted(scenes, np.broadcast_to(scene[:, None, None], counts.shape)[counts])
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
-        designs = {name: d for name, d in designs.items() if d.shape[1] > 1}
+        designs = {name: design for name, design in designs.items() if design.shape[1] > 1}
         if "time" in designs and _one_clock(rays, counts):
             del designs["time"]
-        model = Additive(z[counts].astype(np.float64), designs, place, len(units))
-        taken, left, squares = [], list(designs), (model.z**2).sum()
+        model = Additive(z[counts].astype(np.float64), designs, index, scenes=len(scenes))
+        squares = (model.z**2).sum()
+        taken: list[str] = []
+        rest = list(designs)
         before = model.predicted(taken)
-        while left and len(taken) < most:
-            after = [model.predicted([*taken, name]) for name in left]
-            gains, rates = (np.stack(part) for part in zip(*(model.by_unit(before, a) for a in after), strict=True))
+        while rest and len(taken) < most:
+            after = [model.predicted([*taken, name]) for name in rest]
+            by_scene = [model.by_scene(before, prediction) for prediction in after]
+            gains = np.stack([gain for gain, _ in by_scene])
             best = int(gains.sum(1).argmax())
             gain = float(gains[best].sum())
             if gain <= 0:
                 break
-            p = min(1.0, len(residuals) * chance_of_best(rates, best))
-            places.append(Place(channel, left[best], p, 2 * gain / squares, gain))
-            taken.append(left.pop(best))
+            # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
+            p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
+            places.append(Place(channel, rest[best], p, 2 * gain / squares, gain))
+            taken.append(rest.pop(best))
             before = after[best]
     return sorted(places, key=lambda place: -place.gain)
 
 
 def reported(places: Iterable[Place]) -> list[Place]:
     """The places that a verdict lists, strongest first."""
-    sure = [p for p in places if p.p_value <= CHANCE and p.gain >= WORTH and (p.channel, p.covariate) not in FITTED]
-    return sorted(sure, key=lambda place: -place.gain)
+    sure = [
+        place
+        for place in places
+        if place.p_value <= RULES.dependence_level
+        and place.gain >= RULES.dependence_nats
+        and (place.channel, place.covariate) not in FITTED
+    ]
+    return sorted(sure, key=lambda place: -place.gain)[: RULES.dependences_listed]
 
 
 def _one_clock(rays: Any, counts: np.ndarray) -> bool:
     """Whether the time within the scan and the azimuth are one covariate, as in a steady turn: it is called azimuth."""
-    time, azimuth = (rankdata(values_of(name, rays, counts)) for name in ("time", "azimuth"))
-    return abs(float(np.corrcoef(time, azimuth)[0, 1])) > 0.99
+    time = rankdata(values_of("time", rays, counts))
+    azimuth = rankdata(values_of("azimuth", rays, counts))
+    return abs(float(np.corrcoef(time, azimuth)[0, 1])) > RULES.one_clock
 
 
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:

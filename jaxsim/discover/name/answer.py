@@ -1,10 +1,12 @@
-"""Which of the three answers it is: named, none, or not in the catalogue."""
+"""Name: which of the three answers it is, and for which effects: named, none, or not in the catalogue."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Int
 
 from jaxsim.discover.find.localise import Place, localise
 from jaxsim.discover.model.fit import Problem
@@ -12,23 +14,56 @@ from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import ALIKE, Choice, with_steps
+from jaxsim.discover.name.null_bar import bars_of, run_nulls
+from jaxsim.discover.name.select import Choice, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, describe, free_curves
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
-from jaxsim.discover.verdict import Unexplained
-
-BETTER = 1.1
-"""A free curve must gain this many times what the named effects of its channel gain together to say that the effect is
-not in the catalogue."""
-SURELY = 10.0
-"""... and so many nats more."""
+from jaxsim.discover.verdict import Nulls, Unexplained
+from jaxsim.effects import Effect
 
 
-def decide(
-    null: Problem, choice: Choice, places: list[Place], everyone: np.ndarray, unit: np.ndarray
-) -> tuple[str, Choice, Unexplained | None]:
-    """The answer, what is named in it, and what a free curve still finds. `places` are the null's dependences, `unit`
-    the scene of each block.
+@dataclass(frozen=True)
+class Answer:
+    """What naming says."""
+
+    verdict: str
+    """named, none or not_in_catalogue."""
+    choice: Choice
+    unexplained: Unexplained | None
+    """What a free curve still finds."""
+    nulls: Nulls | None = None
+    """Where the bar was set on nulls of these very data."""
+
+
+def name_effects(
+    null: Problem,
+    catalogue: Sequence[Effect],
+    places: Sequence[Place],
+    *,
+    scene: Int[np.ndarray, " b"],
+    nulls: int = 0,
+    log: Log = lambda line: None,
+) -> Answer:
+    """Chooses effects of the catalogue one after another, then asks whether free curves along `places`, the null's
+    dependences, say more. `scene` is that of each block.
+
+    With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
+    left unexplained; the choice is made again where that raises it.
+    """
+    choice = choose(null, catalogue, log=log)
+    drawn = None
+    if nulls:
+        drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
+        bars = bars_of(drawn, len(np.unique(scene)))
+        log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
+        raised = bars.effect > RULES.bar_nats
+        choice = choose(null, catalogue, bars=bars, log=log) if raised else replace(choice, bars=bars)
+    return replace(decide(null, choice, places, scene=scene), nulls=drawn)
+
+
+def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int[np.ndarray, " b"]) -> Answer:
+    """The answer, what is named in it, and what a free curve still finds.
 
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
     named: what is there is not in the catalogue. Effects of other channels stay.
@@ -36,17 +71,19 @@ def decide(
     curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve, choice.bars.free)]
     outside = curves[0] if curves and outdone(choice, *curves[0]) else None
     if outside:
-        kept = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
-        if not kept:
-            empty = Choice((), null, choice.steps[0].ranking if choice.steps else choice.last, choice.bars)
-            return "not_in_catalogue", empty, describe(null, *outside)
-        if len(kept) < len(choice.steps):
-            choice = replace(choice, steps=kept, problem=with_steps(null, kept))
+        steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
+        if not steps:
+            return Answer(
+                "not_in_catalogue", Choice((), null, choice.first_ranking, choice.bars), describe(null, *outside)
+            )
+        if len(steps) < len(choice.steps):
+            choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
-        return "none", choice, None
-    after = localise(*standardised(choice.problem, everyone), unit)
-    left = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve, choice.bars.free)]
-    return "named", choice, describe(choice.problem, *left[0]) if left else None
+        return Answer("none", choice, None)
+    all_blocks = np.ones(len(scene), np.float32)
+    after = localise(*standardised(choice.problem, all_blocks), scene)
+    rest = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve, choice.bars.free)]
+    return Answer("named", choice, describe(choice.problem, *rest[0]) if rest else None)
 
 
 def outdone(choice: Choice, place: Place, curve: Candidate) -> bool:
@@ -56,5 +93,6 @@ def outdone(choice: Choice, place: Place, curve: Candidate) -> bool:
     free = curve.gain[:, k]
     steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
     named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))
-    much = clipped(free).sum() > BETTER * max(clipped(named).sum(), 0.0) + SURELY
-    return bool(much and (not steps or p_value(clipped(free - named)) <= ALIKE))
+    least = RULES.curve_factor * max(clipped(named).sum(), 0.0) + RULES.curve_margin_nats
+    much = clipped(free).sum() > least
+    return bool(much and (not steps or p_value(clipped(free - named)) <= RULES.alike_level))

@@ -28,19 +28,21 @@ from jaxsim.frame import Array
 Array3 = Float[np.ndarray, "b c r"]
 
 
-def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
+def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     """`problem.ev` with returns, ranges and intensities drawn anew: its rays, which lack nothing, with the nuisances of
     `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
     ev, rng = problem.ev, np.random.default_rng(seed)
     sign = rng.choice(np.array([-1, 1], np.float32), ev.units)[np.asarray(ev.unit)]
-    residuals = conditional_residuals(explained.ev, explained.equations, jnp.ones(len(sign)))
-    off_i, off_r = np.asarray(residuals[0]), np.asarray(residuals[1])
-    shine = _shines(explained, off_i, sign, rng)
-    reading, returns, log_keep = _reads(problem, explained, off_r, sign, rng)
-    dark = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
-    rays = replace(dark, reading_m=reading, hit=returns, log_keep=log_keep)
+    off_i, off_r = conditional_residuals(explained.ev, explained.equations, jnp.ones(len(sign)))
+    shine = _brighter(explained, np.asarray(off_i), sign, rng=rng)
+    reading, returns, log_keep = _readings(problem, explained, np.asarray(off_r), sign=sign, rng=rng)
+    lit = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
+    rays = replace(lit, reading_m=reading, hit=returns, log_keep=log_keep)
     image = sample(jax.random.key(seed), _as_images(rays))
-    drawn_m, drawn, returned = (jnp.swapaxes(x, -1, -2) for x in (image.range_m, image.intensity, image.valid))
+    drawn_m = jnp.swapaxes(image.range_m, -1, -2)
+    drawn = jnp.swapaxes(image.intensity, -1, -2)
+    returned = jnp.swapaxes(image.valid, -1, -2)
+    # A sensor that reports zeros reports one where the light is below its lowest reading.
     zeros = bool((np.asarray(ev.log_intensity)[np.asarray(ev.returned)] <= np.log(FLOOR) + 1e-3).any())
     drawn = jnp.where(jnp.log(jnp.maximum(drawn, FLOOR)) < ev.lowest, 0.0, drawn) if zeros else drawn
     return replace(
@@ -52,7 +54,9 @@ def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
     )
 
 
-def _shines(explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator) -> Array:
+def _brighter(
+    explained: Problem, residual_i: Array3, sign: Float[np.ndarray, " b"], *, rng: np.random.Generator
+) -> Float[Array, "b c r"]:
     """Nats by which each surface shines brighter than simulated, noise included (b, c, r)."""
     ev, w = explained.ev, explained.equations
     residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
@@ -65,20 +69,22 @@ def _shines(explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng
     surface = own(levels.surface, w.surfaces.block, w.surfaces.variance)
     strip = own(levels.strip, w.strips.block, w.strips.variance)
     drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
-    compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * left
-    # Of rays that are not compared nothing is left; their class's reflectance and noise stand in.
+    compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * residual_i
+    # Of rays that are not compared there is no residual; their class's reflectance and noise stand in.
     kinds, kind = np.unique(np.asarray(ev.rays.semantic), return_inverse=True)
-    of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(left.shape)]
-    speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, left.shape)
+    of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(residual_i.shape)]
+    speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, residual_i.shape)
     return jnp.asarray(np.where(np.asarray(ev.compared), compared, of_class + speckle), jnp.float32)
 
 
-def _reads(
-    problem: Problem, explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator
+def _readings(
+    problem: Problem, explained: Problem, residual_m: Array3, *, sign: Float[np.ndarray, " b"], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Of each ray (b, c, r): its reading, m; whether it may return; and the log of the probability that it does."""
-    ev, w, noise, rays = explained.ev, explained.equations, explained.noise, problem.ev.rays
-    hit, shape = np.asarray(rays.hit), left.shape
+    ev, w, noise = explained.ev, explained.equations, explained.noise
+    rays = problem.ev.rays
+    hit = np.asarray(rays.hit)
+    shape = residual_m.shape
     pose = np.asarray(poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
     pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
     reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
@@ -86,12 +92,16 @@ def _reads(
 
     beside, known = _one_beside(rays, rng)
     neighbour = beside + near_sd(beside) * _normal(rng, shape)
-    switch, wide = (np.exp(np.asarray(x)) for x in log_stray(ev, noise))
+    log_switch, log_wide = log_stray(ev, noise)
+    switch = np.exp(np.asarray(log_switch))
+    wide = np.exp(np.asarray(log_wide))
+    # One number a ray decides between its neighbour's reading, a far outlier and the usual one.
     luck = rng.random(shape)
     astray = np.where(luck < switch, np.where(known, neighbour, usual), reading + rng.standard_cauchy(shape))
     of_surface = np.where(luck < switch + wide, astray, usual)
+    # Where the data compare a reading, its own residual stays, with the scene's sign.
     smooth = hit & np.asarray(ev.rays.hit & ev.returned & ~ev.edge)
-    of_surface = np.where(smooth, reading + sign[:, None, None] * left, of_surface)
+    of_surface = np.where(smooth, reading + sign[:, None, None] * residual_m, of_surface)
     anywhere = rng.uniform(0, CLUTTER_REACH_M, shape)
     of_nothing = np.where((rng.random(shape) < 0.5) & known, neighbour, anywhere)
 
@@ -116,7 +126,7 @@ def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]
     return np.einsum("bij,bj->bi", vectors, draws).astype(np.float32)
 
 
-def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+def _normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     return rng.standard_normal(shape, np.float32)
 
 

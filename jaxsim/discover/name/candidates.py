@@ -1,4 +1,9 @@
-"""The whole catalogue, each effect fitted and judged on scenes that its fit has not seen."""
+"""The whole catalogue, each effect fitted and judged on scenes that its fit has not seen.
+
+Effects with a number for each beam are held against the same with these numbers made smooth along the rows. A laser's
+gain, bias or elevation is its own affair: neighbours in the table need not agree. What the rows see (road below, walls
+and windows above) changes smoothly from row to row, and a simulator's wrong materials look like smooth gains.
+"""
 
 from __future__ import annotations
 
@@ -9,103 +14,158 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway
+from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
 from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.model.parameters import fitted_parameters
 from jaxsim.discover.model.rounding import rounded, rounding_gain
-from jaxsim.discover.name.beams import by_beam, smooth_score
-from jaxsim.discover.name.starts import hints
-from jaxsim.discover.scenes import AGREE, clipped, folds, p_value
+from jaxsim.discover.name.starts import starts_of
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
 
 THREADS = 2
-PART = 0.25
-"""Of the way from the null to a fit at which units are asked whether they agree on its direction."""
-SUDDEN = 12.0
-"""Nats that each of AGREE units must gain, and the others next to nothing lose, to pass without the test over units: of
-a rare event (lost packets) most scenes say nothing."""
+"""Effects fitted side by side."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect and what it gained on held-out units."""
+    """An effect and what it gained on held-out scenes."""
 
     effect: Law
-    gain: Float[np.ndarray, "u 3"]
-    """Log-likelihood over the null, nats, by unit and channel."""
+    gain: Float[np.ndarray, "s 3"]
+    """Log-likelihood over the null, nats, by scene and channel."""
     fits: tuple[Fit, ...]
     """One a fold."""
-    slope: Float[np.ndarray, " u"]
-    """Gain by unit of the first PART of the way to each fit: what the units say of its direction."""
-    own: Float[np.ndarray, " u"] | None = None
-    """Of an effect with a number for each beam: gain by unit over the same effect with these numbers made smooth along
+    slope: Float[np.ndarray, " s"]
+    """Gain by scene of the first `Rules.direction_share` of the way to each fit: what scenes say of its direction."""
+    over_smooth: Float[np.ndarray, " s"] | None = None
+    """Of an effect with a number for each beam: gain by scene over the same effect with these numbers made smooth along
     the rows. What is smooth may be what the rows see, not what the beams do."""
     inside: float = 0.0
-    """Log-likelihood over the null on the very units that were fitted, nats, mean of the folds: no evidence, but what
-    a choice without held-out units would go by."""
+    """Log-likelihood over the null on the very scenes that were fitted, nats, mean of the folds: no evidence, but what
+    a choice without held-out scenes would go by."""
 
     @property
-    def by_unit(self) -> Float[np.ndarray, " u"]:
+    def by_scene(self) -> Float[np.ndarray, " s"]:
+        """Gain by scene, all channels."""
         return self.gain.sum(-1)
 
     @property
+    def total(self) -> float:
+        """Gain of all scenes, none of which decides alone."""
+        return float(clipped(self.by_scene).sum())
+
+    @property
     def chance(self) -> float:
-        """Probability that units agree so well by chance, on the fit or on its direction (the better of two tests)."""
-        return min(1.0, 2 * min(p_value(clipped(self.by_unit)), p_value(clipped(self.slope))))
+        """Probability that scenes agree so well by chance, on the fit or on its direction (the better of two tests)."""
+        return min(1.0, 2 * min(p_value(clipped(self.by_scene)), p_value(clipped(self.slope))))
 
     @property
     def sudden(self) -> bool:
-        """Whether few units gain so much, and the others lose so little, that no test over units is needed."""
-        gain = self.by_unit
+        """Whether few scenes gain so much, and the others lose so little, that no test over scenes is needed: of a
+        rare event (lost packets) most scenes say nothing."""
+        gain = self.by_scene
+        enough = (gain > RULES.sudden_nats).sum() >= RULES.decisive_scenes
         lost = -gain[gain < 0].sum()
-        return bool((gain > SUDDEN).sum() >= AGREE and lost < 0.05 * gain[gain > 0].sum())
+        return bool(enough and lost < RULES.sudden_loss * gain[gain > 0].sum())
 
     @property
-    def total(self) -> float:
-        return float(clipped(self.by_unit).sum())
+    def scenes_agree(self) -> bool:
+        """Whether the scenes agree on its gain."""
+        return self.chance <= RULES.agreement_level or self.sudden
+
+    @property
+    def smooth_is_enough(self) -> bool:
+        """Whether an effect of single beams gains no more, for certain, than a smooth change along the rows."""
+        if self.over_smooth is None:
+            return False
+        rough = clipped(self.over_smooth)
+        return bool(rough.sum() <= RULES.bar_nats or p_value(rough) > RULES.agreement_level)
+
+    def accepted(self, bar: float = RULES.bar_nats) -> bool:
+        """Whether it passes the bar, and the scenes agree that it should; of an effect of single beams, also on what
+        its beams' numbers gain over a smooth change along the rows."""
+        return not self.smooth_is_enough and self.total > bar and self.scenes_agree
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers its fit chose."""
+        return sum(np.size(value) for value in self.fits[0].z.values())
 
 
-def survey(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
+def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
     `null` saves its fits where they are known.
     """
-    unit = np.asarray(problem.ev.unit)
-    groups, null = folds(unit), null or problem.null_fits
+    scene = np.asarray(problem.ev.unit)
+    scenes = problem.ev.units
+    seen = np.unique(scene)
+    masks = folds(scene)
+    null = null or problem.null_fits
     problems = [replace(problem, noise=base.noise) for base in null]
+    steps = rounded(problem.ev)
+    starts_read = starts_of(problem)
 
-    steps, more_starts = rounded(problem.ev), hints(problem)
-    effects = [effect for effect in effects if effect.name not in FINEST or effect.name in steps]
-
-    def one(effect: Law) -> Candidate:
+    def candidate(effect: Law) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
-        gain, slope = np.zeros((problem.ev.units, 3)), np.zeros(problem.ev.units)
-        own = np.zeros(problem.ev.units) if by_beam(effect) else None
-        fits, inside = [], []
+        gain = np.zeros((scenes, 3))
+        slope = np.zeros(scenes)
+        over_smooth = np.zeros(scenes) if by_beam(effect) else None
+        fits = []
+        inside = []
+        # A lattice's step is read off the readings; its fit moves the noise alone, and has no direction.
         step = steps.get(effect.name)
         at = None if step is None else ({next(iter(effect.parameters)): step},)
-        starts = at or ({}, *effect.starts, *more_starts.get(effect.name, ()))
-        for fitted, base, start in zip(groups, null, problems, strict=True):
-            found = fit(effect, start, fitted, starts=starts, fixed=at is not None)
-            more = np.zeros((len(unit), 3))
-            more[:, used] = (found.score - base.score)[:, used]
+        starts = at or ({}, *effect.starts, *starts_read.get(effect.name, ()))
+        for fitted, base, start in zip(masks, null, problems, strict=True):
+            result = fit(effect, start, fitted, starts=starts, fixed=at is not None)
+            gained = np.zeros((len(scene), 3))
+            gained[:, used] = (result.score - base.score)[:, used]
             if step is not None:
-                more += rounding_gain(problem.ev, {effect.name: step})
-            inside.append(more[fitted > 0].sum())
-            more[fitted > 0] = 0
-            begun = more if at else np.zeros((len(unit), 3))
+                gained += rounding_gain(problem.ev, {effect.name: step})
+            inside.append(gained[fitted > 0].sum())
+            gained[fitted > 0] = 0
+            begun = gained if at else np.zeros((len(scene), 3))
             if not at:
-                begun[:, used] = (partway(effect, start, fitted, fit=found, share=PART) - base.score)[:, used]
+                part = partway(effect, start, fitted, fit=result, share=RULES.direction_share)
+                begun[:, used] = (part - base.score)[:, used]
                 begun[fitted > 0] = 0
-            slope += np.bincount(unit, begun.sum(-1), problem.ev.units)
-            if own is not None:
-                rough = (found.score - smooth_score(effect, start, fitted, found))[:, used].sum(-1)
-                own += np.bincount(unit, np.where(fitted > 0, 0, rough), problem.ev.units)
-            gain += np.stack([np.bincount(unit, more[:, k], problem.ev.units) for k in range(3)], axis=-1)
-            fits.append(found)
-        seen = np.unique(unit)
-        beams = None if own is None else own[seen]
+            slope += np.bincount(scene, begun.sum(-1), scenes)
+            if over_smooth is not None:
+                rough = (result.score - smooth_score(effect, start, fitted, result))[:, used].sum(-1)
+                over_smooth += np.bincount(scene, np.where(fitted > 0, 0, rough), scenes)
+            gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
+            fits.append(result)
+        beams = None if over_smooth is None else over_smooth[seen]
         return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(one, effects))
+        found = list(pool.map(candidate, [e for e in effects if e.name not in FINEST or e.name in steps]))
     return sorted(found, key=lambda candidate: -candidate.total)
+
+
+def by_beam(effect: Law) -> bool:
+    """Whether the effect has a number for each beam."""
+    return any(p.shape == "row" for p in fitted_parameters(effect).values())
+
+
+def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
+    """Each number replaced by the line through it and its neighbours, `Rules.beam_rows` to each side, by least
+    squares."""
+    rows = np.arange(len(numbers))
+    result = np.empty(len(numbers))
+    for k in rows:
+        near = slice(max(k - RULES.beam_rows, 0), k + RULES.beam_rows + 1)
+        away = rows[near] - k
+        result[k] = np.polyfit(away, numbers[near], min(1, len(away) - 1))[-1]
+    return result
+
+
+def smooth_score(
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], result: Fit
+) -> Float[np.ndarray, "b 3"]:
+    """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
+    kinds = fitted_parameters(effect)
+    z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in result.z.items()}
+    return score_at(effect, problem, fitted, z={n: np.asarray(v, np.float32) for n, v in z.items()}, noise=result.noise)

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find.localise import CATEGORICAL, KNOTS, curve_basis, values_of
+from jaxsim.discover.find.localise import CATEGORICAL, curve_basis, values_of
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
@@ -77,5 +78,5 @@ def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
     if covariate in CATEGORICAL:
         values, place = np.unique(x, return_inverse=True)
         return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
-    found = curve_basis(x, covariate, 2 * KNOTS)
+    found = curve_basis(x, covariate, 2 * RULES.knots)
     return np.pad(found, ((0, 0), (0, COLUMNS - found.shape[1])))

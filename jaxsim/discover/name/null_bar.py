@@ -2,12 +2,12 @@
 
 Flexible candidates gain something on any data, because no null model is quite right, and how much depends on the
 data: on the noise of the normals, on few scenes, on how materials are spread. So the nulls carry the data's own
-nuisances (`redraw`), and what is named must gain more than anything did on any of them.
+nuisances (`bootstrap`), and what is named must gain more than anything did on any of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Int
@@ -16,10 +16,11 @@ from jaxsim.discover.find.localise import localise
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
-from jaxsim.discover.name.bootstrap import redraw
-from jaxsim.discover.name.candidates import Candidate, survey
-from jaxsim.discover.name.select import BAR, Bars, scenes_agree, smooth_is_enough
+from jaxsim.discover.name.bootstrap import bootstrap
+from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.select import Bars, Log
 from jaxsim.discover.name.unexplained import free_curves, sure
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Nulls
 from jaxsim.effects import Effect
 
@@ -32,34 +33,36 @@ def bars_of(nulls: Nulls, scenes: int) -> Bars:
 def run_nulls(
     problem: Problem,
     explained: Problem,
-    unit: Int[np.ndarray, " b"],
     effects: Iterable[Effect],
-    count: int,
     *,
-    say: Callable[[str], None] = lambda line: None,
+    scene: Int[np.ndarray, " b"],
+    count: int,
+    log: Log = lambda line: None,
 ) -> Nulls:
     """The naming's first step on `count` nulls drawn from `problem`, and the bars that none of them passes, for effects
-    and for free curves; at least the standing one. `unit` is the scene of each block."""
-    catalogue, scenes = tuple(effects), len(np.unique(unit))
-    everyone = np.ones(len(unit), np.float32)
+    and for free curves; at least the standing one. `scene` is that of each block."""
+    catalogue = tuple(effects)
+    scenes = len(np.unique(scene))
+    all_blocks = np.ones(len(scene), np.float32)
     names, gains, free = [], [], []
     for seed in range(count):
-        null, _ = fit_null(problem.scan, redraw(problem, explained, seed), everyone, clutter=problem.clutter)
-        best = _strongest(c for c in survey(null, catalogue) if scenes_agree(c) and not smooth_is_enough(c))
-        places = localise(*standardised(null, everyone), unit)
+        drawn = bootstrap(problem, explained, seed)
+        null, _ = fit_null(problem.scan, drawn, all_blocks, clutter=problem.clutter)
+        best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
+        places = localise(*standardised(null, all_blocks), scene)
         curve = _strongest(c for _, c in free_curves(null, places) if sure(c))
         names.append(best.effect.name if best else "")
         gains.append(best.total if best else 0.0)
         free.append(curve.total if curve else 0.0)
-        found = f"{names[-1]} gains {gains[-1]:.1f} nats" if best else "no effect that scenes agree on"
-        say(f"null {seed + 1} of {count}: {found}" + (f", a free curve gains {free[-1]:.1f}" if curve else ""))
+        text = f"{names[-1]} gains {gains[-1]:.1f} nats" if best else "no effect that scenes agree on"
+        log(f"null {seed + 1} of {count}: {text}" + (f", a free curve gains {free[-1]:.1f}" if curve else ""))
     return Nulls(
         effects=tuple(names),
         gains=tuple(gain / scenes for gain in gains),
         free=tuple(gain / scenes for gain in free),
-        answered=sum(max(pair) > BAR for pair in zip(gains, free, strict=True)),
-        bar=max(BAR, *gains) / scenes,
-        free_bar=max(BAR, *free) / scenes,
+        answered=sum(max(pair) > RULES.bar_nats for pair in zip(gains, free, strict=True)),
+        bar=max(RULES.bar_nats, *gains) / scenes,
+        free_bar=max(RULES.bar_nats, *free) / scenes,
     )
 
 

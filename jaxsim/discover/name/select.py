@@ -1,6 +1,6 @@
 """Which effect is missing: forward selection over the catalogue, with a bar that a null must not pass.
 
-A candidate counts by its held-out gain (`survey`). It is accepted where the gain exceeds BAR nats and the units
+A candidate counts by its held-out gain (`rank_effects`). It is accepted where the gain exceeds the bar and the scenes
 agree on its sign; the set of look-alikes is whatever accepted candidate is not clearly worse than the best.
 """
 
@@ -15,30 +15,21 @@ from jaxsim.discover.model.fit import Fit, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.name.candidates import Candidate, survey
+from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.effects import Effect
 
-BAR = 10.0
-"""Held-out nats in all that a candidate must gain."""
-LEVEL = 0.02
-"""Of the sign-flip test over units."""
-ALIKE = 0.10
-"""A candidate is a look-alike unless the paired test against the best falls below this ..."""
-CLEARLY = 0.75
-"""... or it gains less than this share of the best's."""
-CLEAR = 0.5
-"""Share of the largest gain that a candidate must reach, accepted or not as that one may be."""
-MOST = 4
-"""Effects added at most."""
+Log = Callable[[str], None]
+"""Where lines on the progress go."""
 
 
 @dataclass(frozen=True)
 class Bars:
     """Held-out nats in all that must be passed."""
 
-    effect: float = BAR
-    free: float = BAR
+    effect: float = RULES.bar_nats
+    free: float = RULES.bar_nats
     """By a free curve."""
 
 
@@ -50,8 +41,12 @@ class Step:
     alike: tuple[Candidate, ...]
     ranking: tuple[Candidate, ...]
     fitted: Fit
-    """On all find units."""
-    p_value: float
+    """On all find scenes."""
+
+    @property
+    def p_value(self) -> float:
+        """That the scenes agree so well on the chosen effect by chance."""
+        return self.chosen.chance
 
 
 @dataclass(frozen=True)
@@ -64,43 +59,23 @@ class Choice:
     """The candidates of the step that added nothing more."""
     bars: Bars = Bars()
 
-
-def accepted(candidate: Candidate, bar: float = BAR) -> bool:
-    """Whether a candidate passes the bar, and the units agree that it should; of an effect of single beams, also on
-    what its beams' numbers gain over a smooth change along the rows."""
-    return not smooth_is_enough(candidate) and candidate.total > bar and scenes_agree(candidate)
-
-
-def scenes_agree(candidate: Candidate) -> bool:
-    """Whether the units agree on its gain."""
-    return candidate.chance <= LEVEL or candidate.sudden
-
-
-def smooth_is_enough(candidate: Candidate) -> bool:
-    """Whether an effect of single beams gains no more, for certain, than a smooth change along the rows."""
-    if candidate.own is None:
-        return False
-    rough = clipped(candidate.own)
-    return bool(rough.sum() <= BAR or p_value(rough) > LEVEL)
+    @property
+    def first_ranking(self) -> tuple[Candidate, ...]:
+        """All candidates of the first step, best first."""
+        return self.steps[0].ranking if self.steps else self.last
 
 
 def worse(candidate: Candidate, best: Candidate) -> bool:
-    """Whether the units say that `candidate` explains clearly less than `best`."""
-    difference = clipped(best.by_unit - candidate.by_unit)
-    if candidate.total < CLEARLY * best.total and difference.sum() > 0:
+    """Whether the scenes say that `candidate` explains clearly less than `best`."""
+    difference = clipped(best.by_scene - candidate.by_scene)
+    if candidate.total < RULES.alike_share * best.total and difference.sum() > 0:
         return True
-    return p_value(difference) <= ALIKE and difference.sum() > 2.0
+    return p_value(difference) <= RULES.alike_level and difference.sum() > RULES.alike_nats
 
 
 def padded(candidate: Candidate, best: Candidate) -> bool:
     """Whether `candidate` has more numbers to fit and still gains no more: the simpler one says it all."""
-    more = numbers(candidate) > numbers(best)
-    return more and candidate.total <= best.total + 2.0
-
-
-def numbers(candidate: Candidate) -> int:
-    """How many numbers its fit chose."""
-    return sum(np.size(value) for value in candidate.fits[0].z.values())
+    return candidate.numbers > best.numbers and candidate.total <= best.total + RULES.alike_nats
 
 
 def choose(
@@ -108,47 +83,45 @@ def choose(
     effects: Iterable[Effect],
     *,
     bars: Bars = Bars(),
-    most: int = MOST,
-    say: Callable[[str], None] = lambda line: None,
+    most: int = RULES.most_effects,
+    log: Log = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
     steps: list[Step] = []
     null = problem
-    left = list(effects)
-    everyone = np.ones(len(problem.ev.unit), np.float32)
+    rest = list(effects)
+    all_blocks = np.ones(len(problem.ev.unit), np.float32)
     while True:
-        ranking = survey(problem, left)
+        ranking = rank_effects(problem, rest)
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
-        least = CLEAR * ranking[0].total if ranking else 0.0
-        good = [candidate for candidate in ranking if accepted(candidate, bars.effect) and candidate.total >= least]
+        least = RULES.weak_share * ranking[0].total if ranking else 0.0
+        good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
         if not good or len(steps) == most:
-            kept = look_back(null, steps, bars, say=say)
-            problem = problem if len(kept) == len(steps) else with_steps(null, kept)
-            return Choice(kept, problem, tuple(ranking), bars)
+            needed = look_back(null, steps, bars, log=log)
+            problem = problem if len(needed) == len(steps) else with_steps(null, needed)
+            return Choice(needed, problem, tuple(ranking), bars)
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
-        values = tuple(to_values(best.effect, one.z) for one in best.fits)
-        found = fit(best.effect, problem, everyone, starts=values, fixed=best.effect.name in FINEST)
-        say(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
-        steps.append(Step(best, alike, tuple(ranking), found, best.chance))
-        added = on_top(best.effect, problem, found.z)
-        problem, _ = fit_null(added.scan, added.ev, everyone, clutter=added.clutter)
-        left = [effect for effect in left if effect.name != best.effect.name]
+        starts = tuple(to_values(best.effect, one.z) for one in best.fits)
+        result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
+        log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
+        steps.append(Step(best, alike, tuple(ranking), result))
+        added = on_top(best.effect, problem, result.z)
+        problem, _ = fit_null(added.scan, added.ev, all_blocks, clutter=added.clutter)
+        rest = [effect for effect in rest if effect.name != best.effect.name]
 
 
-def look_back(
-    null: Problem, steps: Sequence[Step], bars: Bars, *, say: Callable[[str], None] = lambda line: None
-) -> tuple[Step, ...]:
+def look_back(null: Problem, steps: Sequence[Step], bars: Bars, *, log: Log = lambda line: None) -> tuple[Step, ...]:
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
     that came later."""
-    kept = list(steps)
+    needed = list(steps)
     for step in steps[:-1]:
-        others = [other for other in kept if other is not step]
-        [again] = survey(with_steps(null, others), [step.chosen.effect])
-        if not accepted(again, bars.effect):
-            say(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
-            kept = others
-    return tuple(kept)
+        others = [other for other in needed if other is not step]
+        [again] = rank_effects(with_steps(null, others), [step.chosen.effect])
+        if not again.accepted(bars.effect):
+            log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
+            needed = others
+    return tuple(needed)
 
 
 def with_steps(null: Problem, steps: Sequence[Step]) -> Problem:
@@ -156,5 +129,14 @@ def with_steps(null: Problem, steps: Sequence[Step]) -> Problem:
     problem = null
     for step in steps:
         problem = on_top(step.chosen.effect, problem, step.fitted.z)
-    everyone = np.ones(len(problem.ev.unit), np.float32)
-    return fit_null(problem.scan, problem.ev, everyone, clutter=problem.clutter)[0]
+    all_blocks = np.ones(len(problem.ev.unit), np.float32)
+    return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]
+
+
+def runner_up(choice: Choice) -> Candidate | None:
+    """The best candidate of the first step that is nowhere named and no look-alike of what is."""
+    if not choice.steps:
+        return None
+    taken = {one.effect.name for step in choice.steps for one in (step.chosen, *step.alike)}
+    rest = [one for one in choice.first_ranking if one.effect.name not in taken]
+    return rest[0] if rest else None

@@ -24,10 +24,10 @@ HIDDEN = 0.8
 Start = dict[str, float]
 
 
-def hints(problem: Problem) -> dict[str, tuple[Start, ...]]:
-    """Further starts, by effect."""
+def starts_of(problem: Problem) -> dict[str, tuple[Start, ...]]:
+    """Further starts of a fit, by effect."""
     ev = jax.tree.map(np.asarray, problem.ev)
-    return {name: found for name, read in READ.items() if (found := read(ev))}
+    return {name: starts for name, read in READ.items() if (starts := read(ev))}
 
 
 def _ceiling(ev: Evidence) -> tuple[Start, ...]:

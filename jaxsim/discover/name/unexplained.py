@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.find.localise import ALTERNATING, CATEGORICAL, FEW, KNOTS, NAMED, Place, values_of
+from jaxsim.discover.find.localise import ALTERNATING, CATEGORICAL, NAMED, Place, values_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.name.candidates import THREADS, Candidate, survey
+from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
 from jaxsim.discover.name.curves import CURVES, fixed_basis, with_basis
-from jaxsim.discover.name.select import BAR, accepted
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import fold_half_width
 from jaxsim.discover.verdict import Unexplained
 
@@ -28,12 +28,8 @@ READ = {
     "step": "ln(1 + step / 0.3 m)",
 }
 """What the x of a formula is, where it is not the covariate itself."""
-EACH = 3
-"""Covariates tried in each channel: those that its residuals depend on most ..."""
-LEVEL = 0.005
-"""Of the sign-flip test of a curve."""
 TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed")}
-"""... and those along which residuals show little, because levels of streets and strips take up what there is."""
+"""Covariates tried besides, along which residuals show little: levels of streets and strips take up what there is."""
 
 
 def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
@@ -42,12 +38,12 @@ def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, 
     null = problem.null_fits
 
     def one(place: Place) -> tuple[Place, Candidate]:
-        [candidate] = survey(with_basis(problem, place.covariate), [CURVES[place.channel]], null=null)
+        [candidate] = rank_effects(with_basis(problem, place.covariate), [CURVES[place.channel]], null=null)
         return place, candidate
 
     tried: list[Place] = []
     for channel in CURVES:
-        strongest = [place for place in places if place.channel == channel][:EACH]
+        strongest = [place for place in places if place.channel == channel][: RULES.curves_tried]
         names = {place.covariate for place in strongest}
         more = [Place(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
         tried += [*strongest, *(place for place in more if _varies(problem, place.covariate))]
@@ -55,15 +51,15 @@ def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, 
         return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 
 
-def agreed(curve: Candidate, bar: float = BAR) -> bool:
+def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
     """Whether a curve passes the bar and the units agree on it."""
-    return accepted(curve, bar) and sure(curve)
+    return curve.accepted(bar) and sure(curve)
 
 
 def sure(curve: Candidate) -> bool:
     """Whether the units agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
-    least = 2 * 2.0 ** -len(curve.by_unit)
-    return curve.chance <= max(LEVEL, 1.01 * least) or curve.sudden
+    least = 2 * 2.0 ** -len(curve.by_scene)
+    return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
@@ -101,8 +97,8 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
 def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
     """The values of a covariate at which its curve is written down."""
     values = np.unique(x)
-    few = covariate in CATEGORICAL or len(values) <= FEW
-    return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * KNOTS)))
+    few = covariate in CATEGORICAL or len(values) <= RULES.few_values
+    return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
 
 
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}

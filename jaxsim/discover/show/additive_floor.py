@@ -14,12 +14,12 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.find.additive import RIDGE
 from jaxsim.discover.find.localise import COVARIATES, curve_basis, values_of
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES
 from jaxsim.discover.model.residuals import residuals, spread
+from jaxsim.discover.rules import RULES
 
 STEPS = 20
 """Of both regressions: either has long converged by then."""
@@ -41,21 +41,22 @@ class Curves:
         return replace(ev, rays=replace(ev.rays, **fields))
 
 
-def black_box(problem: Problem, fitted: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
+def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
     """Free curves along `covariates`, learned from the fitted blocks."""
     rays = jax.tree.map(np.asarray, problem.ev.rays)
-    sd_i, sd_r, lost = (np.asarray(x, float) for x in spread(problem.ev, problem.noise))
-    found, train = residuals(problem, fitted), np.asarray(fitted) > 0
+    sd_i, sd_r, lost = [np.asarray(x, float) for x in spread(problem.ev, problem.noise)]
+    by_channel = residuals(problem, fitted)
+    train = np.asarray(fitted) > 0
 
     def curves(name: str, scale: np.ndarray) -> Float[np.ndarray, "b c r"]:
-        off, _, counts = found[name]
+        off, _, counts = by_channel[name]
         design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
         regress = log_odds if name == "drop" else robust
-        said = np.zeros(counts.shape, np.float32)
-        said[counts] = x @ regress(x[learn], off[counts][learn].astype(float), scale[counts][learn])
-        return said
+        prediction = np.zeros(counts.shape, np.float32)
+        prediction[counts] = x @ regress(x[learn], off[counts][learn].astype(float), scale[counts][learn])
+        return prediction
 
     odds = lost / (1 - lost)
     # log1p(-p) is -log1p(odds of p).
@@ -68,14 +69,16 @@ def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
     beta = np.zeros(x.shape[1])
     for _ in range(STEPS):
         weight = (DEGREES + 1) / (DEGREES + ((y - x @ beta) / sd) ** 2) / sd**2
-        beta = _solved(x, weight, x.T @ (weight * y), RIDGE * weight.mean())
+        beta = _solved(x, weight, x.T @ (weight * y), RULES.ridge * weight.mean())
     return beta
 
 
 def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
     """Coefficients of what is added to the log odds of `p`, where `off` is what happened (0 or 1) less p."""
-    beta, happened, begin = np.zeros(x.shape[1]), off + p, np.log(p / (1 - p))
-    ridge = RIDGE * float(np.mean(p * (1 - p)))
+    beta = np.zeros(x.shape[1])
+    happened = off + p
+    begin = np.log(p / (1 - p))
+    ridge = RULES.ridge * float(np.mean(p * (1 - p)))
     for _ in range(STEPS):
         now = 1 / (1 + np.exp(-(begin + x @ beta)))
         step = _solved(x, now * (1 - now), x.T @ (happened - now) - ridge * beta, ridge)

@@ -1,100 +1,120 @@
-"""What judge scenes show of the effects that were added: scenes that nothing was fitted to."""
+"""Show: what judge scenes say of the effects that were added: scenes that nothing was fitted to."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
-from jaxsim.discover.add import in_place
+from jaxsim.devices import one_blas_thread
+from jaxsim.discover.add import Added, Chain, in_place, refit
+from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.find.localise import COVARIATES
-from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals, fit_null
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice
-from jaxsim.discover.show.additive_floor import black_box
-from jaxsim.discover.show.distance import Distance, distance
-from jaxsim.discover.show.gap import closure, gaps
-from jaxsim.discover.show.residual_curves import curves_along
-from jaxsim.discover.show.residual_maps import maps_of
-from jaxsim.discover.verdict import Judged
-from jaxsim.effects import Law
+from jaxsim.discover.name.select import Choice, runner_up
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.show.additive_floor import additive_floor
+from jaxsim.discover.show.curves_and_maps import residual_curves, residual_maps
+from jaxsim.discover.show.gap import closure, distance, gaps
+from jaxsim.discover.verdict import Gap, Interval, Judged
+from jaxsim.effects import get_effect
+from jaxsim.effects.chain import SensorModel
 
-Added = Sequence[tuple[Law, dict[str, Any]]]
-"""Effects and their z."""
+
+def show_gap(division: Division, null: Problem, choice: Choice, *, added: Added, known: SensorModel) -> Judged:
+    """The gap before and after the effects were added, beside a placebo: the runner-up, added in their place."""
+    rival = runner_up(choice)
+    placebo = placebo_of(null, rival) if rival else None
+    return judge(division, null, added.chain, noise=choice.problem.noise, placebo=placebo, known=known)
 
 
 def judge(
-    scan: Any,
-    ev: Evidence,
-    unit: np.ndarray,
-    find: int,
+    division: Division,
     null: Problem,
+    chain: Chain,
+    *,
     noise: Noise,
-    chain: Added,
-    placebo: tuple[Added, Noise] | None,
+    placebo: tuple[Chain, Noise] | None = None,
+    known: SensorModel = NOTHING_YET,
 ) -> Judged:
-    """The gap with the effects of `chain` in place, which leave `noise`; `placebo` is another chain with its own. The
-    first `find` units are find scenes, from which shared nuisances come."""
-    fitted = (unit < find).astype(np.float32)
-    judged = unit >= find
+    """The gap with the effects of `chain` in place, which leave `noise`, beside the `known` ones; `placebo` is another
+    chain with its own noise. Nuisances that scenes share come from the find scenes."""
+    ev, scene = division.all_evidence(known)
+    judged = scene >= len(division.parts.find)
+    fitted = (~judged).astype(np.float32)
 
-    def problem_of(effects: Added, noise: Noise) -> Problem:
-        problem = Problem(scan, ev, null.equations, noise, null.clutter)
-        return settled(in_place(problem, effects, simulated=True))
-
-    def settled(problem: Problem) -> Problem:
-        """With the weights that its own residuals have."""
+    def with_own_weights(problem: Problem) -> Problem:
+        """Random effects are weighed by the residuals that a problem itself leaves, not by those of the null."""
         raw = normal_equations(problem.ev, problem.noise, *first_residuals(problem.ev))
         off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
         return replace(problem, equations=normal_equations(problem.ev, problem.noise, *off))
 
-    before, after = problem_of([], null.noise), problem_of(chain, noise)
-    instead = problem_of(*placebo) if placebo else before
-    channels = {name for effect, _ in chain for name in effect.channels}
+    def with_effects(effects: Chain, noise: Noise) -> Problem:
+        problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
+        return with_own_weights(in_place(problem, effects, simulated=True))
+
+    before = with_effects([], null.noise)
+    after = with_effects(chain, noise)
+    instead = with_effects(*placebo) if placebo else before
+    # The floor's curves are learned on the find scenes; the noise that they leave there is fitted beside them.
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
-    curves = black_box(before, fitted, sorted(covariates))
+    curves = additive_floor(before, fitted, sorted(covariates))
     find_alone = np.ones(int(fitted.sum()), np.float32)
-    curved, _ = fit_null(scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
-    free = settled(replace(before, ev=curves.on(ev), noise=curved.noise))
+    curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
+    free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise))
 
-    def far(problem: Problem) -> Distance:
-        return distance(problem, fitted, before.equations, unit)
-
-    was, now, rival, floor = (far(problem) for problem in (before, after, instead, free))
+    was, now, rival, floor = [
+        distance(problem, fitted, before.equations, scene=scene) for problem in (before, after, instead, free)
+    ]
     return Judged(
-        gaps(was, now, rival, floor),
-        closure(was, now, floor, channels),
-        maps_of(before, fitted, judged),
-        maps_of(after, fitted, judged),
-        curves_along(before, after, fitted, judged, unit, [effect for effect, _ in chain]),
+        gaps(was, now, placebo=rival, floor=floor),
+        closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels}),
+        residual_maps(before, fitted=fitted),
+        residual_maps(after, fitted=fitted),
+        residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain]),
     )
 
 
-def runner_up(choice: Choice) -> Candidate | None:
-    """The best candidate of the first step that is nowhere named and no look-alike of what is."""
-    if not choice.steps:
-        return None
-    taken = {one.effect.name for step in choice.steps for one in (step.chosen, *step.alike)}
-    rest = [one for one in choice.steps[0].ranking if one.effect.name not in taken]
-    return rest[0] if rest else None
-
-
-def placebo_of(null: Problem, rival: Candidate, everyone: Float[np.ndarray, " b"]) -> tuple[Added, Noise]:
+def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
+    all_blocks = np.ones(len(null.ev.unit), np.float32)
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
-    found = fit(effect, null, everyone, starts=starts, steps=80, fixed=effect.name in FINEST)
-    chain = [(effect, found.z)]
+    result = fit(effect, null, all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
+    chain = [(effect, result.z)]
     placed = in_place(null, chain)
-    return chain, fit_null(placed.scan, placed.ev, everyone, clutter=placed.clutter)[0].noise
+    return chain, fit_null(placed.scan, placed.ev, all_blocks, clutter=placed.clutter)[0].noise
+
+
+@one_blas_thread
+def judge_known(
+    comparison: Comparison, known: Mapping[str, Mapping[str, Any]]
+) -> tuple[dict[str, Gap], Interval | None]:
+    """The gap on judge scenes, and its closure, that an answer known in advance reaches.
+
+    `known` are the effects and the parameters that their fits begin at. What `discover` finds can be held against it;
+    nothing is named, and there is no placebo.
+
+    Raises ValueError for unknown effects and where the scenes are too few.
+    """
+    effects = [get_effect(name) for name in known]
+    division = Division.of(comparison)
+    ev, scene = division.evidence(division.parts.find)
+    all_blocks = np.ones(len(scene), np.float32)
+    null, _ = fit_null(division.scan, ev, all_blocks)
+    starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
+    chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
+    placed = in_place(null, chain)
+    problem, _ = fit_null(placed.scan, placed.ev, all_blocks, clutter=placed.clutter)
+    shown = judge(division, null, chain, noise=problem.noise)
+    return shown.gap, shown.closure

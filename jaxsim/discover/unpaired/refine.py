@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
 
-from jaxsim.discover.add import LEVEL, WIDER
 from jaxsim.discover.model.parameters import fitted_parameters
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.unpaired.conditional import PATCH_SD, Conditional, own_columns, own_sd
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.unpaired.shared import Columns, at, change_of
@@ -130,7 +130,7 @@ class _Joint:
         each = (np.linalg.inv(k * inner[np.ix_(columns, columns)] + held) for k in (1.0, self.problem.inflation))
         ours, of_rays = (inverse[-len(here.z) :, -len(here.z) :] for inverse in each)
         fewest = min(len(places) for places in sides)
-        reach = WIDER * np.sqrt(fewest / (fewest - 1)) * student.ppf(0.5 + LEVEL / 2, fewest - 1)
+        reach = RULES.interval_widening * np.sqrt(fewest / (fewest - 1)) * student_reach(fewest)
         pull = np.abs(ours @ (here.block.precision * here.z))
         return reach * np.sqrt(np.maximum(np.var(found, axis=0), np.diag(of_rays))) + pull
 

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.discover.model.cast import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks, cast, ray_index
 from jaxsim.discover.model.evidence import gather
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
 FRAMES = np.arange(6)

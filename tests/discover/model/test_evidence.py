@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, gather
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
 FRAMES = np.arange(6)

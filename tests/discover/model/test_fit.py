@@ -9,7 +9,7 @@ from jaxsim.discover.model.fit import Objective, channels_of, fit, on_top, partw
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = np.arange(3)

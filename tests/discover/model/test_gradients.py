@@ -9,7 +9,7 @@ from jaxsim.discover.model.gradients import DIFFERENTIATED, effect_with_gradient
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import apply_law
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 from tests.quick import quick_jit
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover.model.null import as_implied, implied_level
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.effects import EFFECTS
-from tests.discover.conftest import judged_toy
+from tests.discover.toy import judged_toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 

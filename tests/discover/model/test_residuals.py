@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import residuals, spread, standardised
-from tests.discover.conftest import judged_toy
+from tests.discover.toy import judged_toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.discover.model.rounding import rounded, rounding_gain
 from jaxsim.discover.show.distance import distance
-from tests.discover.conftest import judged_toy
+from tests.discover.toy import judged_toy
 
 STEP_M = 0.05
 

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.model.cast import cast, ray_index
 from jaxsim.discover.model.surfaces import OBJECT_SD, PATCH_M, PATCH_SD, bends, edges, surfaces_of, with_planes
 from jaxsim.geometry.polar import directions
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 2), (6, 30))
 FRAMES = np.arange(6)

@@ -1,0 +1,161 @@
+"""Every threshold by which `discover` decides, in one place.
+
+What the model itself assumes (noise scales, priors of effects, bounds, steps of an optimiser) stands with the model
+(`discover/model`). Here stands what turns its numbers into an answer: how many scenes, how many nats, which
+probability, how much worse. Those of which it says so were set on development cases of `benchmarks/blind` (seeds below
+10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover.md). The others are
+conventions, or follow from another rule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Thresholds by the step that they serve. Probabilities and shares are 0..1, gains are nats of log-likelihood on
+    scenes that a fit has not seen, summed over the find scenes."""
+
+    # Scenes: their division, and what few of them may decide.
+    fewest_scenes: int = 10
+    """Scenes that a verdict needs: 7 to find with, for the signs of fewer cannot agree so well that chance is ruled
+    out at `agreement_level`, of the better of two tests (2 x 2^-7), and 3 to judge on."""
+    judge_share: float = 1 / 3
+    """Share of the scenes that is kept for judging."""
+    folds: int = 3
+    """Parts of the find scenes, each held out of a fit once."""
+    decisive_scenes: int = 3
+    """Scenes that must agree: no scene's gain or loss counts for more than the third largest (`scenes.clipped`)."""
+    sign_draws: int = 4096
+    """Signs drawn over scenes where they are too many for all to be tried: 2^12, as many as twelve scenes have."""
+    interval_level: float = 0.90
+    """Coverage of every interval that a verdict gives."""
+
+    # Read and pair: whether two folders can be compared at all.
+    fewest_returns: float = 0.01
+    """Share of rays that return below which a frame counts as empty."""
+    nearest_m: float = 0.3
+    """Median range below which ranges are not in metres ..."""
+    farthest_m: float = 500.0
+    """... and above which they are not."""
+    consecutive_s: float = 2.0
+    """Frames nearer in time than this show the same street."""
+    near_m: float = 0.5
+    """A measured range agrees with the simulated one within the larger of this ..."""
+    near_share: float = 0.05
+    """... and this share of the range: every effect of the catalogue but rain and fog leaves most rays so."""
+    same_street: float = 0.75
+    """Share of rays that agree in a frame, at least: effects of the catalogue leave nearly all, in another street
+    little more than the road agrees (tests/discover/test_pairing.py)."""
+    not_beyond: float = 0.8
+    """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
+    common_returns: float = 0.05
+    """Rays that return on both sides, of those of the poorer side, at least."""
+    steady: float = 0.05
+    """Median absolute deviation of ln(measured / simulated range) up to which the two differ by a factor."""
+    unit_factor: float = 1.1
+    """Factor from which on it is one of units: the catalogue's range_scale ends at 1.02."""
+    better_partner: float = 0.1
+    """By how much larger a share of its rays another frame must agree with to be the true partner."""
+
+    # Find: dependences of residuals on covariates.
+    knots: int = 10
+    """Knots of a covariate's curve; a free curve that competes with effects has twice as many."""
+    pair_knots: int = 5
+    """Knots of each covariate's curve within a pair; rows are a length there, for a column each would be too many."""
+    few_values: int = 40
+    """Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not
+    seen."""
+    ridge: float = 4.0
+    """Observations' worth of pull of a curve's knots to 0."""
+    additive_folds: int = 4
+    """Folds of scenes on which the additive model of residuals is judged."""
+    fewest_residuals: int = 100
+    """Residuals below which a channel is not looked at."""
+    fewest_effective: float = 100.0
+    """The same for pairs, counted as equally large ones (Kish 1965): a handful of lost rays tells nothing."""
+    fewest_pair_scenes: int = 6
+    """Scenes below which pairs are not looked at: signs of fewer cannot reach `dependence_level`."""
+    pair_residuals: int = 30_000
+    """Residuals of which pairs are tried, evenly spread: more cost time and hardly change a pair's rank."""
+    one_clock: float = 0.99
+    """Rank correlation above which time within the scan and azimuth are one covariate, called azimuth."""
+    dependences_tried: int = 4
+    """Dependences looked for in each channel, one on top of another."""
+    dependences_listed: int = 8
+    """Dependences that a verdict lists."""
+    dependence_level: float = 0.05
+    """Dependences that chance explains more often than this are not listed ..."""
+    dependence_nats: float = 10.0
+    """... nor those that gain less: what a consistent trace of a nuisance is worth."""
+
+    # Name: which effect, or none.
+    bar_nats: float = 10.0
+    """Gain that a candidate must exceed; set on nulls of the development seeds. `nulls` may raise it."""
+    agreement_level: float = 0.02
+    """Of the sign-flip test over scenes that a candidate must pass; set on sixty nulls of the development seeds."""
+    direction_share: float = 0.25
+    """Part of the way from the null to a fit at which scenes are asked whether they agree on its direction: they may
+    disagree on its length."""
+    sudden_nats: float = 12.0
+    """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without the test over scenes,"""
+    sudden_loss: float = 0.05
+    """if the others lose less than this share of what is gained in all."""
+    beam_rows: int = 3
+    """Rows to each side over which beams' numbers are made smooth, to see what the beams gain beyond their rows."""
+    alike_level: float = 0.10
+    """A candidate is a look-alike of the best unless the paired test against it falls to this ..."""
+    alike_share: float = 0.75
+    """... or it gains less than this share of what the best does."""
+    alike_nats: float = 2.0
+    """Gain that is no difference between two candidates."""
+    weak_share: float = 0.5
+    """Share of the largest gain that a candidate must reach, accepted or not as that one may be: a weak one is not the
+    answer to a strong disagreement that the scenes dispute."""
+    most_effects: int = 4
+    """Effects that are named at most."""
+    curves_tried: int = 3
+    """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
+    curve_level: float = 0.005
+    """Of the sign-flip test of a free curve: curves are many and bend anywhere."""
+    curve_factor: float = 1.1
+    """To say that an effect is not in the catalogue a free curve must gain so many times what the named effects of its
+    channel gain together ..."""
+    curve_margin_nats: float = 10.0
+    """... and so much more."""
+
+    # Add and show: parameters, and the gap on judge scenes.
+    interval_widening: float = 1.4
+    """Half widths of parameters' intervals are multiplied by this: the laws of a real sensor are not quite those of
+    the catalogue. Set on development cases, whose laws differ from the catalogue's too."""
+    not_worse_share: float = 0.01
+    """Share of its distance by which a channel may grow and still count as not worse."""
+    fewest_curve_rays: int = 200
+    """Rays below which no curve of residuals is drawn."""
+    candidates_listed: int = 12
+    """Candidates of the first step that a verdict lists."""
+    few_judge_scenes: int = 5
+    """Judge scenes below which a note says that intervals are wide."""
+
+    # Unpaired: where the two sides show different streets.
+    unpaired_fewest_scenes: int = 8
+    """Scenes that each side needs: 5 to find with, so that their exchange has 252 outcomes, and 3 to judge on."""
+    unpaired_exchanges: int = 400
+    """Exchanges of scenes between the sides, the true one included."""
+    unpaired_level: float = 0.01
+    """Share of exchanges that may reach what an accepted candidate reaches, over all candidates."""
+    unpaired_agreement_level: float = 0.05
+    """Of the sign-flip test over scenes that held-out gains must pass."""
+    unpaired_folds: int = 4
+    """Parts of each side's find scenes, each held out once."""
+    unpaired_alike_share: float = 0.5
+    """Share of the best candidate's gain below which another is no look-alike."""
+    unpaired_most_effects: int = 3
+    """Effects on intensity that are named at most."""
+    unpaired_curve_factor: float = 1.3
+    """A free curve must gain so many times what the best effect does to say that it is none of them."""
+
+
+RULES = Rules()
+"""The rules that are in force."""
