@@ -60,7 +60,8 @@ def named(step: Step, parameters: dict[str, Any]) -> Named:
     gain = clipped(step.chosen.by_scene)
     low, high = mean_interval(gain)
     alike = tuple(c.effect.name for c in step.alike)
-    apart = {name: effect.look_alikes.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
+    told = EFFECTS[effect.name].look_alikes
+    apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
         name=effect.name,
         look_alikes=alike,
@@ -112,7 +113,9 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     all_blocks = np.ones(len(null.ev.unit), np.float32)
-    levels = [np.asarray(gain_and_classes(one.ev, one.weights, all_blocks)).tolist() for one in (null, choice.problem)]
+    levels = [
+        np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
+    ]
     classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:

@@ -1,5 +1,6 @@
 """Every effect: nothing at neutral, finite derivatives, only its own channels, and its formula in NumPy."""
 
+import re
 from functools import cache
 
 import jax
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from jaxsim.effects import CHANNELS, COVARIATES, EFFECTS, STAGES, all_rays, get_effect
-from tests.effects.streets import clutter_of_everything
+from jaxsim.effects.chain import apply_law
+from tests.effects.streets import clutter_of_everything, fields_of
 from tests.quick import quick_jit
 
 ROWS = 5
@@ -36,7 +38,7 @@ def run(name):
 
     def both(values):
         def total(values):
-            after = effect.apply(values, rays, scan)
+            after = apply_law(effect, values, rays, scan)
             floats = (x for x in jax.tree.leaves(after) if x.dtype == jnp.float32)
             return sum(jnp.where(jnp.abs(x) < 1e9, x, 0.0).sum() for x in floats), after
 
@@ -67,7 +69,7 @@ def results(name):
 def test_neutral_parameters_leave_rays_as_they_were(name):
     _, before = scene()
     _, after = results(name)
-    for field, value in before.__dict__.items():
+    for field, value in fields_of(before).items():
         now = np.asarray(getattr(after, field)[0])
         if field in IDLE:
             assert (np.asarray(getattr(after, IDLE[field])[0]) == 0).all()
@@ -80,7 +82,7 @@ def test_values_and_derivatives_are_finite_everywhere(name):
     slopes, after = results(name)
     for key, slope in slopes.items():
         assert np.isfinite(slope).all(), key
-    for field, value in after.__dict__.items():
+    for field, value in fields_of(after).items():
         assert not np.isnan(np.asarray(value, float)).any(), field
     assert (after.log_keep <= 0).all()
     for field in ("column_loss", "between", "ghost", "clutter"):
@@ -93,7 +95,7 @@ def test_it_changes_its_channels_and_no_other(name):
     _, after = results(name)
     effect = EFFECTS[name]
     changed = {
-        f for f, v in before.__dict__.items() if (np.asarray(getattr(after, f)[1:]) != np.asarray(v)[None]).any()
+        f for f, v in fields_of(before).items() if (np.asarray(getattr(after, f)[1:]) != np.asarray(v)[None]).any()
     }
     channels = {c for c, fields in zip(CHANNELS, (INTENSITY, RANGE, DROP), strict=True) if changed & set(fields)}
     if effect.stage == "geometry":  # small shifts on a coarse grid meet no other cell
@@ -119,9 +121,15 @@ def test_its_row_of_the_catalogue_is_whole(name):
         assert p.scale > 0
     for start in effect.starts:
         effect.values(start, ROWS)
-    for text in (effect.title, effect.formula, effect.betrays, effect.source):
+    for text in (effect.title, effect.formula, effect.signature, effect.source):
         assert text.strip()
         assert "\n" not in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_source_is_a_work_that_can_be_looked_up(name):
+    for work in EFFECTS[name].source.split("; "):
+        assert re.search(r"\b(1[789]|20)\d\d\b|user manual", work, re.IGNORECASE), work
 
 
 def test_what_is_not_known_is_answered_with_what_is():
@@ -249,9 +257,9 @@ ORACLES = {
 @pytest.mark.parametrize("name", ORACLES)
 def test_the_formula_is_that_of_the_table(name):
     given, oracle = ORACLES[name]
-    scan, rays = scene()
+    _, rays = scene()
     effect = EFFECTS[name]
-    after = quick_jit(effect.apply)(effect.values(given, ROWS), rays, scan)
+    after = quick_jit(effect.apply)(effect.values(given, ROWS), rays)
     hit = np.asarray(rays.hit)
     # Where the gate and the sector are soft they are neither open nor shut.
     sure = hit.copy()
@@ -261,7 +269,7 @@ def test_the_formula_is_that_of_the_table(name):
     if name == "sector_occlusion":
         away = np.abs(np.asarray(rays.azimuth_rad) - 0.3)
         sure &= ~((away > 0.28) & (away < 0.3))
-    ray = {f: np.asarray(v)[sure] for f, v in rays.__dict__.items() if np.shape(v)[:3] == hit.shape}
+    ray = {f: np.asarray(v)[sure] for f, v in fields_of(rays).items() if np.shape(v)[:3] == hit.shape}
     for field, expected in oracle(ray).items():
         change = np.asarray(getattr(after, field), float) - np.asarray(getattr(rays, field), float)
         change = change[sure] if change.ndim else change
@@ -269,26 +277,26 @@ def test_the_formula_is_that_of_the_table(name):
 
 
 def test_mixed_readings_reach_to_the_nearer_of_the_farther_neighbours():
-    scan, rays = scene()
+    _, rays = scene()
     beside = jnp.broadcast_to(jnp.array([30.0, 22.0, 5.0, 5.0]), (*rays.range_m.shape, 4))
     twenty = jnp.full_like(rays.range_m, 20.0)
     rays = rays.replace(range_m=twenty, reading_m=twenty + 0.1, beside_m=beside)
     effect = EFFECTS["mixed_pixels"]
-    after = effect.apply(effect.values({"probability": 0.5}, ROWS), rays, scan)
+    after = effect.apply(effect.values({"probability": 0.5}, ROWS), rays)
     hit = np.asarray(rays.hit)
     np.testing.assert_allclose(np.asarray(after.between), np.where(hit, 0.5, 0))
     np.testing.assert_allclose(np.asarray(after.between_m)[hit], 22.1, rtol=1e-6)
     for sides in ([20.2, 19.0, 50.0, 50.0], [jnp.inf, 20.0, 0.0, 0.0]):
         none = rays.replace(beside_m=jnp.broadcast_to(jnp.array(sides), beside.shape))
-        assert (np.asarray(effect.apply(effect.values({"probability": 0.5}, ROWS), none, scan).between) == 0).all()
+        assert (np.asarray(effect.apply(effect.values({"probability": 0.5}, ROWS), none).between) == 0).all()
 
 
 def test_the_likelier_of_two_clutters_gives_the_ranges():
-    scan, rays = scene()
+    _, rays = scene()
     for first, second, scale in ((0.1, 0.3, 20.0), (0.3, 0.1, 2.0)):
         fog, rain = EFFECTS["fog_backscatter"], EFFECTS["precipitation_clutter"]
-        after = fog.apply(fog.values({"probability": first}, ROWS), rays, scan)
-        after = rain.apply(rain.values({"probability": second}, ROWS), after, scan)
+        after = fog.apply(fog.values({"probability": first}, ROWS), rays)
+        after = rain.apply(rain.values({"probability": second}, ROWS), after)
         hit = np.asarray(rays.hit)
         np.testing.assert_allclose(np.asarray(after.clutter), np.where(hit, 0.37, 0), rtol=1e-5)
         assert (np.asarray(after.clutter_scale_m)[hit] == scale).all()

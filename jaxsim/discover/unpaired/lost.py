@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.discover.scenes import difference_interval
 from jaxsim.discover.unpaired.streets import Streets
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS
@@ -145,9 +146,7 @@ def _test(measured: np.ndarray, simulated: np.ndarray) -> tuple[float, Interval]
     seen = measured.mean() - simulated.mean()
     drawn = np.array([both[rng.permutation(len(both))] for _ in range(DRAWS)])
     p = (1 + (drawn[:, :n].mean(1) - drawn[:, n:].mean(1) >= seen - 1e-12).sum()) / (1 + DRAWS)
-    draws = [rng.choice(x, (DRAWS, len(x))).mean(1) for x in (measured, simulated)]
-    low, high = np.quantile(draws[0] - draws[1], [0.05, 0.95])
-    return float(p), Interval(float(seen), float(low), float(high), "share of rays")
+    return float(p), Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
 
 
 def _as(share: Interval, effect: str, parameter: str) -> Interval:

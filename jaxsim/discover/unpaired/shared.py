@@ -71,14 +71,13 @@ def change_of(
     """The function from values of the parameters to the mean change of ln I of every ray."""
     rows = len(np.asarray(scan.grid.elevation_rad))
     on_device = jax.tree.map(jnp.asarray, rays)
-    grid_alone = jax.tree.map(jnp.asarray, replace(scan, range_m=scan.range_m[:1]))
 
     @jax.jit
     def mean(values: dict[str, Any]) -> Any:
         total = jnp.zeros_like(on_device.range_m)
         for off in spread:
             moved = replace(on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off)
-            total = total + effect.apply(values, moved, grid_alone).log_intensity - moved.log_intensity
+            total = total + effect.apply(values, moved).log_intensity - moved.log_intensity
         return total / len(spread)
 
     return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)

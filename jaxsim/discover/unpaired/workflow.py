@@ -20,7 +20,7 @@ from jaxsim.devices import one_blas_thread
 from jaxsim.discover.find.localise import Place
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.name.unexplained import shape_of
-from jaxsim.discover.scenes import Split, clipped, p_value, split
+from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value, split
 from jaxsim.discover.unpaired.choose import AGREE, DRAWS, LEVEL, Step, Tested, choose, tested
 from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.gap import show
@@ -180,9 +180,7 @@ def _of_intensity(problem: Conditional, steps: Sequence[Step], refined: Refined)
 
 
 def _gain(of_scenes: np.ndarray) -> Interval:
-    draws = np.random.default_rng(0).choice(of_scenes, (2000, len(of_scenes))).mean(1)
-    low, high = np.quantile(draws, [0.05, 0.95])
-    return Interval(float(of_scenes.mean()), float(low), float(high), "nats per scene")
+    return Interval(float(of_scenes.mean()), *mean_interval(of_scenes), "nats per scene")
 
 
 def _of_loss(lost: Losses) -> list[Named]:

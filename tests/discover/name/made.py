@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.discover.model.fit import Fit, Problem
-from jaxsim.discover.model.nuisance import START
+from jaxsim.discover.model.noise import START
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Step
 from jaxsim.effects import EFFECTS

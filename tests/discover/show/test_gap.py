@@ -63,7 +63,7 @@ def judged(standard_promotion):
 
 def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(judged):
     found, fitted, scene = judged
-    told = distance(found, fitted, found.weights, scene=scene)
+    told = distance(found, fitted, found.equations, scene=scene)
     # The toy's sensor has range noise of 2 cm and loses one ray in a hundred.
     np.testing.assert_allclose(told.error[:, 1].mean(), 0.02 * np.sqrt(2 / np.pi), rtol=0.1)
     rays = 30 * 16
@@ -77,7 +77,7 @@ def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(ju
 def test_noise_of_the_right_size_gains_and_errors_stay(judged):
     found, fitted, scene = judged
     loud = replace(found, noise=replace(found.noise, range_=found.noise.range_ + 0.7))
-    right = distance(found, fitted, found.weights, scene=scene)
-    wrong = distance(loud, fitted, found.weights, scene=scene)
+    right = distance(found, fitted, found.equations, scene=scene)
+    wrong = distance(loud, fitted, found.equations, scene=scene)
     assert (right.log_likelihood - wrong.log_likelihood)[:, 1].min() > 20
     np.testing.assert_array_equal(right.error[:, 1], wrong.error[:, 1])
