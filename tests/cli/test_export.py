@@ -116,7 +116,7 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
     monkeypatch.setattr(Six, "__getitem__", read)
     Export(out=tmp_path / "whole", frames="3-5", workers=1)()
     assert (killed / "training/label_2/000003.txt").is_file()
-    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+    with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
         Export(out=killed, frames="3-5", reach_m=60)()
     Export(out=killed, frames="3-5")()
     files = sorted(path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*") if path.is_file())
@@ -156,7 +156,7 @@ def test_lines_of_any_sensor_are_read_from_its_grid(tmp_path, six):
     assert len(xyz) > 50
     assert (np.abs(elevation[:, None] - [-1, -5]).min(axis=1) < 1).all()
     write_grid(tmp_path / "sensor", full_grid(replace(narrow, elevation_deg=(-1.0, -3.0, -6.0))))
-    with pytest.raises(ValueError, match=r"made with recipe\.lines grid of SHA-256"):
+    with pytest.raises(ValueError, match=r"settings \(recipe\.lines was grid of SHA-256"):
         Export(out=tmp_path / "out", frames="0", recipe=recipe)()
 
 
@@ -184,13 +184,13 @@ def test_effects_need_rays(tmp_path, six):
 
 def test_frames_of_another_making_are_not_added(tmp_path, six):
     Export(out=tmp_path, frames="0")()
-    with pytest.raises(ValueError, match=r"holds frames made with reach_m 80\.0 instead of 60"):
+    with pytest.raises(ValueError, match=r"other settings \(reach_m was 80\.0, now 60"):
         Export(out=tmp_path, frames="0-1", reach_m=60)()
     (tmp_path / "export.json").write_text("{")
     with pytest.raises(ValueError, match="cannot be read"):
         Export(out=tmp_path, frames="0")()
     (tmp_path / "export.json").unlink()
-    with pytest.raises(ValueError, match="did not make"):
+    with pytest.raises(ValueError, match=r"no export\.json says"):
         Export(out=tmp_path, frames="0")()
 
 

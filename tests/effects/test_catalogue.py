@@ -132,21 +132,6 @@ def test_its_source_is_a_work_that_can_be_looked_up(name):
         assert re.search(r"\b(1[789]|20)\d\d\b|user manual", work, re.IGNORECASE), work
 
 
-def test_what_is_not_known_is_answered_with_what_is():
-    with pytest.raises(ValueError, match="known: extrinsic_rotation, extrinsic_translation"):
-        get_effect("magic")
-    with pytest.raises(ValueError, match="no parameter size; it has gain"):
-        EFFECTS["beam_gain"].values({"size": 1.0}, 5)
-    with pytest.raises(ValueError, match="5 beams"):
-        EFFECTS["beam_gain"].values({"gain": np.zeros(4)}, 5)
-
-
-def test_effects_serve_as_static_arguments():
-    effect = EFFECTS["beam_gain"]
-    assert effect == get_effect("beam_gain")
-    assert len({effect, get_effect("beam_gain"), EFFECTS["range_scale"]}) == 2
-
-
 CLASS = np.linspace(0, 0.5, 34)
 ROW = np.linspace(-0.1, 0.1, ROWS)
 FOCAL = np.linspace(2, 20, ROWS)
@@ -289,6 +274,17 @@ def test_mixed_readings_reach_to_the_nearer_of_the_farther_neighbours():
     for sides in ([20.2, 19.0, 50.0, 50.0], [jnp.inf, 20.0, 0.0, 0.0]):
         none = rays.replace(beside_m=jnp.broadcast_to(jnp.array(sides), beside.shape))
         assert (np.asarray(effect.apply(effect.values({"probability": 0.5}, ROWS), none).between) == 0).all()
+
+
+def test_laws_that_turn_or_move_rays_say_that_surfaces_are_looked_up_again():
+    assert [name for name, effect in EFFECTS.items() if effect.casts] == [
+        name for name, effect in EFFECTS.items() if effect.stage == "geometry"
+    ]
+
+
+def test_an_unknown_name_is_answered_with_the_known_ones():
+    with pytest.raises(ValueError, match="known: extrinsic_rotation, extrinsic_translation"):
+        get_effect("magic")
 
 
 def test_the_likelier_of_two_clutters_gives_the_ranges():
