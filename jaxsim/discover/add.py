@@ -139,7 +139,7 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)
     again = to_values(effect, fit_to_implied(effect, problem, result).z) if follows_power(effect) else values
-    found: dict[str, Interval | tuple[Interval, ...]] = {}
+    parameters: dict[str, Interval | tuple[Interval, ...]] = {}
     for name, p in fitted_parameters(effect).items():
         value = np.asarray(values[name], float)
         half = reach * p.scale * np.asarray(of_z[name], float)
@@ -148,11 +148,11 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
         low = np.maximum(np.minimum(value, other) - half, p.low)
         high = np.minimum(np.maximum(value, other) + half, p.high)
         if value.ndim == 0:
-            found[name] = Interval(float(value), float(low), float(high), p.unit)
+            parameters[name] = Interval(float(value), float(low), float(high), p.unit)
         else:
             entries = zip(value, low, high, strict=True)
-            found[name] = tuple(Interval(float(v), float(a), float(b), p.unit) for v, a, b in entries)
-    return found
+            parameters[name] = tuple(Interval(float(v), float(a), float(b), p.unit) for v, a, b in entries)
+    return parameters
 
 
 def follows_power(effect: Law) -> bool:

@@ -66,12 +66,12 @@ def discover(
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
-    found = find_dependences(division, known)
-    null = found.null
+    dependences = find_dependences(division, known)
+    null = dependences.null
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     log(f"fitting {len(catalogue)} effects")
-    answer = name_effects(null, catalogue, found.places, scene=found.scene, nulls=nulls, log=log)
+    answer = name_effects(null, catalogue, dependences.places, scene=dependences.scene, nulls=nulls, log=log)
 
     # Add: every effect fitted again with the others in place.
     log("fitting what was named together")
@@ -83,7 +83,15 @@ def discover(
 
     seconds = time.monotonic() - begun
     verdict = explain(
-        comparison, parts, found.where, null=null, answer=answer, added=added, shown=shown, known=known, seconds=seconds
+        comparison,
+        parts,
+        dependences.where,
+        null=null,
+        answer=answer,
+        added=added,
+        shown=shown,
+        known=known,
+        seconds=seconds,
     )
     ranking = answer.choice.first_ranking
     grid = comparison.scan.grid
@@ -106,7 +114,7 @@ def _catalogue(effects: Iterable[str], *, known: SensorModel, nulls: int) -> lis
 
 
 @dataclass(frozen=True)
-class Found:
+class Dependences:
     """What the find scenes show before any effect is added."""
 
     null: Problem
@@ -118,7 +126,7 @@ class Found:
     """Those that a verdict lists, pairs of covariates among them."""
 
 
-def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Found:
+def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
     """The null model of the find scenes with the `known` effects in place, and what its residuals depend on."""
     ev, scene = division.evidence(division.parts.find, known)
     all_blocks = np.ones(len(scene), np.float32)
@@ -128,4 +136,4 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Fo
     places = localise(rays, residuals, scene)
     listed = reported([*places, *interactions(rays, residuals, scene)])
     where = tuple(Where(one.channel, spelled(one.covariate, NAMED), one.p_value, one.share) for one in listed)
-    return Found(null, scene, places, where)
+    return Dependences(null, scene, places, where)

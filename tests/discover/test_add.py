@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import WIDER, intervals
+from jaxsim.discover.add import intervals
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.noise import MOST
 from jaxsim.discover.model.null import fit_null, implied_level
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.toy import device, toy
@@ -35,7 +36,7 @@ def test_beams_gains_lie_in_their_intervals():
     middle = np.mean([one.value for one in each]) - truth.mean()
     inside = [one.low <= true + middle <= one.high for one, true in zip(each, truth, strict=True)]
     assert np.mean(inside) >= 0.8
-    assert np.median([one.high - one.low for one in each]) < 0.2 * WIDER
+    assert np.median([one.high - one.low for one in each]) < 0.2 * RULES.interval_widening
 
 
 def test_a_rate_at_its_bound_does_not_blow_an_interval_up():

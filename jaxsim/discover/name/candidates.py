@@ -141,8 +141,8 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
         return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(candidate, [e for e in effects if e.name not in FINEST or e.name in steps]))
-    return sorted(found, key=lambda candidate: -candidate.total)
+        ranking = list(pool.map(candidate, [e for e in effects if e.name not in FINEST or e.name in steps]))
+    return sorted(ranking, key=lambda candidate: -candidate.total)
 
 
 def by_beam(effect: Law) -> bool:

@@ -70,7 +70,7 @@ def worse(candidate: Candidate, best: Candidate) -> bool:
     difference = clipped(best.by_scene - candidate.by_scene)
     if candidate.total < RULES.alike_share * best.total and difference.sum() > 0:
         return True
-    return p_value(difference) <= RULES.alike_level and difference.sum() > RULES.alike_nats
+    return bool(p_value(difference) <= RULES.alike_level and difference.sum() > RULES.alike_nats)
 
 
 def padded(candidate: Candidate, best: Candidate) -> bool:

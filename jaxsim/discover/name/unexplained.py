@@ -52,12 +52,12 @@ def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, 
 
 
 def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
-    """Whether a curve passes the bar and the units agree on it."""
+    """Whether a curve passes the bar and the scenes agree on it."""
     return curve.accepted(bar) and sure(curve)
 
 
 def sure(curve: Candidate) -> bool:
-    """Whether the units agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
+    """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
     least = 2 * 2.0 ** -len(curve.by_scene)
     return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
 
@@ -103,10 +103,6 @@ def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
 
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}
 """What a curve of each channel is the height of."""
-PRICE = 0.1
-"""Each number of a shape counts like so large a share of what the shape leaves unexplained."""
-UNLIKE = 0.6
-"""Share of a curve's variation, so counted, from which on no shape is near it."""
 CYCLES = np.arange(1.5, 8.01, 0.25)
 """Of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 
@@ -135,11 +131,11 @@ def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> 
     whole = float((weight * (y - mean) ** 2).sum()) + 1e-12
 
     def unexplained(shape: _Shape) -> float:
-        return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + PRICE * shape.numbers)
+        return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight)]
     best = min(shapes, key=unexplained)
-    if unexplained(best) < UNLIKE:
+    if unexplained(best) < RULES.shape_unlike:
         return best.character, f"{letter} ≈ {best.formula}"
     return "other", f"{letter} between {y.min():.3g} and {y.max():.3g}"
 

@@ -38,11 +38,11 @@ def test_what_a_stronger_covariate_explains_is_not_counted_again():
 
 
 @pytest.mark.parametrize(
-    "place", [("range", "row", 0.06, 50), ("range", "row", 0.01, 9), ("intensity", "class", 0.01, 50)]
+    "place", [("range", "row", 0.06, 50.0), ("range", "row", 0.01, 9.0), ("intensity", "class", 0.01, 50.0)]
 )
 def test_what_chance_explains_is_slight_or_is_a_nuisance_itself_is_not_reported(place):
     channel, covariate, p, gain = place
-    sure = [Place("drop", "class", 0.01, 0.1, 11), Place("range", "row", 0.01, 0.1, 12)]
+    sure = [Place("drop", "class", 0.01, 0.1, 11.0), Place("range", "row", 0.01, 0.1, 12.0)]
     assert reported([*sure, Place(channel, covariate, p, 0.1, gain)]) == sure[::-1]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.rounding import rounded, rounding_gain
-from jaxsim.discover.show.distance import distance
+from jaxsim.discover.show.gap import distance
 from tests.discover.toy import judged_toy
 
 STEP_M = 0.05
@@ -34,7 +34,7 @@ def test_the_likelihood_of_judge_scenes_counts_the_lattice_that_the_rays_have(ju
     found, fitted, unit = judged
     ev = replace(found.ev, range_m=jnp.round(found.ev.range_m / STEP_M) * STEP_M)
     stepped = replace(ev, rays=replace(ev.rays, range_step_m=jnp.float32(STEP_M)))
-    plain, on = (distance(replace(found, ev=one), fitted, found.equations, unit) for one in (ev, stepped))
+    plain, on = [distance(replace(found, ev=one), fitted, found.equations, scene=unit) for one in (ev, stepped)]
     returned = np.asarray(ev.returned)[unit >= 6].sum((1, 2))
     assert ((on.log_likelihood - plain.log_likelihood)[:, 1] > returned).all()
 

@@ -43,8 +43,8 @@ def test_rare_events_need_three_scenes_and_no_others_against_them():
 def test_what_gains_less_than_a_raised_bar_is_not_accepted():
     strong = candidate("gamma_response", STEADY)
     assert strong.total == pytest.approx(45)  # none more than the third largest
-    assert strong.accepted(44)
-    assert not strong.accepted(46)
+    assert strong.accepted(44.0)
+    assert not strong.accepted(46.0)
 
 
 def test_a_line_is_smooth_and_stays_what_it_is():

@@ -18,7 +18,7 @@ def at(error: np.ndarray | float = 0.2, log_likelihood: np.ndarray = NOTHING) ->
 
 
 def by_channel(*nats: float) -> np.ndarray:
-    return np.tile(nats, (5, 1))
+    return np.tile(np.array(nats, float), (5, 1))
 
 
 def test_closure_is_the_share_of_what_free_curves_gain():
@@ -50,7 +50,7 @@ def test_a_channel_is_not_worse_only_where_the_scenes_show_it(grown):
 
 
 def test_a_likelihood_that_some_scenes_lose_is_no_certain_gain():
-    spread = NOTHING + np.array([30, -20, 25, -15, 10])[:, None]
+    spread = NOTHING + np.array([30.0, -20, 25, -15, 10])[:, None]
     gained = gaps(at(), at(0.2, spread), placebo=at(), floor=at())["range"].gained
     assert gained.low < 0 < gained.high
     assert gained.win_rate == 0.6
