@@ -88,7 +88,7 @@ class Discover:
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
         if self.unpaired:
-            result = discover_unpaired(simulated=simulated, measured=measured, say=say)
+            result = discover_unpaired(simulated=simulated, measured=measured, log=say)
         else:
             known = self.known(simulated)
             result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, log=say)

@@ -26,12 +26,12 @@ def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Array]:
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 
-def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
+def to_z(effect: Effect, values: dict[str, Any], rows: int, *, dtype: type = np.float32) -> dict[str, np.ndarray]:
     """Of a start; parameters that it does not name are neutral."""
     z = {}
     for name, p in fitted_parameters(effect).items():
-        value = (np.asarray(values.get(name, p.neutral), np.float32) - p.neutral) / p.scale
-        z[name] = np.broadcast_to(value, p.dims(rows)).astype(np.float32)
+        value = (np.asarray(values.get(name, p.neutral), dtype) - p.neutral) / p.scale
+        z[name] = np.broadcast_to(value, p.dims(rows)).astype(dtype)
     return z
 
 

@@ -10,11 +10,11 @@ from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
 from jaxsim.discover.unpaired.conditional import compare
+from jaxsim.discover.unpaired.effect_columns import untold
 from jaxsim.discover.unpaired.law import Block, equations, exchanged, hats, lowered, solve
-from jaxsim.discover.unpaired.lost import losses
-from jaxsim.discover.unpaired.refine import _Joint, refine
-from jaxsim.discover.unpaired.shared import untold
-from jaxsim.discover.unpaired.streets import read_streets, roughness_m
+from jaxsim.discover.unpaired.lost import lost_rays
+from jaxsim.discover.unpaired.read import read_unpaired, roughness_m
+from jaxsim.discover.unpaired.refine import JointFit, refine
 from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.effects.chain import SensorModel
 
@@ -60,7 +60,7 @@ def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
 
 def test_the_command_writes_a_report_that_says_so(gains, tmp_path, monkeypatch):
     _, folder, result = gains
-    monkeypatch.setattr(command, "discover_unpaired", lambda *, simulated, measured, say: result)
+    monkeypatch.setattr(command, "discover_unpaired", lambda *, simulated, measured, log: result)
     command.Discover(
         measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
     )()
@@ -89,8 +89,8 @@ def test_nothing_is_named_where_nothing_can_be_told(tmp_path, standard_promotion
 def test_lost_rays_are_told_where_row_and_azimuth_suffice(tmp_path, standard_promotion, effect):
     folder = tmp_path / "case"
     key = make_unpaired(folder, effect=effect, severity=4.0, seed=13, **SMALL)
-    streets = read_streets(folder / "simulated", folder / "measured", per_scene=50)
-    found = losses(streets, divide(streets)[1]).found
+    comparison = read_unpaired(folder / "simulated", folder / "measured", per_scene=50)
+    found = lost_rays(comparison, divide(comparison)[1]).effects
     if effect in ("random_dropout", "sector_occlusion"):
         assert [one.name for one in found] == [effect]
         for name, truth in key.effects[0]["parameters"].items():
@@ -100,9 +100,9 @@ def test_lost_rays_are_told_where_row_and_azimuth_suffice(tmp_path, standard_pro
 
 
 def test_every_effect_is_told_or_listed_as_untold():
-    assert "extrinsic_rotation" in untold(False)
-    assert set(untold(True)) < set(untold(False))
-    assert "gamma_response" in untold(False)
+    assert "extrinsic_rotation" in untold(classes=False)
+    assert set(untold(classes=True)) < set(untold(classes=False))
+    assert "gamma_response" in untold(classes=False)
 
 
 def test_too_few_streets(tmp_path, standard_promotion):
@@ -118,7 +118,7 @@ def test_too_few_streets(tmp_path, standard_promotion):
 def test_frames_of_the_same_readings_are_an_error(gains):
     _, folder, _ = gains
     with pytest.raises(ValueError, match="the same readings"):
-        read_streets(folder / "measured", folder / "measured")
+        read_unpaired(folder / "measured", folder / "measured")
 
 
 def test_noise_of_ranges_is_read_off_planes():
@@ -158,12 +158,12 @@ def dirty(tmp_path_factory, standard_promotion):
     """A dirty window, and the comparison's candidates of that name."""
     folder = tmp_path_factory.mktemp("dirty") / "case"
     key = make_unpaired(folder, effect="window_contamination", severity=8.0, seed=3, **SMALL)
-    streets = read_streets(folder / "simulated", folder / "measured", per_scene=RAYS)
-    _, find = divide(streets)
+    comparison = read_unpaired(folder / "simulated", folder / "measured", per_scene=RAYS)
+    _, find = divide(comparison)
     draws = np.zeros((50, len(find)))
-    draws[:, find] = exchanged(streets.measured[find], 50)
-    problem = compare(streets, find, draws)
-    return key, problem, [c for c in problem.candidates if c.name == "window_contamination"]
+    draws[:, find] = exchanged(comparison.measured[find], 50)
+    problem = compare(comparison, find, draws)
+    return key, problem, [c for c in problem.terms if c.name == "window_contamination"]
 
 
 def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_tell(dirty):
@@ -183,7 +183,7 @@ def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_
 def test_no_step_of_a_fit_raises_the_loss(dirty):
     _, problem, starts = dirty
     for start in starts[::4]:
-        joint = _Joint(problem, [start.columns])
+        joint = JointFit(problem, [start.columns])
         before = joint.loss(joint.linear())
         after = joint.loss(joint.fit())
         assert after <= before
