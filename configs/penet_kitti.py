@@ -10,8 +10,7 @@ the stages' batches of 6, 6 and 10. Not run here: the set was not at hand. Publi
 
 from pathlib import Path
 
-from jaxsim.config import DataConfig, RunConfig
-from jaxsim.prepare.depth.penet.training import DepthExperiment
+from jaxsim.config import DataConfig, DepthExperiment, RunConfig
 
 experiment = DepthExperiment(
     data=DataConfig(kind="kitti_raw"),

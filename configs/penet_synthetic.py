@@ -7,8 +7,7 @@
 9.41 /km; beside IP-Basic in docs/depth-completion.md.
 """
 
-from jaxsim.config import DataConfig, RunConfig
-from jaxsim.prepare.depth.penet.training import DepthExperiment, PenetConfig, Stage
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, RunConfig, Stage
 
 CROP = (128, 256)
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from configs.ablation import experiment as intensity
 from configs.voxel_rcnn_small import experiment as detector
-from jaxsim.studies.loop import LoopConfig
+from jaxsim.config import LoopConfig
 
 real = replace(intensity.data, train="0-1919:12", validation="1920-2079:2")
 loop = LoopConfig(

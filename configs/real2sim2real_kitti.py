@@ -13,8 +13,7 @@ from dataclasses import replace
 
 from configs.kitti_step_combined import experiment as intensity
 from configs.voxel_rcnn_car import experiment as detector
-from jaxsim.config import DataConfig
-from jaxsim.studies.loop import LoopConfig
+from jaxsim.config import DataConfig, LoopConfig
 
 loop = LoopConfig(
     intensity=replace(intensity, run=replace(intensity.run, name="intensity")),

@@ -10,8 +10,10 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from jaxsim import devices
+from jaxsim.devices import one_blas_thread
 
 ROOT = Path(__file__).parents[1]
 STEPS = 4
@@ -132,3 +134,22 @@ def test_nothing_reaches_for_devices_before_the_processes_have_met():
     """`jax.distributed` must come first, and importing all of the program must not use JAX."""
     code = "import train; from jax._src import xla_bridge; assert not xla_bridge.backends_are_initialized()"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+
+
+def blas_threads() -> list[int]:
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+def test_blas_has_one_thread_inside_and_as_many_as_before_after_an_error():
+    before, inside = blas_threads(), []
+
+    @one_blas_thread
+    def solve():
+        inside.extend(blas_threads())
+        raise ArithmeticError
+
+    with pytest.raises(ArithmeticError):
+        solve()
+    assert before, "NumPy without a BLAS that threadpoolctl knows"
+    assert set(inside) == {1}
+    assert blas_threads() == before

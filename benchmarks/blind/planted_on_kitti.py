@@ -11,7 +11,7 @@ measured one is the same with an effect of benchmarks/blind/hidden (NumPy; nothi
 intensity and range, a gain and a few lost returns. There are no classes, and no errors of pose; effects that move rays
 or act on classes cannot be planted.
 
-One line a case in OUT/cases.jsonl; the same command again goes on. Prints the table that docs/discover.md quotes.
+One line a case in OUT/cases.jsonl; the same command again goes on. Prints the table that docs/discover-rates.md quotes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The rates that docs/discover.md quotes, from the rows of a run, in Markdown."""
+"""The rates that docs/discover-rates.md quotes, from the rows of a run, in Markdown."""
 
 from __future__ import annotations
 

@@ -18,9 +18,10 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.cli import enable_compilation_cache
+from jaxsim.config import Part, PenetConfig
 from jaxsim.frame import DepthFrame
 from jaxsim.prepare.depth.penet import layers
-from jaxsim.prepare.depth.penet.training import Part, PenetConfig, create_state, train_step
+from jaxsim.prepare.depth.penet.training import create_state, train_step
 
 
 def spread(x: Any, kernel: Any) -> Any:

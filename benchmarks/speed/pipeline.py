@@ -15,15 +15,16 @@ import jax
 import numpy as np
 from timing import interleave
 
-import configs
-from jaxsim.cli import enable_compilation_cache, parse_experiment
+from jaxsim.cli import enable_compilation_cache
+from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
-from jaxsim.data.batches import ahead, batches, stack
+from jaxsim.data.batches import batches, stack
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step
 from jaxsim.prepare import input_channels
 from jaxsim.simulate.predict import make_batch, make_predict
+from jaxsim.train.prefetch import ahead
 
 
 def main(experiment: Experiment, *, steps: int, rounds: int) -> None:
@@ -74,4 +75,4 @@ if __name__ == "__main__":
             place = rest.index(name)
             own[name] = int(rest[place + 1])
             del rest[place : place + 2]
-    main(parse_experiment(configs, rest)[0], steps=own["--bench.steps"], rounds=own["--bench.rounds"])
+    main(parse_experiment(rest)[0], steps=own["--bench.steps"], rounds=own["--bench.rounds"])

@@ -17,13 +17,13 @@ import jax
 import numpy as np
 import tyro
 
-import configs
 from jaxsim import detect
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.data import open_dataset
 from jaxsim.detect.scenes import scene_of
 from jaxsim.evaluate.detector import make_find
+from jaxsim.train.experiments import load_experiment
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def memory_gib() -> float:
 
 
 def main(args: Args) -> None:
-    experiment, _ = configs.load(args.config)
+    experiment, _ = load_experiment(args.config)
     assert isinstance(experiment, DetectorExperiment)
     experiment = replace(experiment, optim=replace(experiment.optim, batch=args.batch))
     world = open_dataset(DataConfig())

@@ -29,7 +29,6 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-import configs
 import jaxsim
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.config import DataConfig, PrepareConfig
@@ -50,6 +49,7 @@ from jaxsim.report.frames import intensity_panel
 from jaxsim.report.markdown import markdown_table
 from jaxsim.simulate.beside_drive import measured_in
 from jaxsim.simulate.predict import make_predict
+from jaxsim.train.experiments import load_experiment
 
 SCRIPT = Path(__file__).parent.parent / "train.py"
 TUNED_ON = range(4000, 4064, 4)
@@ -154,7 +154,7 @@ def main(
     more: Sequence[str],
 ) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    experiment = configs.load("ablation")[0]
+    experiment = load_experiment("ablation")[0]
     data = replace(experiment.data, train=train_on, validation=judge, cache=out / "cache")  # type: ignore
     raw: PrepareConfig = experiment.prepare  # type: ignore
     flags: dict[str, list[str]] = {"raw": [], "non_local_means": ["--prepare.denoise", "non_local_means"]}

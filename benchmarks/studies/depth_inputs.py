@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 from denoised_targets import predictions, train
 
-import configs
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.config import PrepareConfig
 from jaxsim.data import open_dataset, select
@@ -35,6 +34,7 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.report import save_picture, strip
 from jaxsim.report.frames import intensity_panel
 from jaxsim.report.markdown import markdown_table
+from jaxsim.train.experiments import load_experiment
 
 NEAR = 0.02
 
@@ -66,7 +66,7 @@ def main(
     more: Sequence[str],
 ) -> None:  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
-    experiment = configs.load("ablation")[0]
+    experiment = load_experiment("ablation")[0]
     data = replace(experiment.data, train=train_on, validation=judge, cache=out / "cache")  # type: ignore
     plain: PrepareConfig = experiment.prepare  # type: ignore
     world = open_dataset(data)

@@ -1,41 +1,77 @@
-"""`jaxsim COMMAND`: the commands of the console script."""
+"""`jaxsim COMMAND`: the commands of the console script.
+
+A command is a row of COMMANDS and a module of this package. Only the module of the command that is asked for is
+imported, so that `jaxsim --help` answers at once; nothing here imports JAX.
+"""
 
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
 
-import tyro
+from jaxsim.cli.commands import Command, call, choose, overview
+from jaxsim.cli.common import enable_compilation_cache, stop_on_error
 
-from jaxsim.cli.common import enable_compilation_cache, parse_experiment, read_experiment, stop_on_error
-from jaxsim.cli.convert import Convert
-from jaxsim.cli.detect import Detect
-from jaxsim.cli.discover import Discover
-from jaxsim.cli.effects import Effects
-from jaxsim.cli.export import Export
-from jaxsim.cli.prepare import Prepare
-from jaxsim.cli.real2sim2real import Real2Sim2Real, run
-from jaxsim.cli.simulate import Simulate
-
-__all__ = ["COMMANDS", "enable_compilation_cache", "main", "parse_experiment", "read_experiment", "stop_on_error"]
+__all__ = ["COMMANDS", "enable_compilation_cache", "main", "stop_on_error"]
 
 COMMANDS = {
-    "prepare": Prepare,
-    "simulate": Simulate,
-    "export": Export,
-    "detect": Detect,
-    "real2sim2real": Real2Sim2Real,
-    "discover": Discover,
-    "effects": Effects,
-    "convert": Convert,
+    "prepare": Command(
+        "prepare:Prepare",
+        "make a data set's training pairs once and keep them",
+        "jaxsim prepare synthetic --train 0-159 --eval 160-199 --out pairs",
+    ),
+    "train": Command(
+        "train:run",
+        "train an intensity network, a detector or depth completion; resumes",
+        "jaxsim train synthetic",
+    ),
+    "eval": Command(
+        "eval:main",
+        "score a trained run, two folders of frames, a detector's results; compare networks",
+        "jaxsim eval runs/demo",
+    ),
+    "simulate": Command(
+        "simulate:Simulate",
+        "frames, clouds and pictures of a learned sensor",
+        "jaxsim simulate runs/demo --out simulated",
+    ),
+    "export": Command(
+        "export:Export",
+        "a data set as a KITTI object tree, which detectors train on",
+        "jaxsim export --data.kind synthetic --frames 0-199 --validation 160-199 --out tree",
+    ),
+    "detect": Command(
+        "detect:Detect",
+        "find objects in a folder of clouds",
+        "jaxsim detect runs/voxel_rcnn_small --clouds tree/training/velodyne --out detected",
+    ),
+    "real2sim2real": Command(
+        "real2sim2real:run",
+        "the paper's loop: from real drives to detectors that train on simulated clouds",
+        "jaxsim real2sim2real --config real2sim2real",
+    ),
+    "discover": Command(
+        "discover:Discover",
+        "name the effect that a simulation lacks",
+        "jaxsim discover --measured measured --simulated simulated/polar --out answer",
+    ),
+    "effects": Command("effects:Effects", "the catalogue of sensor effects", "jaxsim effects beam_gain"),
+    "convert": Command(
+        "convert:Convert",
+        "published weights to files that jaxsim reads",
+        "jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out vgg19.npz",
+    ),
 }
-"""Every command: its name and what it takes."""
+"""Every command by its name."""
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Entry point of the console script."""
-    enable_compilation_cache()
-    argv = sys.argv[1:] if argv is None else argv
+    """Runs the command that `argv` (by default the console's words) names; the console script enters here."""
+    words = sys.argv[1:] if argv is None else argv
     with stop_on_error():
-        if argv[:1] == ["real2sim2real"]:  # its flags are the fields of the experiment that --config names
-            return run(argv[1:])
-        tyro.extras.subcommand_cli_from_dict(COMMANDS, args=argv, prog="jaxsim", description=__doc__)()
+        if not words or words[0] in ("-h", "--help"):
+            print(overview(COMMANDS))
+        elif words[0] == "--version":
+            print(f"jaxsim {version('jaxsim-lidar')}")
+        else:
+            call(choose(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import tyro
-from pydantic import TypeAdapter, ValidationError
-
-from jaxsim.config import DetectorExperiment, Experiment
 
 
 def enable_compilation_cache() -> None:
@@ -48,43 +40,3 @@ def stop_on_error() -> Iterator[None]:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
         sys.exit(f"error: {error}")
-
-
-def parse_experiment(configs: Any, argv: list[str]) -> tuple[Any, str]:
-    """The experiment that a command line asks for, and its docstring.
-
-    `argv` is an optional name of `configs`, or the config.json of a run, then flags over its fields.
-    """
-    name, flags = (argv[0], argv[1:]) if argv and not argv[0].startswith("-") else ("synthetic", argv)
-    if name.endswith(".json"):
-        experiment, docstring = read_experiment(Path(name)), f"Settings of {name}."
-    else:
-        experiment, docstring = configs.load(name)
-    width = max(map(len, configs.NAMES)) + 2
-    others = "\n".join(f"  {n:<{width}}{configs.load(n)[1].splitlines()[0]}" for n in configs.NAMES)
-    intro = f"""python train.py [EXPERIMENT] [--flags]; the same command again resumes the run.
-
-Experiments (configs/):
-{others}
-
-{name}: {docstring}"""
-    default = replace(experiment, run=replace(experiment.run, name=experiment.run.name or name))
-    parsed = tyro.cli(type(experiment), args=flags, default=default, description=intro, prog=f"train.py {name}")
-    return parsed, docstring
-
-
-def read_experiment(path: Path) -> Any:
-    """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
-    from jaxsim.prepare.depth.penet.training import DepthExperiment
-
-    try:
-        content = json.loads(path.read_text())
-        # Depth completion's runs hold nothing beside it.
-        content = content if "penet" in content else content["experiment"]
-        kinds = {"detector": DetectorExperiment, "penet": DepthExperiment}
-        kind = next((kind for part, kind in kinds.items() if part in content), Experiment)
-        return TypeAdapter(kind).validate_python(content)
-    except FileNotFoundError:
-        raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
-        raise ValueError(f"{path} is not the config.json of a run of this version: {error}") from error

@@ -18,11 +18,10 @@ from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels, read_velodyne
-from jaxsim.data.pair_settings import differences
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
-from jaxsim.files import replacing
+from jaxsim.files import claim
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.report import draw_above, draw_on_image, save_picture
 
@@ -121,26 +120,15 @@ class Detect:
             "calib": str(self.calib.resolve()) if self.calib else None,
             "image_size": None if self.images or not self.calib else list(self.image_size),
         }
-        there = any((self.out / "results").glob("*.txt"))
-        if there and not path.is_file():
-            raise ValueError(
-                f"detect: {self.out / 'results'} holds results, but no detect.json says what made them; give another "
-                "--out, or delete them"
-            )
-        if there:
-            try:
-                was = json.loads(path.read_text())["made"]
-            except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"detect: {path} cannot be read ({error!r}); give another --out") from error
-            other = [difference.removeprefix("--") for difference in differences(was, made)]
-            if other:
-                raise ValueError(
-                    f"detect: {self.out} holds results of another making: {'; '.join(other)}; give another --out, or "
-                    f"delete it (where a folder has only moved, write its new path into {path.name})"
-                )
         about = {"detector": str(self.detector), "step": self.step or "latest"}
-        with replacing(path) as temporary:
-            temporary.write_text(json.dumps(about | {"made": made}, indent=1))
+        claim(
+            path,
+            made,
+            by="detect",
+            text=json.dumps(about | {"made": made}, indent=1),
+            filled=any((self.out / "results").glob("*.txt")),
+            read=lambda record: json.loads(record)["made"],
+        )
 
     def result(self, file: Path) -> Path:
         return self.out / "results" / f"{file.stem}.txt"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
-from jaxsim.config import DataKind
-from jaxsim.data import open_dataset, select, source_of
+from jaxsim.cli.source import SAME, Source
+from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import read_grid
+from jaxsim.data.select import frames_to_judge
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report import verdict_sentence, write_report
@@ -24,7 +25,7 @@ class Discover:
     the gap with the effect added.
 
         jaxsim discover --measured DIR --simulated DIR --out OUT
-        jaxsim discover runs/NAME --data kitti_raw --root DIR --out OUT
+        jaxsim discover runs/NAME --data.kind kitti_raw --data.root DIR --out OUT
 
     Two folders of polar frames: grid.json, and one NAME.npz a frame with range (m, 0 = no return) and intensity,
     which lies in 0..1; both are rows x columns. Frames of the same name are compared. The format is
@@ -37,7 +38,7 @@ class Discover:
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
     catalogue does not hold.
 
-    Writes verdict.json, sensor.json (for `jaxsim simulate --sensor`), report.html and figures/ to OUT.
+    Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and figures/ to OUT.
     """
 
     out: Path
@@ -49,16 +50,12 @@ class Discover:
     simulated: Path | None = None
     """Folder of polar frames of the simulator: same names, same grid. With semantic, instance, rgb and incidence
     arrays more effects can be told apart."""
-    data: Literal["same", DataKind] = "same"
-    """Data set to hold a run against; `same`: the run's own."""
-    root: Annotated[Path | None, tyro.conf.arg(aliases=["--data.root"])] = None
-    """Folder of the data set, where it is not the run's."""
-    scenes: tuple[str, ...] = ()
-    """Sequences of the data set to use, where it is not the run's: `0001 0018`."""
+    data: Source = SAME
+    """Data set to hold a run against."""
     frames: str = ""
     """Frames to hold a run against: `0-99`. Empty: the run's validation frames, or all of another data set."""
-    sensor: Path | None = None
-    """sensor.json with effects that the simulation already has and its frames do not show, as an earlier answer's: what
+    effects: Path | None = None
+    """Effects (sensor.json) that the simulation already has and its frames do not show, as an earlier answer's: what
     does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
     nulls: int = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
@@ -80,10 +77,10 @@ class Discover:
                 "discover: --nulls came with --unpaired, which exchanges scenes between the sides to see what chance "
                 "does; leave one of them out"
             )
-        if self.unpaired and self.sensor:
+        if self.unpaired and self.effects:
             raise ValueError(
-                "discover: --sensor came with --unpaired, which compares the frames as they are; leave it out, or "
-                "simulate the frames with it (`jaxsim simulate --sensor`)"
+                "discover: --effects came with --unpaired, which compares the frames as they are; leave it out, or "
+                "simulate the frames with them (`jaxsim simulate --effects`)"
             )
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
@@ -99,16 +96,16 @@ class Discover:
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
 
     def known(self, simulated: Path) -> SensorModel:
-        """The sensor model that was given, checked against the sensor's beams; an empty one otherwise."""
-        if self.sensor is None:
+        """The effects that were given, checked against the sensor's beams; none otherwise."""
+        if self.effects is None:
             return SensorModel()
-        return SensorModel.load(self.sensor, rows=len(read_grid(simulated)[0].elevation_rad))
+        return SensorModel.load(self.effects, rows=len(read_grid(simulated)[0].elevation_rad))
 
     def folders(self) -> tuple[Path, Path]:
         """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
-        for flag in ("data", "root", "scenes", "frames"):
-            if getattr(self, flag) != getattr(Discover, flag):
-                raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
+        given = [f"data.{field.name}" for field in fields(Source) if getattr(self.data, field.name) != field.default]
+        for flag in [*given, *["frames"] * bool(self.frames)]:
+            raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
         return _folder("--simulated", self.simulated), _folder("--measured", self.measured)
 
     def pairs_of(self, run: Path) -> tuple[Path, Path]:
@@ -116,14 +113,13 @@ class Discover:
         if self.measured or self.simulated:
             raise ValueError(
                 "discover: a run and --measured or --simulated were given; a run is held against the scans of its data "
-                "set (--data, --root): give one or the other"
+                "set (--data.kind, --data.root): give one or the other"
             )
         sensor = load(run)
         own = sensor.run.experiment.data
-        foreign = self.data != "same"
-        dataset = open_dataset(source_of(own, self.data, root=self.root, scenes=self.scenes))
-        wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
-        return write_pairs(sensor, dataset, select(wanted, dataset), self.out, say=say)
+        dataset = open_dataset(self.data.config(own))
+        positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
+        return write_pairs(sensor, dataset, positions, self.out, say=say)
 
 
 def _folder(flag: str, folder: Path | None) -> Path:

@@ -16,15 +16,16 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M, choose_boxes, within_reach, write_image_sets, write_kitti_frame
 from jaxsim.cloud.tree_record import TreeRecord
-from jaxsim.config import DataConfig, DataKind
+from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
-from jaxsim.simulate.clouds import CloudRecipe, check_recipe, grid_file, make_cloud
+from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor, load
 
 _SAVE_EVERY = 20
@@ -40,25 +41,8 @@ class Export:
 
     out: Path
     """Folder to write to."""
-    data: DataKind = "synthetic"
+    data: Source = SYNTHETIC
     """Data set to export."""
-    root: Path | None = None
-    """Its folder."""
-    scenes: tuple[str, ...] = ()
-    """Sequences of it to use: `Scene01`, or `0001 0018`."""
-    variations: tuple[str, ...] = ("clone",)
-    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
-    camera: Literal[0, 1] = 0
-    """Of vkitti2: 0 left, 1 right."""
-    lidar: Literal["kitti", "camera"] = "kitti"
-    """Where the LiDAR is thought to be in vkitti2, or the camera in the embedded world: apart as on KITTI's car, or in
-    one place, from which nothing is hidden (the paper's additional camera)."""
-    seed: int = 0
-    """World seed of the embedded world."""
-    streets: Literal["town", "suburb"] = "town"
-    """Traffic and houses of the embedded world."""
-    rows: Literal["file_order", "elevation"] = "file_order"
-    """Laser line of a KITTI point; `elevation` for clouds that were reordered."""
     frames: str = ""
     """Frames to export: `0-99`. Empty: all (of the embedded world you must say which)."""
     validation: str = ""
@@ -66,10 +50,10 @@ class Export:
     recipe: CloudRecipe = field(default_factory=CloudRecipe)
     """How the clouds are made."""
     run: Path | None = None
-    """Folder of the trained sensor, for `--recipe.source simulated`."""
-    sensor: Path | None = None
-    """sensor.json with effects that the trained sensor lacks (`jaxsim discover` writes one), for `--recipe.projection
-    grid`."""
+    """Folder of the learned sensor's run, for `--recipe.source simulated`."""
+    effects: Path | None = None
+    """Effects (sensor.json) that the learned sensor lacks, for `--recipe.projection grid`; `jaxsim discover` writes
+    one."""
     occlusion: Literal["levels", "never_visible", "paper"] = "levels"
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
@@ -88,13 +72,14 @@ class Export:
 
     def dataset(self) -> Dataset:
         """The data set to export. Raises ValueError where the flags do not fit it."""
-        if self.lidar == "camera" and self.data not in ("vkitti2", "synthetic"):
+        source = self.source
+        if source.lidar == "camera" and source.kind not in ("vkitti2", "synthetic"):
             raise ValueError(
-                f"export: --lidar camera is for vkitti2 and synthetic; the sensors of {self.data} stand apart"
+                f"export: --data.lidar camera is for vkitti2 and synthetic; the sensors of {source.kind} stand apart"
             )
-        if self.data == "synthetic" and not self.frames:
+        if source.kind == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
-        return open_dataset(self.source)
+        return open_dataset(source)
 
     def write(self, dataset: Dataset, place: int, frame: Frame, maker: Maker) -> tuple[str, dict[str, Any]]:
         """Writes one frame, unless nothing is left of it; its number and its entry in export.json."""
@@ -144,11 +129,13 @@ class Export:
         if self.occlusion == "levels":
             return
         if not isinstance(dataset, VirtualKitti2):
-            raise ValueError(f"export: --occlusion {self.occlusion} is for vkitti2; labels of {self.data} have levels")
+            raise ValueError(
+                f"export: --occlusion {self.occlusion} is for vkitti2; labels of {self.source.kind} have levels"
+            )
         if self.occlusion == "paper":
             print(
                 "warning: fractions in the column `occluded`: the official evaluation reads an integer there and takes "
-                "every later column for another. Score with `eval.py detection --rules openpcdet`, or export with "
+                "every later column for another. Score with `jaxsim eval detection --rules openpcdet`, or export with "
                 "--occlusion never_visible, which every program reads. No object is easy either way.",
                 file=sys.stderr,
             )
@@ -156,30 +143,23 @@ class Export:
     @property
     def source(self) -> DataConfig:
         """Where the frames come from."""
-        return DataConfig(
-            kind=self.data,
-            root=self.root,
-            scenes=self.scenes,
-            variations=self.variations,
-            camera=self.camera,
-            lidar=self.lidar,
-            seed=self.seed,
-            streets=self.streets,
-            rows=self.rows,
-        )
+        if not self.data.foreign:
+            raise ValueError("export: no data set was named; give its kind: --data.kind vkitti2")
+        return self.data.config()
 
     def settings(self, maker: Maker) -> dict[str, Any]:
         """All that decides what a frame's files hold."""
-        of_source = ("data", "scenes", "variations", "camera", "lidar", "seed", "streets")
-        source = {key: getattr(self, key) for key in of_source}
+        data = self.source
+        of_source = ("scenes", "variations", "camera", "lidar", "seed", "streets")
+        source = {"data": data.kind} | {key: getattr(data, key) for key in of_source}
         labels = {key: getattr(self, key) for key in ("occlusion", "filled", "reach_m", "keep_empty")}
         recipe = {f"recipe.{key}": value for key, value in asdict(self.recipe).items()}
         if (grid := grid_file(self.recipe)) is not None:
             recipe["recipe.lines"] = f"grid of SHA-256 {hashlib.sha256(grid.read_bytes()).hexdigest()}"
         effects = maker.effects.effects if maker.effects else None
         # A path is no proof that files are the same, but another path is a question; the embedded world has no files.
-        root = str(self.root.resolve()) if self.root else None
-        files = {} if self.data == "synthetic" else {"root": root, "rows": self.rows}
+        root = str(data.root.resolve()) if data.root else None
+        files = {} if data.kind == "synthetic" else {"root": root, "rows": data.rows}
         made = {"sensor": maker.sensor and maker.sensor.fingerprint, "effects": effects}
         return json.loads(json.dumps(source | files | labels | recipe | made))
 
@@ -218,7 +198,7 @@ class Maker:
         """Loads what an export names. Raises ValueError where its recipe needs more, or less."""
         sensor = load(export.run) if export.run else None
         rows = len(sensor.window[0].elevation_rad) if sensor else None
-        effects = SensorModel.load(export.sensor, rows=rows) if export.sensor else None
+        effects = SensorModel.load(export.effects, rows=rows) if export.effects else None
         check_recipe(export.recipe, sensor, effects)
         return cls(sensor, effects)
 

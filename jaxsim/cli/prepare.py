@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import jax
 import tyro
 
-from jaxsim.config import DataConfig, DataKind, PrepareConfig
+from jaxsim.cli.source import SAME, Source
+from jaxsim.config import PrepareConfig
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,9 @@ class Prepare:
     Each pair is a frame's camera and LiDAR on one polar grid: laser lines told apart, depth completed, images and
     labels painted, occluded cells marked, edges found, the target denoised. Training reads them:
 
-        jaxsim prepare kitti_step --root KITTI_TRACKING --out PAIRS \\
+        jaxsim prepare kitti_step --data.root KITTI_TRACKING --out PAIRS \\
             --prepare.depth ip_basic --prepare.denoise lidia --prepare.denoise-weights lidia.npz
-        python train.py kitti_step_combined --data.kind prepared --data.root PAIRS \\
+        jaxsim train kitti_step_combined --data.kind prepared --data.root PAIRS \\
             --prepare.denoise-weights lidia.npz
 
     Give the --prepare flags of the experiment. What is there is not made again, so that a killed command goes on;
@@ -31,28 +32,14 @@ class Prepare:
         jaxsim prepare ... --beam runner=DirectRunner direct_num_workers=2 direct_running_mode=multi_processing
     """
 
-    dataset: Annotated[DataKind, tyro.conf.Positional]
-    """Kind of data set."""
     out: Path
     """Folder to write to; the set lies in OUT/jaxsim_pairs/DATASET/1.0.0."""
-    root: Path | None = None
-    """Folder of the data set, as in train.py's --data.root."""
+    data: Source = SAME
+    """Data set to prepare; its kind may also be the first word."""
     train: str = ""
     """Frames for training: `0-99`, `0-99:4`, or a part by name. Empty: the data set's part `training`, or all of it."""
     evaluation: Annotated[str, tyro.conf.arg(name="eval")] = ""
     """Frames to judge by. Empty: its part `evaluation`; none where --train is given."""
-    scenes: tuple[str, ...] = ()
-    """Sequences to use, `0001 0018`, or scenes of vkitti2, `Scene01`. None named: all."""
-    variations: tuple[str, ...] = ("clone",)
-    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
-    camera: Literal[0, 1] = 0
-    """Of vkitti2: 0 left, 1 right."""
-    lidar: Literal["kitti", "camera"] = "kitti"
-    """Where the LiDAR is in vkitti2: where KITTI's car has it, or in the camera."""
-    rows: Literal["file_order", "elevation"] = "file_order"
-    """Laser line of a KITTI point: from the file's order, or the nearest beam."""
-    seed: int = 0
-    """World seed of the embedded world."""
     pairs_a_file: int = 64
     """A file is what a killed command makes anew, and what a Beam worker makes at a time."""
     workers: int = 0
@@ -64,22 +51,14 @@ class Prepare:
     def __call__(self) -> None:
         from jaxsim.pairs.sets import make_set  # imports TFDS, which the other commands need not wait for
 
-        if self.dataset == "prepared":
+        if not self.data.foreign:
+            raise ValueError("prepare: no data set was named; give its kind: jaxsim prepare kitti_step ...")
+        if self.data.kind == "prepared":
             raise ValueError("prepare: a prepared set is made already; name the data set of its frames")
         jax.config.update("jax_platforms", "cpu")  # before its first use: workers are processes that share no GPU
-        data = DataConfig(
-            kind=self.dataset,
-            root=self.root,
-            scenes=self.scenes,
-            variations=self.variations,
-            camera=self.camera,
-            lidar=self.lidar,
-            rows=self.rows,
-            seed=self.seed,
-        )
         folder = make_set(
             self.out,
-            data,
+            self.data.config(),
             self.prepare,
             train=self.train,
             evaluation=self.evaluation,
@@ -87,4 +66,4 @@ class Prepare:
             workers=self.workers,
             beam=self.beam,
         )
-        print(f"{folder}\ntrain on it: python train.py ... --data.kind prepared --data.root {self.out}")
+        print(f"{folder}\ntrain on it: jaxsim train ... --data.kind prepared --data.root {self.out}")

@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
-import subprocess
-import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
-import numpy as np
 import tyro
-from pydantic import TypeAdapter, ValidationError
-from tqdm import tqdm
 
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export, export_trees
-from jaxsim.config import DetectorExperiment, Experiment
-from jaxsim.data import open_dataset, select
-from jaxsim.detect.batches import in_range
-from jaxsim.detect.scenes import Scene, Scenes
-from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.files import hold, replacing
-from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
-from jaxsim.runs.run import Checkpoints
-from jaxsim.studies.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.loop import REAL, WITH_EFFECTS, Loop, LoopConfig, settle_loop, write_score
-from jaxsim.studies.loop_page import draw_kinds, draw_loop, loop_tables, write_loop
-
-EPOCHS = 5
-"""Last checkpoints of a detector that a score is the average of, as in the paper."""
+from jaxsim.cli.source import Source
+from jaxsim.config import LoopConfig
+from jaxsim.files import lock
+from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
+from jaxsim.studies.real2sim2real.stages import Stages, check_sources
+from jaxsim.train.experiments import load_loop
 
 
 @dataclass(frozen=True)
@@ -53,36 +38,14 @@ class Real2Sim2Real:
 def run(argv: Sequence[str]) -> None:
     """Runs the command on its own flags, those of LoopConfig among them."""
     name, flags = _config_of(argv)
-    home = checkout()
-    sys.path.insert(0, str(home))
-    configs = importlib.import_module("configs")
-    config, words = _read_loop(Path(name)) if name.endswith(".json") else configs.load_loop(name)
-    intro = f"{Real2Sim2Real.__doc__}\n\n{name}: {words}"
+    config, words = load_loop(name)
+    intro = f"    jaxsim real2sim2real --config {name}\n\n{Real2Sim2Real.__doc__}\n\n{name}: {words}"
     asked = tyro.cli(
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
-    hold(asked.out, doing="at work in", instead="another --out")
-    Stages(settle_loop(asked), home / "train.py").all()
-
-
-def check_sources(config: LoopConfig) -> None:
-    """Opens all data sets, so that what is missing is told before days go into training.
-
-    Raises ValueError naming the flag of the set that cannot be read, lacks frames, or lacks labels.
-    """
-    sources = {"intensity.data": config.intensity.data, "detector.data": config.detector.data}
-    for flag, source in {**sources, "synthetic": config.synthetic}.items():
-        try:
-            dataset = open_dataset(source)
-            places = [*select(source.train, dataset), *select(source.validation, dataset)]
-            labelled = flag == "intensity.data" or dataset[places[0]].boxes is not None
-        except (ValueError, FileNotFoundError) as error:
-            raise ValueError(f"real2sim2real: --{flag}: {error}") from error
-        if not labelled:
-            raise ValueError(
-                f"real2sim2real: --{flag}: frames of {source.kind} have no labels, and detectors need them"
-            )
+    lock(asked.out, doing="at work in", instead="another --out")
+    Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
 
 
 def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:
@@ -96,155 +59,25 @@ def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:
     return flags[at + 1], flags[:at] + flags[at + 2 :]
 
 
-def _read_loop(path: Path) -> tuple[LoopConfig, str]:
-    try:
-        return TypeAdapter(LoopConfig).validate_json(path.read_bytes()), f"settings of {path}"
-    except FileNotFoundError:
-        raise ValueError(f"real2sim2real: no file {path}; name one of configs/, or a loop.json") from None
-    except ValidationError as error:
-        raise ValueError(f"real2sim2real: {path} is no loop.json of this version: {error}") from error
+def discover_lacking(loop: Loop) -> None:
+    """Writes what `discover` finds the loop's sensor to lack."""
+    Discover(out=loop.effects.parent, run=loop.sensor)()
 
 
-def checkout() -> Path:
-    """The folder of train.py and configs/. Raises ValueError where neither the working directory nor the package's own
-    parent is one."""
-    for folder in (Path.cwd(), Path(__file__).resolve().parents[2]):
-        if (folder / "train.py").is_file() and (folder / "configs" / "__init__.py").is_file():
-            return folder
-    raise ValueError(
-        "real2sim2real: train.py and configs/ train the networks, and neither this folder nor the package has them; "
-        "run it in a checkout of jaxsim's repository"
-    )
-
-
-def kinds_of(scene: Scene) -> tuple[str, ...]:
-    """Classes of the labels; raises ValueError where there are none."""
-    if scene.labels is None:
-        raise ValueError(f"real2sim2real: {scene.name} has no labels; choose labelled frames")
-    return scene.labels.kind
-
-
-class Stages:
-    """The stages of one loop, in their order; each leaves out what is done."""
-
-    def __init__(self, loop: Loop, script: Path):
-        self.loop, self.script = loop, script
-        self.scenes_of: dict[tuple[str, str], Scenes] = {}
-        self.counts_of: dict[str, CloudCounts] = {}
-
-    def all(self) -> None:
-        """Runs all that is missing, and writes tables and page after each seed."""
-        loop = self.loop
-        self.say("the sensor: an intensity network on real pairs")
-        self.train(loop.sensor, loop.intensity_experiment())
-        if {*WITH_EFFECTS} & {*loop.config.kinds}:
-            self.say("what the sensor lacks: discover on real frames that it did not learn from")
-            self.discover()
-        self.say(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
-        self.export()
-        self.say("the clouds themselves: points on objects, histograms, directions without a return")
-        self.checks()
-        for seed in loop.config.seeds:
-            for kind in loop.trained:
-                self.say(f"seed {seed}: a detector of {kind} clouds")
-                self.train(loop.detector(kind, seed), loop.detector_experiment(kind, seed))
-            self.say(f"seed {seed}: scores")
-            for trained, judged in loop.judgements:
-                self.judge(trained, judged, seed)
-            self.say(f"seed {seed}: tables, checks of the clouds, pictures")
-            self.report()
-
-    def say(self, words: str) -> None:
-        print(f"real2sim2real: {words}", flush=True)
-
-    def train(self, run: Path, experiment: Experiment | DetectorExperiment) -> None:
-        """Trains with train.py, unless the run is finished. Ends the program with its status where it fails."""
-        if (run / "card.md").is_file():
-            return
-        settings = self.loop.out / "settings" / f"{'_'.join(run.relative_to(self.loop.out).parts)}.json"
-        with replacing(settings) as path:
-            path.write_bytes(b'{"experiment": ' + TypeAdapter(type(experiment)).dump_json(experiment, indent=1) + b"}")
-        status = subprocess.run([sys.executable, str(self.script), str(settings)]).returncode
-        if status:
-            sys.exit(f"error: real2sim2real: training {run} ended with status {status}; the same command resumes")
-
-    def discover(self) -> None:
-        """Holds the sensor against real frames, unless that is done."""
-        if not (self.loop.effects.parent / "verdict.json").is_file():
-            Discover(out=self.loop.effects.parent, run=self.loop.sensor)()
-
-    def export(self) -> None:
-        """Writes the trees of all kinds; the renderer's frames are read once for all."""
-        loop, source = self.loop, self.loop.config.synthetic
-        exports = [
-            Export(
-                out=loop.tree(kind),
-                data=source.kind,
-                root=source.root,
-                scenes=source.scenes,
-                variations=source.variations,
-                camera=source.camera,
-                lidar=source.lidar,
-                seed=source.seed,
-                streets=source.streets,
-                rows=source.rows,
-                frames=f"{source.train},{source.validation}",
-                validation=source.validation,
-                recipe=loop.recipe(kind),
-                run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
-                sensor=loop.effects if kind in WITH_EFFECTS else None,
-                occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
-            )
-            for kind in loop.config.kinds
-        ]
-        export_trees(exports, exports[0].dataset())
-
-    def scenes(self, kind: str, part: str) -> Scenes:
-        """Scenes of a kind of cloud: of `train` or of `validation`."""
-        if (kind, part) not in self.scenes_of:
-            data = self.loop.data_of(kind)
-            dataset = open_dataset(data)
-            seen = replace(self.loop.config.detector, data=data)
-            self.scenes_of[kind, part] = experiment_scenes(dataset, select(getattr(data, part), dataset), seen)
-        return self.scenes_of[kind, part]
-
-    def judge(self, trained: str, judged: str, seed: int) -> None:
-        """Scores the last checkpoints of a detector, unless that is done."""
-        loop, experiment = self.loop, self.loop.config.detector
-        path, run = loop.score(trained, judged, seed), loop.detector(trained, seed)
-        if path.is_file():
-            return
-        scenes, steps = self.scenes(judged, "validation"), Checkpoints(run).steps[-EPOCHS:]
-        find, per_epoch = make_find(experiment), []
-        for step in tqdm(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
-            per_epoch.append(score_detector(find, load_detector(run, step=step).network, scenes, experiment)[0])
-        write_score(path, per_epoch, steps=steps, frames=len(scenes))
-
-    def counted(self, kind: str) -> CloudCounts:
-        """What the training clouds of a kind hold, inside the detector's range."""
-        if kind not in self.counts_of:
-            voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
-            named = (
-                (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
-                for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
-            )
-            self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))
-        return self.counts_of[kind]
-
-    def checks(self) -> None:
-        """Writes and prints what tells the kinds of clouds apart short of a detector, unless that is done."""
-        loop, kinds = self.loop, (REAL, *self.loop.config.kinds)
-        if checked_kinds(loop.out) == kinds:
-            return
-        counts = {kind: self.counted(kind) for kind in kinds}
-        drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
-        write_checks(loop.out, counts, loop.target, drawn)
-        print(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
-
-    def report(self) -> None:
-        """Writes and prints all that was scored."""
-        loop = self.loop
-        counts = {kind: self.counted(kind) for kind in (REAL, *loop.config.kinds)}
-        pictures = draw_loop(loop, {kind: self.scenes(kind, "validation") for kind in (REAL, *loop.config.kinds)})
-        page = write_loop(loop, counts, pictures)
-        print(f"\n{loop_tables(loop, counts)}\n\ntables, pictures and page: {page}")
+def export_kinds(loop: Loop) -> None:
+    """Writes the trees of all kinds; the renderer's frames are read once for all."""
+    source = loop.config.synthetic
+    exports = [
+        Export(
+            out=loop.tree(kind),
+            data=Source.of(source),
+            frames=f"{source.train},{source.validation}",
+            validation=source.validation,
+            recipe=loop.recipe(kind),
+            run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
+            effects=loop.effects if kind in WITH_EFFECTS else None,
+            occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
+        )
+        for kind in loop.config.kinds
+    ]
+    export_trees(exports, exports[0].dataset())

@@ -13,44 +13,35 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
+from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of, save_cloud
-from jaxsim.config import DataKind
-from jaxsim.data import open_dataset, select, source_of
+from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
+from jaxsim.data.select import frames_to_judge
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate.beside_drive import about_of, rasters, simulate_batch, take
-from jaxsim.simulate.effects import check_motion, settle_sensor, with_effects
-from jaxsim.simulate.origin import settle_origin
+from jaxsim.simulate.effects import check_motion, with_effects
+from jaxsim.simulate.folder import claim_effects, claim_frames
 from jaxsim.simulate.sensor import Projection, load
 
 
 @dataclass(frozen=True)
 class Simulate:
-    """Simulates the LiDAR of a trained run over a data set's camera frames.
+    """Simulates the learned sensor of a run over a data set's camera frames.
 
     Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...) and pictures to OUT. What
     is already there is not made again, so that a killed command resumes.
     """
 
     run: Annotated[Path, tyro.conf.Positional]
-    """Folder of the run."""
+    """Folder of the learned sensor's run."""
     out: Path
     """Folder to write to."""
-    data: Literal["same", DataKind] = "same"
-    """Data set whose images, depth and labels to use; `same`: the run's own."""
-    root: Path | None = None
-    """Folder of the data set, where it is not the run's."""
-    scenes: tuple[str, ...] = ()
-    """Sequences of the data set to use, where it is not the run's: `0001 0018`, or `Scene01`."""
-    variations: tuple[str, ...] = ("clone",)
-    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
-    camera: Literal[0, 1] = 0
-    """Of vkitti2: 0 left, 1 right."""
-    lidar: Literal["kitti", "camera"] = "kitti"
-    """Where the LiDAR is in vkitti2: where KITTI's car has it, or in the camera, from which nothing is hidden."""
+    data: Source = SAME
+    """Data set whose images, depth and labels to use."""
     projection: Projection = "lidar"
     """What the network sees: the camera's rasters carried to the LiDAR's grid, as in training; or with `none` only
     scaled down to its size, as the paper does on Virtual KITTI."""
@@ -62,8 +53,8 @@ class Simulate:
     """Frames simulated at once."""
     previews: int = 4
     """Frames to draw."""
-    sensor: Path | None = None
-    """sensor.json with effects that the simulation lacks (`jaxsim discover` writes one)."""
+    effects: Path | None = None
+    """Effects (sensor.json) that the learned sensor lacks; `jaxsim discover` writes one."""
     seed: int = 0
     """Of what the effects leave to chance; a frame depends on it and on its place in the data set."""
 
@@ -71,30 +62,19 @@ class Simulate:
         # Sensor and frames.
         learned = load(self.run)
         own = learned.run.experiment.data
-        foreign = self.data != "same"
-        source = source_of(
-            own,
-            self.data,
-            root=self.root,
-            scenes=self.scenes,
-            variations=self.variations,
-            camera=self.camera,
-            lidar=self.lidar,
-        )
+        source = self.data.config(own)
         dataset = open_dataset(source)
-        wanted = self.frames or (f"0-{len(dataset) - 1}" if foreign else own.validation)
-        positions = select(wanted, dataset)
+        positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
         grid, _ = learned.window
-        model = SensorModel.load(self.sensor, rows=len(grid.elevation_rad)) if self.sensor else None
+        model = SensorModel.load(self.effects, rows=len(grid.elevation_rad)) if self.effects else None
         opening = dataset[positions[0]] if model else None
         if model and opening:
             check_motion(model, time_s=opening.time_s, speed_mps=opening.speed_mps, heading_rad=opening.heading_rad)
-        settle_sensor(self.out, model)
-        kind = self.data if foreign else own.kind
-        unlike = [f"LiDAR in the {source.lidar}"] * (kind == "vkitti2" and source.lidar != "kitti")
+        claim_effects(self.out, model)
+        unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")
-        made_of = ", ".join([kind, *unlike])
-        settle_origin(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
+        made_of = ", ".join([source.kind, *unlike])
+        claim_frames(self.out, sensor=learned.fingerprint, data=made_of, seed=self.seed if model else None)
         first_s = opening.time_s if opening else None
         todo = [p for p in positions if not all(path.is_file() for path in self.files(dataset.name_of(p)))]
 

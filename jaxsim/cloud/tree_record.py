@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.cloud.kitti_tree import files_of
-from jaxsim.files import replacing
+from jaxsim.files import claim, replacing
 
 
 @dataclass
@@ -25,23 +25,16 @@ class TreeRecord:
         Raises ValueError where the tree was made with other settings, or by something else.
         """
         path = out / "export.json"
-        filled = any((out / "training").glob("*/*"))
-        if not path.is_file():
-            if filled:
-                raise ValueError(f"export: {out} holds a training/ that this command did not make; give another --out")
-            return cls(settings, {})
-        try:
-            content = json.loads(path.read_text())
-            was, frames = content["settings"], content["frames"]
-        except (ValueError, KeyError) as error:
-            raise ValueError(f"export: {path} cannot be read ({error!r}); give another --out, or delete it") from error
-        other = [key for key, value in settings.items() if was.get(key) != value]
-        if other and (frames or filled):
-            told = ", ".join(f"{key} {was.get(key)} instead of {settings[key]}" for key in other)
-            moved = f" (where it has only moved, write the new root into {path.name})" if other == ["root"] else ""
-            raise ValueError(
-                f"export: {out} holds frames made with {told}; give another --out, or delete the folder{moved}"
-            )
+        frames: dict[str, dict[str, Any]] = {}
+
+        def read(record: bytes) -> dict[str, Any]:
+            content = json.loads(record)
+            frames.update(content["frames"])
+            begun = frames or any((out / "training").glob("*/*"))
+            return content["settings"] if begun else settings
+
+        filled = path.is_file() or any((out / "training").glob("*/*"))
+        claim(path, settings, by="export", filled=filled, read=read)
         return cls(settings, frames)
 
     def check_names(self, out: Path, names: dict[str, str]) -> None:

@@ -5,7 +5,7 @@ Batch k is a function of (seed, k) alone, so a resumed run takes up where it sto
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -84,11 +84,3 @@ def batches(
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
     return dataset.batch(size // parts, drop_remainder=True, batch_fn=stack)[part::parts]
-
-
-def ahead(loader: Any, start: int, stop: int, *, threads: int = 2, buffer: int = 4) -> Iterator[Pair]:
-    """Batches `start` to `stop` of `batches`, in order; while one is used, threads read up to `buffer` more."""
-    import grain
-
-    options = grain.ReadOptions(num_threads=threads, prefetch_buffer_size=buffer)
-    return iter(loader[start:stop].to_iter_dataset(options))

@@ -1,9 +1,8 @@
-"""Which settings a pair depends on, and in which two of them differ."""
+"""Which settings a pair depends on."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,12 +39,3 @@ def _contents(path: Path) -> str:
     if not path.is_file():
         raise FileNotFoundError(f"prepare: no weights at {path}; jaxsim convert writes them")
     return f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"
-
-
-def differences(old: Any, new: Any, name: str = "") -> Iterator[str]:
-    """The flags in which two experiments, or two settings, differ: `--data.root was a, now b`."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        for key in {**old, **new}:
-            yield from differences(old.get(key), new.get(key), f"{name}.{key}" if name else key)
-    elif old != new:
-        yield f"--{name} was {old}, now {new}"

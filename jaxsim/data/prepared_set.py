@@ -18,9 +18,10 @@ from pydantic import ValidationError
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.kitti_files import listing
-from jaxsim.data.pair_settings import LABELS, differences, pair_settings
+from jaxsim.data.pair_settings import LABELS, pair_settings
 from jaxsim.data.records import ARRAYS, Entry, PairRecord, PreparedPairs, record_of
 from jaxsim.data.tfds_builder import ABOUT, MAKING, VERSION, flattened
+from jaxsim.files import differences
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
@@ -147,7 +148,7 @@ class PreparedSet:
         for name in ("denoise_weights", "depth_weights"):
             if getattr(prepare, name) is None:  # the network has done its work, with those that the set names
                 free[name] = None
-        other = list(differences(kept | free, wanted | free, "prepare"))
+        other = [f"--{text}" for text in differences(kept | free, wanted | free, "prepare")]
         if other:
             raise ValueError(
                 f"prepared: {self.folder} was made with other settings ({'; '.join(other)}); give those, or prepare "

@@ -25,6 +25,14 @@ def select(text: str, dataset: Sized) -> list[int]:
     return chosen
 
 
+def frames_to_judge(frames: str, dataset: Sized, *, validation: str) -> list[int]:
+    """The positions that `frames` names; where it is empty, those that `validation` names; all where both are.
+
+    Raises ValueError as `select`.
+    """
+    return select(frames or validation or f"0-{len(dataset) - 1}", dataset)
+
+
 def _range(text: str, part: str, length: int) -> range:
     match = _PART.fullmatch(part)
     if match is None:

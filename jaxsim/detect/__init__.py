@@ -1,6 +1,6 @@
 """Voxel R-CNN (Deng et al., AAAI 2021), in OpenPCDet's form: boxes from a point cloud. Knows nothing of who made it."""
 
-from jaxsim.detect.batches import SceneBatches, ahead
+from jaxsim.detect.batches import SceneBatches
 from jaxsim.detect.left_out import LeftOut
 from jaxsim.detect.network import Detections, VoxelRcnn
 from jaxsim.detect.results import Found, result_lines, write_lines
@@ -18,7 +18,6 @@ __all__ = [
     "TrainState",
     "View",
     "VoxelRcnn",
-    "ahead",
     "create_state",
     "make_detect",
     "make_train_step",

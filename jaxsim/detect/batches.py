@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -107,16 +105,3 @@ def pad_scene(
         "is_object": np.arange(room) < len(objects),
         "dropped_points": np.array(len(points) - len(kept), np.int32),
     }
-
-
-def ahead(loader: Any, start: int, stop: int, *, threads: int = 2, buffer: int = 4) -> Iterator[Batch]:
-    """Batches `start` to `stop` in order; while one is used, threads make up to `buffer` more."""
-    with ThreadPoolExecutor(threads) as pool:
-        waiting: list[Future[Batch]] = []
-        for k in range(start, stop + buffer):
-            if k < stop:
-                waiting.append(pool.submit(loader.__getitem__, k))
-            if len(waiting) > buffer or k >= stop:
-                if not waiting:
-                    return
-                yield waiting.pop(0).result()

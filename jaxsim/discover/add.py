@@ -10,16 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.echo_power import as_implied
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.parameters import fitted_parameters, flat, restorer, to_values
+from jaxsim.discover.model.null import as_implied, fit_null
+from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
 from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
-from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects import EFFECTS, Law
 from jaxsim.effects.chain import SensorModel
 
 DIFFERENCE = 0.02
@@ -27,7 +26,7 @@ DIFFERENCE = 0.02
 BOUND = 1e-6
 """Distance from a bound at which a value counts as held there."""
 
-Chain = Sequence[tuple[Effect, dict[str, Any]]]
+Chain = Sequence[tuple[Law, dict[str, Any]]]
 """Effects and their z."""
 
 
@@ -35,7 +34,7 @@ Chain = Sequence[tuple[Effect, dict[str, Any]]]
 class Refit:
     """An effect fitted with all others in place."""
 
-    effect: Effect
+    effect: Law
     problem: Problem
     """In which it was fitted."""
     fit: Fit
@@ -75,9 +74,7 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
     return problem
 
 
-def refit(
-    null: Problem, effects: Sequence[Effect], z: Sequence[dict[str, Any]], *, sweeps: int = 2
-) -> tuple[Refit, ...]:
+def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]], *, sweeps: int = 2) -> tuple[Refit, ...]:
     """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
     beside other effects."""
     all_blocks = np.ones(len(null.ev.unit), np.float32)
@@ -97,7 +94,7 @@ def refit(
     return tuple(refits[k] for k in range(len(effects)))
 
 
-def parameters_of(effect: Effect, z: dict[str, Any]) -> dict[str, Any]:
+def parameters_of(effect: Law, z: dict[str, Any]) -> dict[str, Any]:
     """Parameters as sensor.json holds them, within their bounds."""
     values = {}
     for name, p in effect.parameters.items():
@@ -106,12 +103,12 @@ def parameters_of(effect: Effect, z: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def covariance(effect: Effect, problem: Problem, result: Fit) -> Float[np.ndarray, " k"]:
+def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, " k"]:
     """Variance of every z, in the raveled order: the larger of the curvature's and the sandwich's of White (1982),
     whose filling is the scatter of the scenes' slopes."""
     scene = np.asarray(problem.ev.unit)
     objective = Objective(effect, problem, np.ones(len(scene), np.float32))
-    x = flat((result.z, result.noise))
+    x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
     for k in range(len(x)):
         step = np.zeros(len(x))
@@ -135,7 +132,7 @@ def covariance(effect: Effect, problem: Problem, result: Fit) -> Float[np.ndarra
     return np.maximum(np.diag(sandwich), np.diag(inverse))[: objective.own]
 
 
-def intervals(effect: Effect, problem: Problem, result: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
+def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
     """Every fitted parameter with its 90 % interval, clipped to its bounds."""
     sd = np.sqrt(covariance(effect, problem, result))
     reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.unit)))))
@@ -163,14 +160,14 @@ def interval_of(
     return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in zip(value, low, high, strict=True))
 
 
-def follows_power(effect: Effect) -> bool:
+def follows_power(effect: Law) -> bool:
     """Whether it reads an echo's power and leaves the intensity as it is."""
     return "intensity" not in effect.channels and "power" in effect.covariates
 
 
-def fit_to_implied(effect: Effect, problem: Problem, result: Fit) -> Fit:
+def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
-    implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.weights))
+    implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
     return fit(effect, implied, all_blocks, starts=(start,), steps=80)

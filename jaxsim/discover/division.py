@@ -10,8 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.model.cast import Cast, cast
-from jaxsim.discover.model.columns import Blocks, blocks
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.read import Comparison
@@ -59,9 +58,9 @@ class Division:
         ev = gather(
             self.scan,
             self.measured,
-            frame,
-            column,
-            scene,
+            frame=frame,
+            column=column,
+            unit=scene,
             given_rad=self.given.incidence_rad,
             rays=self.rays.part(keep),
         )

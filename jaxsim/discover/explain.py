@@ -18,7 +18,7 @@ from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
 from jaxsim.discover.verdict import Interval, Judged, Named, Rank, Verdict, Where
-from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects import EFFECTS, Law
 from jaxsim.effects.chain import SensorModel
 
 
@@ -68,7 +68,7 @@ def named(step: FittedStep, parameters: dict[str, Any]) -> Named:
 
 
 def named_effect(
-    effect: Effect,
+    effect: Law,
     *,
     p_value: float,
     gain: Interval,
@@ -77,7 +77,8 @@ def named_effect(
     remedy: str = "",
 ) -> Named:
     """The entry of an effect; `remedy` tells it from a look-alike of which the catalogue does not say what does."""
-    apart = {name: effect.look_alikes.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
+    told = EFFECTS[effect.name].look_alikes
+    apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
         name=effect.name,
         look_alikes=tuple(alike),
@@ -135,7 +136,9 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     all_blocks = np.ones(len(null.ev.unit), np.float32)
-    levels = [np.asarray(gain_and_classes(one.ev, one.weights, all_blocks)).tolist() for one in (null, choice.problem)]
+    levels = [
+        np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
+    ]
     classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:

@@ -13,25 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 
-NEAR_M, NEAR_SHARE = 0.5, 0.05
-"""A reading agrees with the simulated one within the larger of the two (the share is of the range)."""
-AGREE = 0.75
-"""Share of rays that agree in a frame, at least: effects of the catalogue leave nearly all, in another street little
-more than the road agrees (tests/discover/test_pairing.py)."""
-NOT_BEYOND = 0.8
-"""The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
-OVERLAP = 0.05
-"""Rays that return on both sides, of those of the poorer side, at least."""
-STEADY = 0.05
-"""Median absolute deviation of ln(measured / simulated range) up to which the two differ by a factor."""
-FACTOR = 1.1
-"""From which on it is one of units: the catalogue's range_scale ends at 1.02."""
-BETTER = 0.1
-"""By how much more of its rays another frame must agree to be the true partner."""
-RAYS, OTHERS = 2000, 64
-"""Looked at in each frame; and other frames with which each is compared."""
+RAYS = 2000
+"""Rays looked at in each frame."""
+OTHERS = 64
+"""Other frames with which each is compared."""
 
 
 class Agreement(NamedTuple):
@@ -49,9 +37,10 @@ def agreement(
 ) -> Agreement:
     """How far two sides' ranges agree where `both` return; 0 where no ray does."""
     off = measured_m - simulated_m
-    limit = np.maximum(NEAR_M, NEAR_SHARE * simulated_m)
+    limit = np.maximum(RULES.near_m, RULES.near_share * simulated_m)
     count = np.maximum(both.sum(-1), 1)
-    near, beyond = (np.sum(both & there, -1) / count for there in (np.abs(off) < limit, off >= limit))
+    near = np.sum(both & (np.abs(off) < limit), -1) / count
+    beyond = np.sum(both & (off >= limit), -1) / count
     return Agreement(near, beyond)
 
 
@@ -60,16 +49,11 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
     partner better."""
     stride = max(1, simulated[0].range_m.size // RAYS)
-    (ours, hit), (theirs, back) = (
-        (
-            np.stack([np.asarray(image.range_m, np.float32).ravel()[::stride] for image in side]),
-            np.stack([np.asarray(image.valid).ravel()[::stride] for image in side]),
-        )
-        for side in (simulated, measured)
-    )
+    ours, hit = _thinned(simulated, stride)
+    theirs, back = _thinned(measured, stride)
     both = hit & back & (ours > 0) & (theirs > 0)
     poorer = np.minimum(hit.sum(1), back.sum(1))
-    apart = both.sum(1) < OVERLAP * poorer
+    apart = both.sum(1) < RULES.common_returns * poorer
     if apart.mean() > 0.5:
         k = int(np.argmax(apart))
         raise ValueError(
@@ -78,27 +62,38 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
         )
     log_ratio = np.log(theirs[both] / ours[both])
     middle = float(np.median(log_ratio))
-    if abs(middle) > np.log(FACTOR) and float(np.median(np.abs(log_ratio - middle))) < STEADY:
+    scatter = float(np.median(np.abs(log_ratio - middle)))
+    if abs(middle) > np.log(RULES.unit_factor) and scatter < RULES.steady:
         raise ValueError(
             f"discover: measured ranges are {np.exp(middle):.4g} times the simulated ones on the same rays; ranges are "
             "metres on both sides: correct the side that is in other units"
         )
     own = agreement(ours, theirs, both)
-    near, firm = (float(np.median(x)) for x in (own.near, own.near / np.maximum(own.near + own.beyond, 1e-9)))
-    if near < AGREE and firm < NOT_BEYOND:
+    near = float(np.median(own.near))
+    # Of a ray that ends before the surface (fog, rain) nothing can be said of the street.
+    not_beyond = float(np.median(own.near / np.maximum(own.near + own.beyond, 1e-9)))
+    if near < RULES.same_street and not_beyond < RULES.not_beyond:
         k = int(np.argsort(own.near)[len(names) // 2])
         raise ValueError(
-            f"discover: frames of the same name do not show the same street: ranges agree (within {NEAR_M:g} m or "
-            f"{100 * NEAR_SHARE:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of {names[k]} "
-            f"and of half the frames; {_advice()}"
+            f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
+            f"or {100 * RULES.near_share:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of "
+            f"{names[k]} and of half the frames; {_advice()}"
         )
-    _check_partners(names, ours, theirs, hit, back, own.near)
+    _check_partners(names, ours, theirs, hit=hit, back=back, own=own.near)
+
+
+def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray, "f rays"], Bool[np.ndarray, "f rays"]]:
+    """Ranges of every so manieth ray of each frame, and whether it returned."""
+    range_m = np.stack([np.asarray(image.range_m, np.float32).ravel()[::stride] for image in side])
+    valid = np.stack([np.asarray(image.valid).ravel()[::stride] for image in side])
+    return range_m, valid
 
 
 def _check_partners(
     names: Sequence[str],
     ours: Float[np.ndarray, "f rays"],
     theirs: Float[np.ndarray, "f rays"],
+    *,
     hit: Bool[np.ndarray, "f rays"],
     back: Bool[np.ndarray, "f rays"],
     own: Float[np.ndarray, " f"],
@@ -110,7 +105,7 @@ def _check_partners(
     for k in range(len(names)):
         each = agreement(ours[others], np.broadcast_to(theirs[k], ours[others].shape), hit[others] & back[k][None])
         best[k], share[k] = others[np.argmax(each.near)], each.near.max()
-    wrong = share > own + BETTER
+    wrong = share > own + RULES.better_partner
     if wrong.mean() > 0.5:
         k = int(np.argmax(share - own))
         raise ValueError(

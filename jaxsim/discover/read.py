@@ -12,14 +12,13 @@ import numpy as np
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.pairing import check_pairs
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 """What the simulated side may have besides range and intensity."""
-CONSECUTIVE_S = 2.0
-"""Frames nearer in time than this show the same street."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +56,24 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     grid, about = read_grid(simulated)
     other, about_measured = read_grid(measured)
     same_grid(grid, other, simulated, measured)
-    here, there = frame_names(simulated), frame_names(measured)
-    names = sorted(set(here) & set(there))
-    for folder, own in ((simulated, here), (measured, there)):
-        if not own:
+    names_simulated = frame_names(simulated)
+    names_measured = frame_names(measured)
+    names = sorted(set(names_simulated) & set(names_measured))
+    for folder, present in ((simulated, names_simulated), (measured, names_measured)):
+        if not present:
             raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
     if not names:
         raise ValueError(
-            f"discover: no frame of {simulated} ({', '.join(here[:3])} ...) has the name of one of {measured} "
-            f"({', '.join(there[:3])} ...); frames of the same name are compared"
+            f"discover: no frame of {simulated} ({', '.join(names_simulated[:3])} ...) has the name of one of "
+            f"{measured} ({', '.join(names_measured[:3])} ...); frames of the same name are compared"
         )
-    images, extra, sensed = [], [], []
+    images: list[PolarImage] = []
+    sensed: list[PolarImage] = []
+    extra: list[Mapping[str, np.ndarray]] = []
     for name in names:
-        image, more = read_frame(simulated, name)
+        image, rasters = read_frame(simulated, name)
         images.append(image)
-        extra.append(more)
+        extra.append(rasters)
         sensed.append(read_frame(measured, name)[0])
         if image.valid.shape != sensed[-1].valid.shape or image.valid.shape != (
             len(grid.elevation_rad),
@@ -92,7 +94,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         )
     check_pairs(names, images, sensed)
     all_or_none(simulated, names, extra)
-    notes = [*unpartnered(here, there), *flat(images, sensed)]
+    notes = [*unpartnered(names_simulated, names_measured), *constant_intensity(images, sensed)]
     facts = []
     for name in names:
         ours, theirs = about.get(name, {}), about_measured.get(name, {})
@@ -124,23 +126,24 @@ def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str,
             )
 
 
-def unpartnered(here: Sequence[str], there: Sequence[str]) -> list[str]:
+def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
     """A note on frames that only one folder has."""
-    alone = len({*here} ^ {*there})
+    alone = len({*simulated} ^ {*measured})
     return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
 
 
-def flat(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
     """A note where the simulated intensity is the same everywhere. Raises ValueError where the measured one is."""
-    levels = [_levels(side) for side in (measured, simulated)]
-    if levels[0][0] == levels[0][1]:
+    least, most = _levels(measured)
+    if least == most:
         raise ValueError(
-            f"discover: measured intensity is {levels[0][0]:g} everywhere; a sensor that reports none cannot be "
+            f"discover: measured intensity is {least:g} everywhere; a sensor that reports none cannot be "
             "compared: give what it measures (reflectivity, signal or intensity of its driver)"
         )
-    if levels[1][0] == levels[1][1]:
+    least, most = _levels(simulated)
+    if least == most:
         return [
-            f"simulated intensity is {levels[1][0]:g} everywhere: what differs between surfaces counts as noise or as "
+            f"simulated intensity is {least:g} everywhere: what differs between surfaces counts as noise or as "
             "reflectances, and effects on intensity are told less surely"
         ]
     return []
@@ -163,7 +166,7 @@ def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[
     )
     times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
     step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
-    if step < CONSECUTIVE_S:
+    if step < RULES.consecutive_s:
         note += (
             f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
             "intervals of this answer"
@@ -175,16 +178,16 @@ def plausible(name: str, image: PolarImage, side: str) -> None:
     """Raises ValueError for a frame that is empty, dark, or not in metres."""
     valid = np.asarray(image.valid)
     range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
-    if valid.mean() < 0.01:
+    if valid.mean() < RULES.fewest_returns:
         raise ValueError(
             f"discover: {side} frame {name} is empty: {valid.sum()} of {valid.size} rays returned; leave it out"
         )
-    if np.median(range_m) > 500:
+    if np.median(range_m) > RULES.farthest_m:
         raise ValueError(
             f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
             "millimetres by 1000, centimetres by 100"
         )
-    if np.median(range_m) < 0.3:
+    if np.median(range_m) < RULES.nearest_m:
         raise ValueError(
             f"discover: {side} frame {name} has a median range of {np.median(range_m):.3g}; ranges are metres: "
             "multiply kilometres by 1000"

@@ -99,9 +99,10 @@ class Rules:
     """Part of the way from the null to a fit at which scenes are asked whether they agree on its direction: they may
     disagree on its length."""
     sudden_nats: float = 12.0
-    """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without the test over scenes,"""
+    """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without the test over
+    scenes ..."""
     sudden_loss: float = 0.05
-    """if the others lose less than this share of what is gained in all."""
+    """... if the others lose less than this share of what is gained in all."""
     beam_rows: int = 3
     """Rows to each side over which beams' numbers are made smooth, to see what the beams gain beyond their rows."""
     alike_level: float = 0.10
@@ -124,6 +125,11 @@ class Rules:
     channel gain together ..."""
     curve_margin_nats: float = 10.0
     """... and so much more."""
+
+    shape_price: float = 0.1
+    """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
+    shape_unlike: float = 0.6
+    """Share of a free curve's variation, so counted, from which on no shape is near it."""
 
     # Add and show: parameters, and the gap on judge scenes.
     interval_widening: float = 1.4

@@ -116,7 +116,7 @@ def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
 
 
-def student_reach(scenes: int | Int[np.ndarray, "*k"]) -> np.ndarray:
+def student_reach(scenes: int | np.integer | Int[np.ndarray, "*k"]) -> float | Float[np.ndarray, "*k"]:
     """Standard errors to either side of a mean over so many scenes within which it lies at `Rules.interval_level`."""
     return student.ppf(0.5 + RULES.interval_level / 2, np.maximum(np.subtract(scenes, 1), 1))
 

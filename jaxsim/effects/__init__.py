@@ -1,7 +1,23 @@
-"""What light, optics and electronics do: laws on rays (`effect.py`), the 38 of them (`catalogue/`), chains of them."""
+"""What an ideal ray model leaves out: laws that light, optics, electronics and mounting follow, and their catalogue.
+
+In the order of reading:
+
+    rays.py         `Scan`, simulated frames; `Rays`, what each ray meets and what becomes of it
+    effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
+    catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
+    edits.py        the few ways in which laws change rays (clutter.py: early false returns)
+    recast.py       what rays meet that a law turned or moved (planes.py: the surfaces of a range image)
+    chain.py        `SensorModel`, effects applied in order: the content of sensor.json
+    draw.py         what the sensor then reports: one draw of all that is left to chance
+    scan.py         a `Scan` of frames as they are read from files
+    page.py         the catalogue in words, docs/effects.md
+
+    model = SensorModel((("beam_gain", {"gain": 0.1}), ("random_dropout", {"probability": 0.05})))
+    reported = model.simulate(scan_of(grid, images), jax.random.key(0))
+"""
 
 from jaxsim.effects.catalogue import EFFECTS, get_effect
-from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Parameter
+from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Law, Parameter
 from jaxsim.effects.rays import Rays, Scan, all_rays, rays_at
 from jaxsim.effects.scan import scan_of
 
@@ -11,6 +27,7 @@ __all__ = [
     "EFFECTS",
     "STAGES",
     "Effect",
+    "Law",
     "Parameter",
     "Rays",
     "Scan",

@@ -1,4 +1,5 @@
-"""A sensor model: effects in physical order, and what the sensor then reports."""
+"""A sensor model: effects with their parameters, applied to rays in physical order; read from and written to
+sensor.json."""
 
 from __future__ import annotations
 
@@ -14,21 +15,28 @@ import numpy as np
 
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.draw import sample
-from jaxsim.effects.effect import Effect, check_bounds, check_names, wrong_length
+from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
 from jaxsim.effects.rays import Array, Rays, Scan, all_rays
+from jaxsim.effects.recast import recast
 from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
 Value = float | tuple[float, ...]
-_PLACE = {name: place for place, name in enumerate(EFFECTS)}
+"""Of a parameter: a number, or one a beam or class."""
 
 
 @partial(jax.jit, static_argnames="effects")
 def apply_effects(effects: tuple[Effect, ...], values: tuple[dict[str, Array], ...], rays: Rays, scan: Scan) -> Rays:
     """Applies effects one after the other, each with its arrays of parameters; differentiable in these."""
     for effect, given in zip(effects, values, strict=True):
-        rays = effect.apply(given, rays, scan)
+        rays = apply_law(effect, given, rays, scan)
     return rays
+
+
+def apply_law(law: Law, p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+    """Applies one law; rays that it sends elsewhere meet the surfaces of the scan that are there."""
+    after = law.apply(p, rays)
+    return recast(after, scan, law.casts) if law.casts else after
 
 
 @dataclass(frozen=True)
@@ -40,11 +48,12 @@ class SensorModel:
     """
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
-    """Values are numbers, or a number a beam or class; kept as floats and tuples."""
+    """Names and values by parameter; values are kept as floats and tuples."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
-        object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: _PLACE[entry[0]])))
+        order = list(EFFECTS)
+        object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
         """Each effect's parameters as arrays for a sensor of so many beams.
@@ -71,6 +80,7 @@ class SensorModel:
         """All frames of a scan as the sensor reports them (host memory); frame k depends on the key and k alone."""
         images = []
         for k in range(scan.range_m.shape[0]):
+            # One frame at a time: the rays of a whole recording would not fit into memory.
             one = frame_of(scan, k)
             rays = self.apply(_all_rays(one), one)
             image = self.sample(jax.random.fold_in(key, k), rays, noise_m=noise_m, noise=noise)
@@ -121,7 +131,8 @@ def frame_of(scan: Scan, k: int) -> Scan:
 
 
 def _checked(effect: Effect, parameters: Mapping[str, Any]) -> dict[str, Value]:
-    """Plain numbers and tuples. Raises ValueError for names, bounds and lengths that cannot be right."""
+    """The parameters as plain numbers and tuples. Raises ValueError for names, bounds and lengths that cannot be
+    right."""
     check_names(effect, parameters)
     result: dict[str, Value] = {}
     for name, given in parameters.items():

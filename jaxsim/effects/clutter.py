@@ -13,7 +13,7 @@ from jaxsim.effects.rays import Array, Rays
 def add_clutter(
     rays: Rays, probability: Array, *, power: float, scale_m: Array, from_m: float, intensity: Array
 ) -> Rays:
-    """A false return with a probability, at a range of density r**power exp(-r / scale) from `from_m` on.
+    """Adds a false return with a probability, at a range of density r**power exp(-r / scale) from `from_m` on.
 
     A ray keeps one law of ranges: the likelier one, where several effects make clutter.
     """

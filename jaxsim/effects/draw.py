@@ -12,7 +12,7 @@ from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays
 from jaxsim.frame import PolarImage
 
 _NODES = 48
-"""Of the inverse distribution of clutter, even in log range."""
+"""Nodes at which the distribution of clutter is inverted, even in log range."""
 
 
 @partial(jax.jit, static_argnames="columns")
@@ -33,6 +33,7 @@ def sample(
         return jax.random.uniform(keys[k], shape)
 
     end_m = jnp.where(rays.hit, jnp.minimum(rays.range_m, CLUTTER_REACH_M), CLUTTER_REACH_M)
+    # Nine keys, one a draw, so that no draw depends on what another decides.
     early = (chance(0) < rays.clutter) & (end_m > rays.clutter_from_m)
     glare = (chance(1) < rays.ghost) & ~early
     surface = (jnp.log(jnp.maximum(chance(2), 1e-30)) < rays.log_keep) | (rays.log_keep >= 0)
@@ -45,6 +46,7 @@ def sample(
     spread = jnp.sqrt(jnp.square(rays.noise_m) + jnp.square(jnp.asarray(noise_m, jnp.float32)))
     reading = _rounded(reading + spread * jax.random.normal(keys[6], shape), rays.range_step_m)
 
+    # What comes of no surface has no surface's intensity.
     false = early | (glare & ~rays.hit)
     log_intensity = jnp.where(false, rays.clutter_log_intensity, rays.log_intensity)
     log_intensity = log_intensity + jnp.asarray(noise, jnp.float32) * jax.random.normal(keys[7], shape)
@@ -59,7 +61,8 @@ def sample(
 
 
 def clutter_range(chance: Float[Array, "*n"], rays: Rays, end_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The range below which that share of the rays' clutter lies: r**power exp(-r / scale) from `clutter_from_m`."""
+    """The range below which that share of the rays' clutter lies, of density r**power exp(-r / scale) from
+    `clutter_from_m` to `end_m`."""
     start = jnp.log(rays.clutter_from_m)
     width = jnp.maximum(jnp.log(end_m) - start, 1e-6)
     node = jnp.linspace(0.0, 1.0, _NODES).reshape((_NODES,) + (1,) * chance.ndim)
@@ -81,6 +84,6 @@ def clutter_range(chance: Float[Array, "*n"], rays: Rays, end_m: Float[Array, "*
 
 
 def _rounded(value: Float[Array, "*n"], step: Float[Array, ""]) -> Float[Array, "*n"]:
-    """To multiples of the step; 0 leaves it."""
+    """The value rounded to multiples of the step; a step of 0 leaves it."""
     safe = jnp.where(step > 0, step, 1.0)
     return jnp.where(step > 0, jnp.round(value / safe) * safe, value)

@@ -1,4 +1,4 @@
-"""What an effect is: parameters, one pure function on rays, and its row of the catalogue."""
+"""What a law is (parameters and one pure function on rays), and what the catalogue says of one: an `Effect`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import jax.numpy as jnp
 
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 STAGES = ("geometry", "surface", "path", "receiver", "detection", "ranging")
 """In physical order: effects of an earlier stage act first."""
@@ -44,28 +44,25 @@ class Parameter:
         return {"scalar": (), "row": (rows,), "class": (CLASSES,)}[self.shape]
 
 
-@dataclass(frozen=True, eq=False)
-class Effect:
-    """One thing that light, optics, electronics or mounting do and an ideal ray model leaves out.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Law:
+    """What becomes of rays, as a pure function of a few parameters.
 
-    Equal and hashed by name, so that it can be a static argument of a jitted function.
+    Laws are equal and hashed by name, so that they can be static arguments of jitted functions; two laws must not
+    share a name.
     """
 
     name: str
-    stage: str
-    title: str
-    formula: str
     parameters: dict[str, Parameter]
     channels: tuple[str, ...]
     """Of `CHANNELS`: what it changes."""
-    betrays: str
-    """The covariates that show it, in words."""
-    covariates: tuple[str, ...]
-    look_alikes: dict[str, str]
-    """Other effects by name, and what measurement tells them apart."""
-    source: str
-    apply: Callable[[dict[str, Array], Rays, Scan], Rays]
-    """Pure; differentiable in the parameters. At neutral parameters the rays come back unchanged."""
+    apply: Callable[[dict[str, Array], Rays], Rays]
+    """Gives the rays after it; differentiable in the parameters. At neutral parameters they come back unchanged."""
+    casts: int = 0
+    """How many times the surfaces are looked up that its rays meet (`recast`); 0 of a law that turns and moves no
+    ray."""
+    covariates: tuple[str, ...] = ()
+    """Of `COVARIATES`: what residuals depend on where it acts."""
     starts: tuple[dict[str, float], ...] = ()
     """Where fits begin if nothing can be learned at neutral; what is not named starts at neutral. Numbers stand
     for every beam or class."""
@@ -74,7 +71,7 @@ class Effect:
         return hash(self.name)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Effect) and other.name == self.name
+        return isinstance(other, Law) and other.name == self.name
 
     def values(self, given: Mapping[str, Any], rows: int) -> dict[str, Array]:
         """Parameters as float32 arrays of their shapes: `given` ones, numbers repeated for vectors, others neutral.
@@ -92,28 +89,45 @@ class Effect:
         return result
 
 
-def check_names(effect: Effect, given: Mapping[str, Any]) -> None:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Effect(Law):
+    """A law that light, optics, electronics or mounting follow and an ideal ray model leaves out, with its row of the
+    catalogue."""
+
+    stage: str
+    """Of `STAGES`."""
+    title: str
+    formula: str
+    signature: str
+    """How its covariates show it, in words."""
+    look_alikes: dict[str, str]
+    """Other effects by name, and what measurement tells them apart."""
+    source: str
+    """Where the formula, or the observation behind it, is published."""
+
+
+def check_names(law: Law, given: Mapping[str, Any]) -> None:
     """Raises ValueError for parameters that the effect does not have; it lists those that it has."""
-    unknown = sorted(set(given) - set(effect.parameters))
+    unknown = sorted(set(given) - set(law.parameters))
     if unknown:
-        raise ValueError(f"{effect.name} has no parameter {', '.join(unknown)}; it has {', '.join(effect.parameters)}")
+        raise ValueError(f"{law.name} has no parameter {', '.join(unknown)}; it has {', '.join(law.parameters)}")
 
 
-def check_bounds(effect: Effect, name: str, value: float) -> None:
+def check_bounds(law: Law, name: str, value: float) -> None:
     """Raises ValueError for a number outside the parameter's bounds."""
-    p = effect.parameters[name]
+    p = law.parameters[name]
     # Written and read numbers may have gone through float32.
     slack = 1e-6 * max(1.0, abs(p.low), abs(p.high))
     if not math.isfinite(value) or not p.low - slack <= value <= p.high + slack:
-        raise ValueError(f"{effect.name}: {name} is {value:g} {p.unit}; it must lie in {p.low:g}..{p.high:g} {p.unit}")
+        raise ValueError(f"{law.name}: {name} is {value:g} {p.unit}; it must lie in {p.low:g}..{p.high:g} {p.unit}")
 
 
-def wrong_length(effect: Effect, name: str, shape: tuple[int, ...], rows: int) -> str:
+def wrong_length(law: Law, name: str, shape: tuple[int, ...], rows: int) -> str:
     """The message for a value whose shape does not fit the sensor."""
-    p = effect.parameters[name]
+    p = law.parameters[name]
     right = {
         "scalar": "it is one number",
         "row": f"the sensor has {rows} beams: give {rows} numbers, top beam first, or one for all",
         "class": f"give {CLASSES} numbers, one a Cityscapes id 0..{CLASSES - 1}, or one for all",
     }[p.shape]
-    return f"{effect.name}: {name} has shape {shape}; {right}"
+    return f"{law.name}: {name} has shape {shape}; {right}"

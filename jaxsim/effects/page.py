@@ -9,14 +9,13 @@ from jaxsim.effects import EFFECTS, STAGES, Effect, Parameter
 INTRO = """# Catalogue of effects
 
 What light, optics, electronics and mounting do to an ideal ray's range and intensity: the names that
-`jaxsim discover` gives, and the entries of `sensor.json` that `jaxsim simulate --sensor` applies. This page is
+`jaxsim discover` gives, and the entries of `sensor.json` that `jaxsim simulate --effects` applies. This page is
 made by `python -m jaxsim.effects.page > docs/effects.md` from the code; `jaxsim effects NAME` prints one entry.
 
 r range (m), θ incidence angle, I reported intensity (0..1), P received power (ln P = ln I − 2 ln(r / 10 m) before
 any effect), az azimuth, u place within the scan (0 first fired, 1 last), keep the probability that the surface's
-echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/`: its
-parameters, one differentiable function on `Rays`, its row here; add it to `EFFECTS` in
-`jaxsim/effects/__init__.py`.
+echo is reported. Effects act in the order of this page. An effect is one file of `jaxsim/effects/catalogue/`: its
+parameters, one differentiable function on `Rays`, its text on this page. CONTRIBUTING.md shows how to add one.
 
 A sensor model is a `sensor.json`:
 
@@ -36,7 +35,7 @@ STAGE_WORDS = {
 
 
 def table() -> str:
-    """One line an effect: name, stage, channels, title."""
+    """The list of effects, a line each: name, stage, channels, title."""
     rows = [("name", "stage", "channels", "")]
     rows += [(e.name, e.stage, ", ".join(e.channels), e.title) for e in EFFECTS.values()]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
@@ -49,7 +48,7 @@ def describe(effect: Effect) -> str:
     lines += [f"  {effect.formula}", "", "parameters"]
     width = max(map(len, effect.parameters))
     lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
-    lines += ["", "betrays itself", f"  {effect.betrays}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    lines += ["", "signature", f"  {effect.signature}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
     lines += ["", "look-alikes, and what tells them apart"]
     lines += [f"  {other}: {how}" for other, how in effect.look_alikes.items()]
     return "\n".join([*lines, "", f"source: {effect.source}"])
@@ -65,12 +64,12 @@ def in_words(p: Parameter) -> str:
 
 
 def number(value: float) -> str:
-    """Short, with pi by name."""
+    """A number in few digits, with pi by name."""
     return {math.pi: "π", -math.pi: "−π"}.get(value, f"{value:g}")
 
 
 def page() -> str:
-    """docs/effects.md."""
+    """The whole of docs/effects.md."""
     parts = [INTRO]
     for stage in STAGES:
         parts.append(f"\n## {stage.capitalize()}: {STAGE_WORDS[stage]}\n")
@@ -79,6 +78,7 @@ def page() -> str:
 
 
 def _entry(effect: Effect) -> str:
+    """An effect's part of the page."""
     parameters = "\n".join(f"- `{name}`: {in_words(p)}" for name, p in effect.parameters.items())
     others = "\n".join(f"- `{other}`: {how}." for other, how in effect.look_alikes.items())
     return f"""
@@ -92,7 +92,7 @@ def _entry(effect: Effect) -> str:
 
 {parameters}
 
-{effect.betrays}
+{effect.signature}
 
 Look-alikes:
 

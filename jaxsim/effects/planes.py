@@ -26,13 +26,13 @@ _NEAR, _BEYOND = slice(1, 5), slice(5, 9)
 
 
 def on_turn(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:
-    """Columns past the border: those on the other side of a full turn, else the border's."""
+    """Columns that lie in the image: past the border of a full turn those of its other side, else the border's."""
     return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
 
 
 @jax.jit
 def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r c"]) -> Float[Array, "r c 2"]:
-    """u and v of every cell, from those neighbours that continue its plane.
+    """The slopes u and v of every cell's surface, from those neighbours that continue its plane.
 
     To each side the next cell gives a slope and the one after tells whether it is the same plane's. Weights as in
     WENO schemes: a corner takes the slope of its own side, a lone pole none.
@@ -40,22 +40,23 @@ def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r
     rows, columns = range_m.shape
     azimuth, elevation = grid.azimuth_rad, grid.elevation_rad
     row, column = jnp.meshgrid(jnp.arange(rows), jnp.arange(columns), indexing="ij")
-    down, right = (jnp.asarray(d)[:, None, None] for d in (_DOWN, _RIGHT))
+    down = jnp.asarray(_DOWN)[:, None, None]
+    right = jnp.asarray(_RIGHT)[:, None, None]
     i = jnp.clip(row[None] + down, 0, rows - 1)
     j = on_turn(column[None] + right, columns, spans_turn(grid))
-    there = hit[i, j]
-    far = jnp.where(there, range_m[i, j], jnp.inf)
-    r = jnp.where(there[0], far[0], 1.0)
+    returned = hit[i, j]
+    far = jnp.where(returned, range_m[i, j], jnp.inf)
+    r = jnp.where(returned[0], far[0], 1.0)
     # Neighbours past a border repeat the border.
-    valid = there & there[:1]
+    valid = returned & returned[:1]
     valid = valid & ((i != row[None]) | (j != column[None]))
     continued = valid[_BEYOND] & ((i[_BEYOND] != i[_NEAR]) | (j[_BEYOND] != j[_NEAR]))
-    ratio = r[None] / jnp.where(there, far, 1.0)
+    ratio = r[None] / jnp.where(returned, far, 1.0)
     e = elevation[row][None]
     de, da = elevation[i] - e, wrapped(azimuth[j] - azimuth[column][None])
 
     def slope(near: slice, beyond: slice, even: Array, odd: Array) -> Array:
-        """Of a neighbour, ratio = even + slope * odd on a plane."""
+        """The slope that near and far neighbours give: on a plane a neighbour's ratio is even + slope * odd."""
         value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
         rough = ratio[beyond] - even[beyond] - value * odd[beyond]
         rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])

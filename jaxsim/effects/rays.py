@@ -6,16 +6,12 @@ Shapes: a `Scan` holds whole frames (f frames, r rows, c columns); `Rays` are an
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.frame import PolarGrid
-
-Array = Any
+from jaxsim.frame import Array, PolarGrid
 
 REFERENCE_M = 10.0
 """Range at which power and intensity agree."""
@@ -46,7 +42,7 @@ class Scan:
     glare_rad: Float[Array, "f r c"]
     """Angle to it; pi where there is none within 0.3 rad."""
     slopes: Float[Array, "f r c 2"]
-    """Of the surfaces, to the left and up: `planes.slopes_of` says them of `range_m` and `hit`."""
+    """Slopes of the surfaces to the left and up: what `planes.slopes_of` makes of `range_m` and `hit`."""
     time_s: Float[Array, " f"]
     """Since the first frame of the recording."""
     speed_mps: Float[Array, " f"]
@@ -93,11 +89,11 @@ class Rays:
     # What becomes of it
     log_intensity: Float[Array, "*n"]
     log_power: Float[Array, "*n"]
-    """Received; at REFERENCE_M it equals the reported intensity."""
+    """Logarithm of the received power; at REFERENCE_M it equals that of the reported intensity."""
     log_power_sd: Float[Array, "*n"]
-    """By which the received power may be another, nats: 0 in a simulation, whose power is the power."""
+    """Standard deviation of the logarithm of the received power, nats: 0 in a simulation, which knows its power."""
     log_keep: Float[Array, "*n"]
-    """Of the probability that the surface's echo is reported, 0 = certain."""
+    """Logarithm of the probability that the surface's echo is reported; 0 is certain."""
     column_loss: Float[Array, "*n"]
     """Probability that the ray's whole column is lost."""
     reading_m: Float[Array, "*n"]
@@ -122,6 +118,9 @@ class Rays:
     intensity_top: Float[Array, ""]
     """Reported intensity ends here."""
     range_step_m: Float[Array, ""]
+
+    basis: Float[Array, "*n k"] | None = None
+    """Columns of which a free curve along some covariate is made; None where no such curve is fitted."""
 
 
 CLUTTER_REACH_M = 100.0

@@ -7,8 +7,7 @@ t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevation
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -27,41 +26,6 @@ FAR_M = 200.0
 
 
 @struct.dataclass
-class Displacement:
-    """Of rays from where they are."""
-
-    turned_rad: Float[Array, "*n 2"]
-    """Azimuth and elevation."""
-    moved_m: Float[Array, "*n 3"]
-    """Origin, in `velo`."""
-
-
-def displacement(
-    rays: Rays,
-    *,
-    turn_rad: tuple[Float[Array, "*n"], Float[Array, "*n"]] | None = None,
-    move_m: tuple[Float[Array, "*n"], Float[Array, "*n"], Float[Array, "*n"]] | None = None,
-) -> Displacement:
-    """From its parts; those that are not given are 0."""
-    turned = jnp.zeros_like(rays.turned_rad) if turn_rad is None else jnp.stack(turn_rad, axis=-1)
-    moved = jnp.zeros_like(rays.moved_m) if move_m is None else jnp.stack(move_m, axis=-1)
-    return Displacement(turned, moved)
-
-
-@dataclass(frozen=True)
-class Displaced:
-    """The function of an effect of geometry: rays are displaced, and cast again."""
-
-    displace: Callable[[dict[str, Array], Rays], Displacement]
-    """Of the effect's parameters: small, while the cast, the same for all, takes long to compile."""
-    passes: int = 3
-    """Of `recast`."""
-
-    def __call__(self, p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
-        return recast(rays, scan, self.displace(p, rays), self.passes)
-
-
-@struct.dataclass
 class _Surface:
     """The cells that rays meet and the planes through them."""
 
@@ -73,14 +37,14 @@ class _Surface:
     v: Float[Array, "*n"]
 
 
-def recast(rays: Rays, scan: Scan, by: Displacement, passes: int | Int[Array, ""] = 3) -> Rays:
-    """Turns rays further and moves their origins, and meets the new surface.
+def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
+    """Meets the surfaces to which rays were turned and moved (`edits.displace`).
 
     Differentiable within a cell. The cell is looked up `passes` times, each time where the ray met the last one's
     plane; one is enough where no origin ever moved. Intensity follows the change of angle within the cell by
     Lambert's law.
     """
-    turned, moved = rays.turned_rad + by.turned_rad, rays.moved_m + by.moved_m
+    turned, moved = rays.turned_rad, rays.moved_m
     # Which cell is met has no derivative.
     held_turn, held_move = jax.lax.stop_gradient(turned), jax.lax.stop_gradient(moved)
 
@@ -91,10 +55,12 @@ def recast(rays: Rays, scan: Scan, by: Displacement, passes: int | Int[Array, ""
     cell = _look_up(rays, scan, held_turn, held_move, jnp.full(rays.range_m.shape, jnp.inf))
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
     surface = _surface(scan, rays.frame, row, column)
-    here = inside[..., None]
-    turn, move = (jnp.where(here, x, jnp.zeros_like(x)) for x in (turned, moved))
+    # Rays that keep their own surface are not displaced on it either.
+    known = inside[..., None]
+    turn = jnp.where(known, turned, jnp.zeros_like(turned))
+    move = jnp.where(known, moved, jnp.zeros_like(moved))
     met, _ = _meet(rays, scan, surface, turn, move)
-    return replace(_place(rays, scan, surface, met, turn), turned_rad=turned, moved_m=moved)
+    return _place(rays, scan, surface, met, turn)
 
 
 def _look_up(
@@ -119,11 +85,12 @@ def _look_up(
     )
     row = jnp.clip(jnp.round(down).astype(jnp.int32), 0, rows - 1)
     column = on_turn(jnp.round(across).astype(jnp.int32), columns, full)
+    # A ray that leaves the image keeps its own surface: nothing is known of what else it may meet.
     return jnp.where(inside, row, rays.row), jnp.where(inside, column, rays.column), inside
 
 
 def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"]) -> Float[Array, "*n"]:
-    """Row as a float, linear between beams and beyond them."""
+    """The row of an elevation as a float, linear between beams and beyond them."""
     count = beams_rad.shape[0]
     beyond = 4.0 * BORDER
     first = beams_rad[:1] + beyond * (beams_rad[:1] - beams_rad[1:2])
@@ -136,16 +103,18 @@ def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"])
 
 
 def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> _Surface:
+    """The surfaces of cells."""
     at = (frame, row, column)
     slopes, hit = scan.slopes[at], scan.hit[at]
     return _Surface(row, column, hit, jnp.where(hit, scan.range_m[at], 0.0), slopes[..., 0], slopes[..., 1])
 
 
 def _beside(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> Array:
-    """`Rays.beside_m` of cells."""
+    """The ranges of cells' neighbours, as `Rays.beside_m` holds them."""
     rows, columns = scan.range_m.shape[1:]
     to = [1] * row.ndim
-    down, right = (jnp.array(d, jnp.int32).reshape(*to, 4) for d in ([0, 0, -1, 1], [-1, 1, 0, 0]))
+    down = jnp.array([0, 0, -1, 1], jnp.int32).reshape(*to, 4)
+    right = jnp.array([-1, 1, 0, 0], jnp.int32).reshape(*to, 4)
     i = jnp.clip(row[..., None] + down, 0, rows - 1)
     at = (frame[..., None], i, on_turn(column[..., None] + right, columns, spans_turn(scan.grid)))
     return jnp.where(scan.hit[at], scan.range_m[at], jnp.inf)
@@ -170,8 +139,10 @@ def _meet(
     )
     x, y = moved[..., 0], moved[..., 1]
     z = moved[..., 2] + grid.origin_m[rays.row] - grid.origin_m[s.row]
-    ahead, left = x * jnp.cos(a) + y * jnp.sin(a), y * jnp.cos(a) - x * jnp.sin(a)
+    ahead = x * jnp.cos(a) + y * jnp.sin(a)
+    left = y * jnp.cos(a) - x * jnp.sin(a)
     o = (ahead * jnp.cos(e) + z * jnp.sin(e), left, z * jnp.cos(e) - ahead * jnp.sin(e))
+    # The clips bind on surfaces seen edge on alone, where a plane says nothing of the range.
     towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], 0.3, 3.0)
     safe = jnp.where(s.hit, s.range_m, 1.0)
     share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, 0.3, 3.0)
@@ -189,14 +160,17 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn:
     own = (rays.frame, rays.row, rays.column)
     same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
     same = same & (scan.instance[at] == scan.instance[own])
-    cell = tuple(jnp.where(same, mine, theirs) for mine, theirs in zip(own[1:], at[1:], strict=True))
-    _, cosine = _meet(rays, scan, _surface(scan, rays.frame, *cell), turn, jnp.zeros_like(rays.moved_m))
-    angle, intensity = (raster[rays.frame, *cell] for raster in (scan.incidence_rad, scan.intensity))
+    row = jnp.where(same, rays.row, s.row)
+    column = jnp.where(same, rays.column, s.column)
+    _, cosine = _meet(rays, scan, _surface(scan, rays.frame, row, column), turn, jnp.zeros_like(rays.moved_m))
+    angle = scan.incidence_rad[rays.frame, row, column]
+    intensity = scan.intensity[rays.frame, row, column]
     # First order in the cosine; the arccosine has no derivative head on.
     angle = jnp.clip(angle - (cosine - 1) * jnp.cos(angle) / jnp.maximum(jnp.sin(angle), 0.1), 0.0, 1.5708)
     met = jnp.log(jnp.maximum(intensity, FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
     brighter = met - rays.met_log_intensity
-    spread = 2 * jnp.log(_held(range_m) / _held(rays.range_m))
+    # Power falls with the square of range.
+    spread = 2 * jnp.log(_over_reference(range_m) / _over_reference(rays.range_m))
     return replace(
         rays,
         hit=s.hit,
@@ -215,5 +189,6 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn:
     )
 
 
-def _held(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
+def _over_reference(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Range over the reference range, kept positive."""
     return jnp.maximum(range_m, 0.1) / REFERENCE_M

@@ -57,6 +57,7 @@ def scan_of(
 
 
 def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.ndarray:
+    """A number of every frame; 0 where none has it."""
     given = [entry.get(key) for entry in about]
     if any(value is None for value in given) and any(value is not None for value in given):
         raise ValueError(f"scan_of: {key} is given for some frames and not for others; give it for all or none")
@@ -102,7 +103,8 @@ def _incidence(
     grid: PolarGrid, number: int, range_m: np.ndarray, hit: np.ndarray, given: np.ndarray | None
 ) -> Float[np.ndarray, "r c"]:
     if given is None:
-        angle, known = (np.asarray(x) for x in incidence(range_m, hit, grid))
+        angle, known = incidence(range_m, hit, grid)
+        angle, known = np.asarray(angle), np.asarray(known)
         # A cell without neighbours, on a pole or at a border, may face anywhere.
         return np.where(known, angle, np.median(angle[known]) if known.any() else 0).astype(np.float32)
     angle = np.asarray(given, np.float32)
@@ -116,7 +118,7 @@ def _incidence(
 
 
 def _phase(shape: tuple[int, int], hit: np.ndarray, time_s: np.ndarray | None) -> Float[np.ndarray, "r c"]:
-    """Place within the scan: by the files' times from first to last, else by column from left to right."""
+    """The place within the scan, 0..1: by the files' times from first to last, else by column from left to right."""
     if time_s is not None:
         t = np.asarray(time_s, np.float64)
         known = hit & np.isfinite(t)
@@ -130,7 +132,7 @@ def _phase(shape: tuple[int, int], hit: np.ndarray, time_s: np.ndarray | None) -
 def nearest_glare(
     grid: PolarGrid, range_m: Float[Array, "r c"], bright: Bool[Array, "r c"]
 ) -> tuple[Float[np.ndarray, "r c"], Float[np.ndarray, "r c"]]:
-    """Range of the nearest bright target by angle and the angle to it; pi where there is none within 0.3 rad.
+    """The range of the nearest bright target by angle, and the angle to it; pi where there is none within 0.3 rad.
 
     Exact and separable: first the nearest bright row of each column, then the nearest such column.
     """

@@ -25,7 +25,9 @@ from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
-from jaxsim.runs.run import Checkpoints, DetectorRun, load_run
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import load_run
 
 STEP_POINTS = 8192
 """Clouds are filled up to multiples of this, so that few sizes are compiled."""

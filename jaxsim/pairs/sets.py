@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
-from jaxsim.data.pair_settings import differences, pair_settings
+from jaxsim.data.pair_settings import pair_settings
 from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
-from jaxsim.files import hold, let_go, replacing
+from jaxsim.files import claim, lock, unlock
 from jaxsim.pairs.beam import make_by_beam
 from jaxsim.pairs.prepared import fingerprint
 from jaxsim.pairs.shards import Job, make_all, read_note, write_shard
@@ -50,7 +50,7 @@ def make_set(
     dataset = open_dataset(data)
     splits = choose(dataset, data.kind, train, evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
-    hold(Path(out), doing="writing to", instead="another --out")
+    lock(Path(out), doing="writing to", instead="another --out")
     try:
         if (folder / "dataset_info.json").is_file():
             _check_finished(folder, data, prepare, splits)
@@ -60,7 +60,7 @@ def make_set(
             job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
             _make(folder, dataset, job, splits, size=size, workers=workers, beam=beam)
     finally:
-        let_go(Path(out))
+        unlock(Path(out))
     return folder
 
 
@@ -78,7 +78,7 @@ def _make(
     if job.scan:
         check_networks(job.prepare)
     making = folder.with_name(folder.name + MAKING)
-    _settle_plan(making, job, splits, size)
+    _claim_plan(making, job, splits, size)
 
     # Files: those that an earlier command made stay as they are.
     shards = cut(splits, size)
@@ -125,53 +125,37 @@ def _counted(pair: Any, bar: tqdm[Any]) -> Any:
     return pair
 
 
-def _settle_plan(making: Path, job: Job, splits: dict[str, list[int]], size: int) -> None:
+def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], size: int) -> None:
     """Keeps what the files of `making` are made of. Raises ValueError where they are made of something else."""
-    now = {
+    plan = {
         **pair_settings(job.data, job.prepare),
         "code": fingerprint(job.data, job.prepare),
         "splits": splits,
         "pairs-a-file": size,
     }
-    path = making / "plan.json"
-    if path.is_file():
-        was = json.loads(path.read_text())
-        other = _other(was, now)
-        if not other and was["code"] != now["code"]:
-            other = ["jaxsim's code was another"]
-        if other:
-            raise ValueError(
-                f"prepare: {making} was begun with other settings ({'; '.join(other)}); give those again to go on, "
-                "another --out, or delete the folder"
-            )
-        return
-    with replacing(path) as part:
-        part.write_text(json.dumps(now))
+    claim(
+        making / "plan.json",
+        _flat(plan),
+        by="prepare",
+        text=json.dumps(plan),
+        read=lambda record: _flat(json.loads(record)),
+        note="code is the fingerprint of jaxsim's own; to go on, give the settings that it was begun with",
+    )
 
 
 def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, splits: dict[str, list[int]]) -> None:
     """Raises ValueError where a finished set is not of these settings and frames."""
-    was = ABOUT.validate_json((folder / "metadata.json").read_bytes())
-    kept = {name: list(split.positions) for name, split in was.splits.items()}
-    other = _other({**was.settings, "splits": kept}, {**pair_settings(data, prepare), "splits": splits})
-    if other:
-        raise ValueError(
-            f"prepare: {folder} holds a set of other settings ({'; '.join(other)}); give another --out, or delete it"
-        )
+
+    def read(record: bytes) -> dict[str, Any]:
+        about = ABOUT.validate_json(record)
+        return about.settings | {name: list(split.positions) for name, split in about.splits.items()}
+
+    claim(folder / "metadata.json", {**pair_settings(data, prepare), **splits}, by="prepare", read=read)
 
 
-def _other(was: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """In words, in what two plans differ."""
-    texts = list(differences({**was, "splits": 0, "code": 0}, {**now, "splits": 0, "code": 0}))
-    for name in ("train", "eval"):
-        old, new = (plan["splits"].get(name, []) for plan in (was, now))
-        if old != new:
-            texts.append(f"--{name} was {_brief(old)}, now {_brief(new)}")
-    return texts
-
-
-def _brief(positions: Sequence[int]) -> str:
-    return f"{len(positions)} frames ({positions[0]} ... {positions[-1]})" if positions else "none"
+def _flat(plan: dict[str, Any]) -> dict[str, Any]:
+    """A plan with its splits by the names of their flags."""
+    return {name: value for name, value in plan.items() if name != "splits"} | plan["splits"]
 
 
 def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], making: Path) -> About:

@@ -5,7 +5,7 @@ from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.frames import depth_picture, pair_picture, simulated_picture
 from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
-from jaxsim.report.scores import list_scores, score_table, write_card, write_detector_card, write_list, write_scores
+from jaxsim.report.scores import list_scores, score_table, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
@@ -24,9 +24,7 @@ __all__ = [
     "simulated_picture",
     "strip",
     "verdict_sentence",
-    "write_card",
     "write_detection",
-    "write_detector_card",
     "write_list",
     "write_report",
     "write_scores",

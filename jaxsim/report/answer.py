@@ -44,7 +44,7 @@ def _effect(named: Named, draw: Draw) -> str:
         parts.append(table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2))
     for name, values in named.parameters.items():
         if not isinstance(values, Interval):
-            parts.append(_vector(named, name, values, draw))
+            parts.append(_vector(named, name, values, draw=draw))
     for other in named.look_alikes:
         apart = named.tell_apart.get(other) or "no measurement is known"
         head = f"<b>Could also be <code>{escape(other)}</code>.</b> To tell them apart: "
@@ -75,7 +75,7 @@ def _neutral(named: Named, name: str) -> str:
     return number(known.neutral) if known else "–"
 
 
-def _vector(named: Named, name: str, values: Sequence[Interval], draw: Draw) -> str:
+def _vector(named: Named, name: str, values: Sequence[Interval], *, draw: Draw) -> str:
     """One interval a beam or class, as a chart."""
     known, unit = _parameter(named.name, name), values[0].unit if values else ""
     neutral = known.neutral if known else 0.0

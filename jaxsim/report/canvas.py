@@ -12,6 +12,8 @@ from jaxtyping import Float, UInt8
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 Points = Float[np.ndarray, "n 2"]
+Length = float | int
+"""Pixels, whole or not."""
 
 INK = "#222222"
 FAINT = "#6b6b6b"
@@ -26,42 +28,42 @@ _PLAIN = {"−": "-", "°": " deg", "·": "*", "–": "-", "±": "+-", "θ": "th
 class _Stroke:
     points: Points
     colour: str
-    width: float
+    width: Length
 
 
 @dataclass(frozen=True)
 class _Area:
     points: Points
     colour: str
-    opacity: float
+    opacity: Length
 
 
 @dataclass(frozen=True)
 class _Dot:
-    x: float
-    y: float
-    radius: float
+    x: Length
+    y: Length
+    radius: Length
     colour: str
     filled: bool
 
 
 @dataclass(frozen=True)
 class _Text:
-    x: float
-    y: float
+    x: Length
+    y: Length
     text: str
     anchor: str
     colour: str
-    size: float
+    size: Length
     turned: bool
 
 
 @dataclass(frozen=True)
 class _Raster:
-    x: float
-    y: float
-    width: float
-    height: float
+    x: Length
+    y: Length
+    width: Length
+    height: Length
     rgb: Rgb
 
 
@@ -73,30 +75,31 @@ class Canvas:
     height: int
     strokes: list[_Stroke | _Area | _Dot | _Text | _Raster] = field(default_factory=list)
 
-    def line(self, points: object, *, colour: str = INK, width: float = 1.0) -> None:
+    def line(self, points: object, *, colour: str = INK, width: Length = 1.0) -> None:
         self.strokes.append(_Stroke(np.asarray(points, float).reshape(-1, 2), colour, width))
 
-    def area(self, points: object, *, colour: str, opacity: float = 1.0) -> None:
+    def area(self, points: object, *, colour: str, opacity: Length = 1.0) -> None:
         self.strokes.append(_Area(np.asarray(points, float).reshape(-1, 2), colour, opacity))
 
-    def dot(self, x: float, y: float, *, colour: str = INK, radius: float = 2.5, hollow: bool = False) -> None:
+    def dot(self, x: Length, y: Length, *, colour: str = INK, radius: Length = 2.5, hollow: bool = False) -> None:
         self.strokes.append(_Dot(x, y, radius, colour, not hollow))
 
     def text(
         self,
-        x: float,
-        y: float,
+        x: Length,
+        y: Length,
         text: str,
         *,
         anchor: str = "start",
         colour: str = INK,
-        size: float = 12,
+        size: Length = 12,
         turned: bool = False,
     ) -> None:
         """`y` is the baseline; `anchor` start, middle or end; `turned` reads upwards."""
         self.strokes.append(_Text(x, y, text, anchor, colour, size, turned))
 
-    def raster(self, x: float, y: float, width: float, height: float, rgb: Rgb) -> None:
+    def raster(self, rgb: Rgb, *, x: Length, y: Length, width: Length, height: Length) -> None:
+        """A picture stretched over a rectangle, its cells kept square-edged."""
         self.strokes.append(_Raster(x, y, width, height, rgb))
 
     def svg(self, label: str) -> str:

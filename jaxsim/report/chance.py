@@ -8,7 +8,8 @@ from jaxsim.report.charts import label, ticks
 from jaxsim.report.page import Draw, paragraph, section
 from jaxsim.report.words import number
 
-LEFT, RIGHT, BOTTOM = 96, 700, 112
+LEFT, RIGHT = 96, 700
+BOTTOM = 112
 FAN = 4.0
 """Pixels between neighbours of a row, in turn up and down, so that equal gains do not hide one another."""
 

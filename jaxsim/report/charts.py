@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, INK, RULE, Canvas, Rgb
+from jaxsim.report.canvas import AFTER, FAINT, INK, RULE, Canvas, Length, Rgb
 
 Map = Float[np.ndarray, "r c"]
 Line = Float[np.ndarray, " k"]
@@ -28,16 +27,16 @@ SHARE_SHOWN = 98
 
 def diverging(value: Map, limit: float) -> Rgb:
     """Values in -limit..limit in blue, white, red; grey where there is none."""
-    place = np.clip(np.nan_to_num(value) / limit, -1, 1) * 0.5 + 0.5
-    at = np.linspace(0, 1, len(ANCHORS))
-    rgb = np.stack([np.interp(place, at, ANCHORS[:, k]) for k in range(3)], axis=-1)
+    share = np.clip(np.nan_to_num(value) / limit, -1, 1) * 0.5 + 0.5
+    anchors = np.linspace(0, 1, len(ANCHORS))
+    rgb = np.stack([np.interp(share, anchors, ANCHORS[:, k]) for k in range(3)], axis=-1)
     return np.where(np.isfinite(value)[..., None], np.round(rgb), NOTHING).astype(np.uint8)
 
 
-def ticks(low: float, high: float, count: int = 5, *, whole: bool = False) -> list[float]:
+def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> list[float]:
     """Round numbers within low..high, about `count` of them; `whole` ones for rows and classes."""
     if not high > low:
-        return [low]
+        return [float(low)]
     raw = (high - low) / count
     base = 10 ** math.floor(math.log10(raw))
     step = base * next(m for m in (1, 2, 2.5, 5, 10) if m * base >= raw * 0.999 and not (whole and m == 2.5))
@@ -46,7 +45,7 @@ def ticks(low: float, high: float, count: int = 5, *, whole: bool = False) -> li
     return [round(k * step, 12) + 0.0 for k in range(first, math.floor(high / step + 1e-9) + 1)]
 
 
-def label(value: float) -> str:
+def label(value: Length) -> str:
     return f"{value:.6g}".replace("-", "−")
 
 
@@ -57,27 +56,27 @@ def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str
         return None
     rows, columns = maps[0][1].shape
     height = int(np.clip(MAP_WIDTH * rows / columns * 1.8, 120, 240))
-    left, top = 52, 24
-    canvas = Canvas(left + len(maps) * (MAP_WIDTH + 22) + 88, height + 66)
-    for name, values in maps:
-        canvas.text(left, top - 8, name, size=13)
-        canvas.raster(left, top, MAP_WIDTH, height, diverging(values, limit))
-        _frame(canvas, left, top, MAP_WIDTH, height)
-        for place, text in azimuth_ticks(grid):
-            x = left + place * MAP_WIDTH
-            canvas.line([(x, top + height), (x, top + height + 4)], colour=FAINT)
+    margin, top = 52, 24
+    canvas = Canvas(margin + len(maps) * (MAP_WIDTH + 22) + 88, height + 66)
+    for k, (name, values) in enumerate(maps):
+        x = margin + k * (MAP_WIDTH + 22)
+        canvas.text(x, top - 8, name, size=13)
+        canvas.raster(diverging(values, limit), x=x, y=top, width=MAP_WIDTH, height=height)
+        _frame(canvas, x=x, y=top, width=MAP_WIDTH, height=height)
+        for share, text in azimuth_ticks(grid):
+            across = x + share * MAP_WIDTH
+            canvas.line([(across, top + height), (across, top + height + 4)], colour=FAINT)
             # Labels at the rim stay inside it: the next map's begin there.
-            anchor = "start" if place < 0.03 else "end" if place > 0.97 else "middle"
-            canvas.text(x, top + height + 17, text, anchor=anchor, size=11, colour=FAINT)
-        canvas.text(left + MAP_WIDTH / 2, top + height + 34, "azimuth, °", anchor="middle", size=11, colour=FAINT)
+            anchor = "start" if share < 0.03 else "end" if share > 0.97 else "middle"
+            canvas.text(across, top + height + 17, text, anchor=anchor, size=11, colour=FAINT)
+        canvas.text(x + MAP_WIDTH / 2, top + height + 34, "azimuth, °", anchor="middle", size=11, colour=FAINT)
         for row in ticks(0, rows - 1, 4, whole=True):
             y = top + (row + 0.5) / rows * height
-            canvas.line([(left - 4, y), (left, y)], colour=FAINT)
-            if left == 52:
-                canvas.text(left - 7, y + 4, label(row), anchor="end", size=11, colour=FAINT)
-        left += MAP_WIDTH + 22
+            canvas.line([(x - 4, y), (x, y)], colour=FAINT)
+            if k == 0:
+                canvas.text(x - 7, y + 4, label(row), anchor="end", size=11, colour=FAINT)
     canvas.text(14, top + height / 2, "row", anchor="middle", size=11, colour=FAINT, turned=True)
-    _colour_bar(canvas, left, top, height, limit, unit)
+    _colour_bar(canvas, limit, unit, x=margin + len(maps) * (MAP_WIDTH + 22), top=top, height=height)
     return canvas
 
 
@@ -91,21 +90,21 @@ def colour_limit(maps: Sequence[Map]) -> float | None:
 
 
 def azimuth_ticks(grid: PolarGrid) -> list[tuple[float, str]]:
-    """Place (0..1 along the columns) and degrees of round azimuths."""
+    """Round azimuths: the share (0..1) of the columns at which each lies, and its degrees as text."""
     azimuth = np.rad2deg(np.unwrap(np.asarray(grid.azimuth_rad, float)))
     columns = np.arange(len(azimuth))
     order = np.argsort(azimuth)
     wide = azimuth.max() - azimuth.min()
     values = [90.0 * k for k in range(-8, 9)] if wide > 200 else ticks(azimuth.min(), azimuth.max(), 5)
     inside = [v for v in values if azimuth.min() - 0.5 <= v <= azimuth.max() + 0.5]
-    at = [(float(np.interp(v, azimuth[order], columns[order])) + 0.5) / len(azimuth) for v in inside]
-    return [(place, label(v)) for place, v in zip(at, inside, strict=True)]
+    shares = [(float(np.interp(v, azimuth[order], columns[order])) + 0.5) / len(azimuth) for v in inside]
+    return [(share, label(v)) for share, v in zip(shares, inside, strict=True)]
 
 
-def _colour_bar(canvas: Canvas, x: float, top: float, height: float, limit: float, unit: str) -> None:
+def _colour_bar(canvas: Canvas, limit: float, unit: str, *, x: Length, top: Length, height: Length) -> None:
     scale = np.linspace(limit, -limit, 128)[:, None]
-    canvas.raster(x, top, 14, height, diverging(scale, limit))
-    _frame(canvas, x, top, 14, height)
+    canvas.raster(diverging(scale, limit), x=x, y=top, width=14, height=height)
+    _frame(canvas, x=x, y=top, width=14, height=height)
     for value in ticks(-limit, limit, 4):
         y = top + (limit - value) / (2 * limit) * height
         canvas.line([(x + 14, y), (x + 18, y)], colour=FAINT)
@@ -113,28 +112,29 @@ def _colour_bar(canvas: Canvas, x: float, top: float, height: float, limit: floa
     canvas.text(x + 74, top + height / 2, unit, anchor="middle", size=11, colour=FAINT, turned=True)
 
 
-def _frame(canvas: Canvas, left: float, top: float, width: float, height: float) -> None:
-    right, bottom = left + width, top + height
-    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+def _frame(canvas: Canvas, *, x: Length, y: Length, width: Length, height: Length) -> None:
+    right, bottom = x + width, y + height
+    corners = [(x, y), (right, y), (right, bottom), (x, bottom), (x, y)]
     canvas.line(corners, colour=FAINT, width=0.75)
 
 
-Place = Callable[[Any], Any]
-"""From values to pixels: numbers or arrays."""
+Coordinate = Callable[[Length], Length]
+"""From values to pixels."""
 
 
 def _axes(
     canvas: Canvas, x: tuple[float, float], y: tuple[float, float], *, x_label: str, y_label: str, whole: bool
-) -> tuple[Place, Place]:
+) -> tuple[Coordinate, Coordinate]:
     """Draws the axes of a chart that fills the canvas; returns where values lie on it."""
-    left, right, top, bottom = 72, canvas.width - 14, 14, canvas.height - 44
+    left, right = 72, canvas.width - 14
+    top, bottom = 14, canvas.height - 44
     x_low, x_high = x if x[1] > x[0] else (x[0] - 1, x[1] + 1)
     y_low, y_high = y if y[1] > y[0] else (y[0] - 1, y[1] + 1)
 
-    def across(value: float) -> float:
+    def across(value: Length) -> float:
         return left + (value - x_low) / (x_high - x_low) * (right - left)
 
-    def up(value: float) -> float:
+    def up(value: Length) -> float:
         return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
 
     for value in ticks(y_low, y_high, 5):

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsim.files import replacing
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.metrics.detection.rules import SLOTS
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length
 from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
+from jaxsim.report.results import list_facts, write_results
 
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
 _COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
-_PANEL = 190
+_LEFT, _TOP = 56, 46
+_PANEL, _GAP = 190, 34
+"""Margins of the picture, side of a panel and space between panels, pixels."""
 Means = Mapping[tuple[str, str, str], tuple[float, float]]
-"""Mean and standard deviation of AP R40 by metric, overlap set and difficulty (jaxsim.simulate.mean_curves)."""
+"""Mean and standard deviation of AP R40 by metric, overlap set and difficulty."""
 
 
 def detection_table(curves: Sequence[Curve], *, average: str = "ap_r40") -> str:
@@ -53,25 +54,25 @@ def precision_recall_picture(curves: Sequence[Curve], overlap_set: str) -> Canva
     """Precision over recall: a row of panels a class, a panel a metric, a line a difficulty."""
     kinds = list(dict.fromkeys(curve.kind for curve in curves))
     metrics = [m for m in ("bbox", "aos", "bev", "3d") if any(curve.metric == m for curve in curves)]
-    left, top, gap = 56, 46, 34
-    canvas = Canvas(left + len(metrics) * (_PANEL + gap), top + len(kinds) * (_PANEL + gap + 14) + 14)
-    x = left
+    canvas = Canvas(_LEFT + len(metrics) * (_PANEL + _GAP), _TOP + len(kinds) * (_PANEL + _GAP + 14) + 14)
+    x = _LEFT
     for name, colour in _COLOURS.items():
         canvas.line([(x, 14), (x + 22, 14)], colour=colour, width=2)
         canvas.text(x + 28, 18, name, size=12)
         x += 110
     for i, kind in enumerate(kinds):
         for j, metric in enumerate(metrics):
-            x, y = left + j * (_PANEL + gap), top + i * (_PANEL + gap + 14)
+            x, y = _LEFT + j * (_PANEL + _GAP), _TOP + i * (_PANEL + _GAP + 14)
             some = [c for c in curves if (c.kind, c.metric, c.overlap_set) == (kind, metric, overlap_set)]
             canvas.text(x, y - 5, f"{kind} {_NAMES[metric]}@{some[0].min_overlap:g}", size=12)
-            _panel(canvas, x, y, some, labelled=j == 0)
-    canvas.text(left + len(metrics) * (_PANEL + gap) / 2, canvas.height - 6, "recall", anchor="middle", size=12)
+            _panel(canvas, some, x=x, y=y, labelled=j == 0)
+    canvas.text(_LEFT + len(metrics) * (_PANEL + _GAP) / 2, canvas.height - 6, "recall", anchor="middle", size=12)
     canvas.text(14, canvas.height / 2, "precision (AOS: similarity)", anchor="middle", size=12, turned=True)
     return canvas
 
 
-def _panel(canvas: Canvas, x: float, y: float, curves: Sequence[Curve], *, labelled: bool) -> None:
+def _panel(canvas: Canvas, curves: Sequence[Curve], *, x: Length, y: Length, labelled: bool) -> None:
+    """Draws one square of precision over recall, its upper left corner at (x, y)."""
     for k in range(6):
         across, up = x + k / 5 * _PANEL, y + (1 - k / 5) * _PANEL
         canvas.line([(x, up), (x + _PANEL, up)], colour=RULE, width=0.5)
@@ -108,26 +109,27 @@ def write_detection(
     content = about | {"curves": [_plain(curve) for curve in curves]}
     if mean is not None:
         content |= {"mean": {"of": mean[0], "averages": [_plain_mean(*item) for item in mean[1].items()]}}
-    with replacing(folder / "detection.json") as path:
-        path.write_text(json.dumps(content, indent=1, allow_nan=False))
-    said = "\n".join(f"- {key}: {value}" for key, value in about.items())
-    tables = "\n\n".join(detection_table(curves, average=average) for average in ("ap_r40", "ap_r11"))
+    parts = [list_facts(about), *(detection_table(curves, average=average) for average in ("ap_r40", "ap_r11"))]
     if mean is not None:
-        tables += f"\n\n{mean[0]}\n\n{mean_table(mean[1])}"
-    with replacing(folder / "detection.md") as path:
-        path.write_text(f"{said}\n\n{tables}\n")
+        parts += [mean[0], mean_table(mean[1])]
+    write_results(folder, "detection", content, text="\n\n".join(parts), indent=1)
     for overlap_set in OVERLAP_SETS:
         picture = precision_recall_picture(curves, overlap_set)
         save_picture(folder / f"precision_recall_{overlap_set}.png", picture.pixels())
 
 
 def _plain_mean(key: tuple[str, str, str], mean: tuple[float, float]) -> dict[str, Any]:
-    value, spread = (None if math.isnan(number) else number for number in mean)
-    return {**dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True)), "ap_r40": value, "spread": spread}
+    named = dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True))
+    return {**named, "ap_r40": _number_or_none(mean[0]), "spread": _number_or_none(mean[1])}
+
+
+def _number_or_none(value: float) -> float | None:
+    """JSON has no NaN: where no label counts there is nothing to average."""
+    return None if math.isnan(value) else value
 
 
 def _plain(curve: Curve) -> dict[str, Any]:
-    averages = {name: getattr(curve, name) for name in ("ap_r40", "ap_r11")}
+    averages = {name: _number_or_none(getattr(curve, name)) for name in ("ap_r40", "ap_r11")}
     return {
         "class": curve.kind,
         "difficulty": curve.difficulty,
@@ -137,8 +139,7 @@ def _plain(curve: Curve) -> dict[str, Any]:
         "labels": curve.truths,
         "detections": curve.detections,
         "unit": "%",
-        # JSON has no NaN: no label counts, so there is nothing to average.
-        **{name: None if math.isnan(value) else value for name, value in averages.items()},
+        **averages,
         "precision": curve.precision.tolist(),
         "recall": curve.recall.tolist(),
         "threshold": curve.threshold.tolist(),

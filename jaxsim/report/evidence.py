@@ -52,8 +52,8 @@ def maps(result: Result, draw: Draw) -> str:
             draw(
                 f"map_{file_name(channel)}",
                 residual_maps(shown, result.grid, unit=sides.unit),
-                f"{channel.capitalize()}. Red: {sides.more}; blue: {sides.less}; grey: nothing compared. Root mean "
-                f"square over cells: {sizes}.",
+                f"{channel.capitalize()}. Red: {sides.positive}; blue: {sides.negative}; grey: nothing compared. "
+                f"Root mean square over cells: {sizes}.",
             )
         )
     explain = paragraph(
@@ -113,8 +113,8 @@ def gap(verdict: Verdict) -> str:
         ]
         for name, g in verdict.gap.items()
     ]
-    more = ["after", "before − after, 90 %", "scenes better"] if added else []
-    head = ["channel", "before", *more, "floor", *(["placebo"] if added else [])]
+    columns = ["after", "before − after, 90 %", "scenes better"] if added else []
+    head = ["channel", "before", *columns, "floor", *(["placebo"] if added else [])]
     words = (
         "Mean errors of the simulation on scenes that nothing was fitted to; a scene counts once. "
         "Floor: what a free additive model reaches with the same data."

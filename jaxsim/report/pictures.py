@@ -69,7 +69,8 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     """A cloud seen from behind and above the sensor, coloured by intensity (x, y, z in metres, 0..1)."""
     height, width = size
     picture = np.full((height, width, 3), 12, np.uint8)
-    eye, pitch, focal = np.array([-14.0, 0.0, 9.0]), np.deg2rad(17), 0.8 * width
+    eye = np.array([-14.0, 0.0, 9.0])
+    pitch, focal = np.deg2rad(17), 0.8 * width
     x, y, z = (points[:, :3] - eye).T
     forward = np.cos(pitch) * x - np.sin(pitch) * z
     up = np.sin(pitch) * x + np.cos(pitch) * z

@@ -1,15 +1,13 @@
-"""Scores for people and for programs: Markdown tables, scores.json, a run's card."""
+"""Scores for people and for programs: Markdown tables, scores.json."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from jaxsim.files import replacing
 from jaxsim.metrics import Score
 from jaxsim.report.markdown import markdown_table
-from jaxsim.runs.run import DetectorRun, Run
+from jaxsim.report.results import write_results
 
 Scores = dict[str, dict[str, Score]]
 """Predictor -> score's name -> score."""
@@ -28,14 +26,9 @@ def score_table(scores: Scores) -> str:
 
 def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
     """Writes scores.json and scores.md."""
-    content = {
-        "frames": frames,
-        "scores": {who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()},
-    }
-    with replacing(folder / "scores.json") as path:
-        path.write_text(json.dumps(content, indent=2))
-    with replacing(folder / "scores.md") as path:
-        path.write_text(f"{len(frames)} frames\n\n{score_table(scores)}\n")
+    plain = {who: {name: score._asdict() for name, score in row.items()} for who, row in scores.items()}
+    text = f"{len(frames)} frames\n\n{score_table(scores)}"
+    write_results(folder, "scores", {"frames": frames, "scores": plain}, text=text)
 
 
 def list_scores(scores: dict[str, Score]) -> str:
@@ -47,59 +40,5 @@ def list_scores(scores: dict[str, Score]) -> str:
 def write_list(folder: Path, name: str, scores: dict[str, Score], *, about: dict[str, Any]) -> None:
     """Writes NAME.json and NAME.md; `about` says what was compared."""
     content = about | {"scores": {key: score._asdict() for key, score in scores.items()}}
-    with replacing(folder / f"{name}.json") as path:
-        path.write_text(json.dumps(content, indent=2))
-    said = "\n".join(f"{key}: {value}" for key, value in about.items())
-    with replacing(folder / f"{name}.md") as path:
-        path.write_text(f"{said}\n\n{list_scores(scores)}\n")
-
-
-def write_card(folder: Path, run: Run, description: str, scores: dict[str, Score], *, seconds: float) -> None:
-    """Writes card.md: what the run is, how to use it, what it scored."""
-    experiment = run.experiment
-    text = f"""# {folder.name}
-
-{description.splitlines()[0] if description else "An intensity network."}
-
-- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
-- inputs: {", ".join(experiment.prepare.inputs)}
-- steps: {experiment.optim.steps}, batch {experiment.optim.batch}; {seconds / 60:.1f} minutes since the last start
-- sensor: {run.spec.name}, {run.spec.rows} lines
-- jaxsim {run.version}; all settings are in config.json
-
-{score_table({"validation": scores})}
-
-```python
-import jaxsim
-sensor = jaxsim.load("{folder}")
-```
-"""
-    with replacing(folder / "card.md") as path:
-        path.write_text(text)
-
-
-def write_detector_card(
-    folder: Path, run: DetectorRun, description: str, scores: dict[str, Score], *, seconds: float
-) -> None:
-    """Writes card.md of a detector's run."""
-    experiment = run.experiment
-    text = f"""# {folder.name}
-
-{description.splitlines()[0] if description else "A detector."}
-
-- data: {experiment.data.kind}, frames {experiment.data.train} (validation {experiment.data.validation})
-- class: {experiment.detector.anchors.kind}
-- {run.scenes} scenes, {experiment.optim.epochs} epochs, {run.steps} steps of {experiment.optim.batch}; \
-{seconds / 60:.1f} minutes since the last start
-- jaxsim {run.version}; all settings are in config.json
-
-Validation, last step (AP is average precision over 40 recalls, KITTI's rules):
-
-{list_scores(scores)}
-
-```
-jaxsim detect {folder} --clouds FOLDER --out OUT
-```
-"""
-    with replacing(folder / "card.md") as path:
-        path.write_text(text)
+    facts = "\n".join(f"{key}: {value}" for key, value in about.items())
+    write_results(folder, name, content, text=f"{facts}\n\n{list_scores(scores)}")

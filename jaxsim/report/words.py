@@ -19,10 +19,13 @@ class Sides(NamedTuple):
     """A channel in words: what the two signs of its residual mean."""
 
     unit: str
-    more: str
-    less: str
-    word: str
-    """Of the readings themselves."""
+    """Of the residual."""
+    positive: str
+    """What a residual above 0 means."""
+    negative: str
+    """What one below 0 means."""
+    readings: str
+    """What the channel's readings are called."""
 
 
 CHANNELS = {
@@ -80,7 +83,7 @@ NUISANCES = {
     "false": ("returns where the simulated ray hits nothing", ""),
     "false_edge": ("the same, beside a surface", ""),
 }
-"""Meaning and unit of jaxsim.discover.model.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
+"""Meaning and unit of jaxsim.discover.model.noise.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
 def nuisance(name: str, value: float) -> str:
@@ -131,12 +134,12 @@ def title_of(name: str) -> str:
 def verdict_sentence(verdict: Verdict) -> str:
     """The answer in one plain sentence, or two where the data leave a choice."""
     named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
-    found = f"The simulation lacks {listed(named)}" if named else ""
+    lacks = f"The simulation lacks {listed(named)}" if named else ""
     if verdict.verdict == "named":
-        return found + _closed(verdict) + "." + _choice(verdict)
+        return lacks + _closed(verdict) + "." + _choice(verdict)
     if verdict.verdict == "not_in_catalogue":
         rest = f": {_shape(verdict.unexplained)}" if verdict.unexplained else ""
-        head = f"{found}, and something else" if found else "The simulation lacks something"
+        head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict)
     return (
         "No missing effect was found: nothing in the catalogue explains held-out scenes better than the null model "
@@ -166,10 +169,9 @@ def _gained(verdict: Verdict, words: str) -> str:
     if not sides:
         return ""
     name, g = max(sides.items(), key=lambda side: side[1].value)
-    return (
-        f"{words.format(CHANNELS[name].word)}, by {number(g.value)} nats per scene (90 % interval {number(g.low)} to "
-        f"{number(g.high)}), where free curves gain nothing for certain"
-    )
+    gains = words.format(CHANNELS[name].readings)
+    interval = f"90 % interval {number(g.low)} to {number(g.high)}"
+    return f"{gains}, by {number(g.value)} nats per scene ({interval}), where free curves gain nothing for certain"
 
 
 def _choice(verdict: Verdict) -> str:

@@ -17,7 +17,7 @@ class TrainingDiverged(ValueError):
     """A loss or gradient is no longer finite."""
 
 
-class Scribe:
+class MetricsLog:
     """Writes the metrics of one run; lines after `start` are taken out first, for a resumed run writes them again.
 
     With `writes=False` it touches no file: of several processes only the first does.
@@ -46,6 +46,12 @@ class Scribe:
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)
+
+    def judged(self, step: int) -> bool:
+        """Whether the validation scores of a step are written down; their line holds nothing else."""
+        lines = self.path.read_text().splitlines() if self.path.is_file() else []
+        names = [{*line} - {"step"} for line in map(json.loads, lines) if line["step"] == step]
+        return any(all(name.startswith("validation/") for name in line) for line in names)
 
     def stop_on_nan(self, step: int, batch: Mapping[str, Any], metrics: Mapping[str, Any]) -> NoReturn:
         """Saves the batch and raises TrainingDiverged."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from jaxsim.frame import Camera
-from jaxsim.runs.run import Run
+from jaxsim.runs.kinds import Run
 
 ASPECT, SIZE, VIEW = 0.02, 0.03, 0.05
 """By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by

@@ -9,14 +9,14 @@ frames whose camera stands there (`--lidar camera`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import jax
 import numpy as np
 
 from jaxsim.cloud import LINES, EvenLines, crop_cloud, depth_to_cloud, sparsify
+from jaxsim.config import CloudRecipe
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Cloud, Frame, PolarGrid
@@ -28,29 +28,6 @@ from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"
 _KNOWN = {*LINES, *PRESETS, NO_LINES}
-
-
-@dataclass(frozen=True)
-class CloudRecipe:
-    """How a frame's cloud is made."""
-
-    source: Literal["measured", "depth", "simulated"] = "depth"
-    """What the sensor measured; the camera's depth, all of intensity 0; or depth with a trained sensor's intensity."""
-    projection: Literal["camera", "grid"] = "camera"
-    """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
-    lines: str = ""
-    """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
-    sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows and columns of any other
-    (docs/polar-frames.md), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
-    beams: tuple[int, ...] = ()
-    """Rows of the lines to keep, 0 the top; all by default. Not of `32_of_64`, which keeps rows of its own."""
-    keep_zero: bool = False
-    """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
-    published: bool = False
-    """As the published program thins: the last pixel wins a cell instead of the nearest point, and what lies beyond
-    the lines goes into the border cells."""
-    max_high_m: float = 1.0
-    """Highest point of a cloud of pixels, above the LiDAR."""
 
 
 def check_recipe(recipe: CloudRecipe, sensor: LearnedSensor | None, effects: SensorModel | None = None) -> None:

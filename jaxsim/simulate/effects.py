@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -67,20 +66,3 @@ def check_motion(
             "has it in oxts/data and velodyne_points/timestamps.txt)",
             stacklevel=1,
         )
-
-
-def settle_sensor(out: Path, model: SensorModel | None) -> None:
-    """Keeps the sensor model beside the frames it made, as OUT/sensor.json.
-
-    Raises ValueError where OUT holds frames of another model.
-    """
-    path, frames = out / "sensor.json", any((out / "polar").glob("*.npz"))
-    kept = SensorModel.load(path) if path.is_file() else None
-    if (frames or kept) and kept != model:
-        was, now = ("no sensor model" if m is None else ", ".join(n for n, _ in m.effects) for m in (kept, model))
-        raise ValueError(
-            f"simulate: {out} holds frames made with {was or 'an empty model'}, this run has {now or 'an empty model'} "
-            "or other parameters; give another --out, or the same --sensor to resume"
-        )
-    if model is not None and kept is None:
-        model.save(path)

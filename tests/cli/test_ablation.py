@@ -1,25 +1,27 @@
 """`python eval.py ablation`, on runs that never trained."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import pytest
 
-import configs
-from jaxsim.cli.ablation import Ablation, ablation, train_all
+from jaxsim.cli.ablation import Ablation, ablation
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
-from jaxsim.studies.ablation import MODALITIES, AblationRow, besides, modality
-from jaxsim.studies.ablation_page import ablation_table, best_networks
+from jaxsim.studies.ablation.page import ablation_table, best_networks
+from jaxsim.studies.ablation.stages import train_all
+from jaxsim.studies.ablation.table import MODALITIES, AblationRow, besides, modality
+from jaxsim.train.experiments import load_experiment
 from tests.untrained import untrained_run
 
 INPUTS = (("depth", "row"), ("semantic", "row", "rgb", "edges", "depth"))
 
 
 def experiment(inputs, **data):
-    base, _ = configs.load("ablation")
+    base, _ = load_experiment("ablation")
     return replace(
         base,
         data=replace(base.data, train="0-1", validation="2-4", **data),
@@ -67,7 +69,7 @@ def test_the_table_holds_the_papers_fid_beside_ours_and_marks_the_best():
 
 def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
     out = work / "out"
-    ablation(Ablation(runs=runs, out=out, pictures=2), script=Path("none.py"), flags=(), configs=configs)
+    ablation(Ablation(runs=runs, out=out, pictures=2))
     printed = capsys.readouterr().out
     written = json.loads((out / "ablation.json").read_text())
     assert [r["name"] for r in written["rows"]] == ["depth", "combined"]
@@ -91,13 +93,13 @@ def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
         work / "other", replace(experiment(("rgb", "row")), loss=replace(experiment(("rgb",)).loss, gan=3.0))
     )
     with pytest.raises(ValueError, match=r"differ in more than their inputs: loss\.gan is 3\.0 and 1\.0"):
-        ablation(Ablation(runs=(runs[0], other), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
+        ablation(Ablation(runs=(runs[0], other), out=work / "no"))
     plain = untrained_run(work / "plain", experiment(("rgb",)))
     with pytest.raises(ValueError, match=r"prepare\.inputs is \(\) and \('row',\)"):
-        ablation(Ablation(runs=(runs[0], plain), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
+        ablation(Ablation(runs=(runs[0], plain), out=work / "no"))
     twin = untrained_run(work / "twin", experiment(("row", "depth"), cache=work / "elsewhere"))
     with pytest.raises(ValueError, match="two runs have the inputs depth"):
-        ablation(Ablation(runs=(runs[0], twin), out=work / "no"), script=Path("none.py"), flags=(), configs=configs)
+        ablation(Ablation(runs=(runs[0], twin), out=work / "no"))
     assert not (work / "no").exists()
 
 
@@ -113,16 +115,16 @@ def test_runs_that_differ_in_more_than_their_inputs_are_refused(runs, work):
 )
 def test_wrong_arguments_say_what_is_right(args, flags, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message):
-        ablation(args, script=Path("none.py"), flags=flags, configs=configs)
+        ablation(args, flags=flags)
 
 
 def test_too_few_frames_for_the_distance_are_refused_before_anything_is_scored(runs, work):
     args = Ablation(runs=runs, out=work / "few", fid="random", fid_features=64)
     with pytest.raises(ValueError, match="3 frames to judge, 64 features"):
-        ablation(args, script=Path("none.py"), flags=(), configs=configs)
+        ablation(args)
 
 
-def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp_path):
+def test_every_network_is_trained_in_its_own_process_and_a_failure_ends_the_command(tmp_path):
     script = tmp_path / "train.py"
     script.write_text(
         "import sys, pathlib\n"
@@ -130,7 +132,8 @@ def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp
         "log.open('a').write(' '.join(sys.argv[1:]) + '\\n')\n"
         "sys.exit(3 if '--run.name edges' in ' '.join(sys.argv) and '--stop' in sys.argv else 0)\n"
     )
-    runs = train_all(script, "ablation", tmp_path / "out", ["--optim.steps", "5"], more=("row",))
+    trainer = (sys.executable, str(script))
+    runs = train_all("ablation", tmp_path / "out", ["--optim.steps", "5"], more=("row",), trainer=trainer)
     assert [run.name for run in runs] == list(MODALITIES)
     lines = (tmp_path / "log").read_text().splitlines()
     assert lines[0] == (
@@ -138,4 +141,4 @@ def test_every_network_is_trained_by_train_py_and_a_failure_ends_the_command(tmp
         f"--run.out {tmp_path / 'out'}"
     )
     with pytest.raises(SystemExit, match="training edges ended with status 3"):
-        train_all(script, "ablation", tmp_path / "out", ["--stop"])
+        train_all("ablation", tmp_path / "out", ["--stop"], trainer=trainer)

@@ -11,7 +11,9 @@ from jaxsim.cli.detect import Detect, cloud_files, read_cloud
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
-from jaxsim.runs.run import Checkpoints, DetectorRun, start_run
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import start_run
 from jaxsim.simulate.sensor import load
 from tests.detect.tiny import EXPERIMENT
 
@@ -72,11 +74,11 @@ def test_results_of_another_making_are_not_taken_for_these(run, results, kitti, 
     moved = tmp_path / "moved"
     shutil.copytree(run, moved)
     Detect(moved, **results)()
-    with pytest.raises(ValueError, match=r"making: voxels\.max_voxels was 3000, now 500; give another --out"):
+    with pytest.raises(ValueError, match=r"settings \(voxels\.max_voxels was 3000, now 500\); give another --out"):
         Detect(run, **results, max_voxels=500)()
     with pytest.raises(ValueError, match=r"calib was .*calib, now None"):
         Detect(run, **results | {"calib": None})()
-    with pytest.raises(ValueError, match=r"making: clouds was .*clouds, now .*velodyne"):
+    with pytest.raises(ValueError, match=r"settings \(clouds was .*clouds, now .*velodyne"):
         Detect(run, **results | {"clouds": kitti / "velodyne"})()
     assert (results["out"] / "results" / "000001.txt").read_text() == ""
 
@@ -88,15 +90,15 @@ def test_other_weights_or_another_score_limit_are_another_detector(run, results,
         Checkpoints(tmp_path / name, keep=1).save(10, state=state, network=state.network)
     Detect(run, **results).claim(load_detector(run))
     (results["out"] / "results" / "000001.txt").write_text("")
-    with pytest.raises(ValueError, match=r"weights was \w+, now \w+;"):
+    with pytest.raises(ValueError, match=r"weights was \w+, now \w+\);"):
         Detect(tmp_path / "weights", **results, step=10)()
-    with pytest.raises(ValueError, match=r"making: detector\.score was 0\.0, now 0\.3;"):
+    with pytest.raises(ValueError, match=r"settings \(detector\.score was 0\.0, now 0\.3\);"):
         Detect(tmp_path / "score", **results)()
 
 
 def test_results_that_nobody_signed_are_refused(run, results):
     (results["out"] / "results" / "000001.txt").write_text("")
-    with pytest.raises(ValueError, match=r"holds results, but no detect\.json"):
+    with pytest.raises(ValueError, match=r"is not empty, and no detect\.json says"):
         Detect(run, **results)()
     (results["out"] / "detect.json").write_text("{")
     with pytest.raises(ValueError, match=r"detect\.json cannot be read"):

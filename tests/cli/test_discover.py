@@ -77,18 +77,18 @@ def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeyp
 def test_a_sensor_model_of_other_beams_or_beside_unpaired(folders: Folders, tmp_path: Path):
     SensorModel((("beam_gain", {"gain": (0.1, -0.1)}),)).save(tmp_path / "sensor.json")
     given = {"measured": folders[0], "simulated": folders[1], "out": tmp_path / "out"}
-    for more, words in (({}, "2"), ({"unpaired": True}, "--sensor came with --unpaired")):
+    for more, words in (({}, "2"), ({"unpaired": True}, "--effects came with --unpaired")):
         with pytest.raises(SystemExit, match=words), stop_on_error():
-            discover.Discover(**given, sensor=tmp_path / "sensor.json", **more)()
+            discover.Discover(**given, effects=tmp_path / "sensor.json", **more)()
     with pytest.raises(SystemExit, match="--nulls came with --unpaired"), stop_on_error():
         discover.Discover(**given, unpaired=True, nulls=20)()
     with pytest.raises(SystemExit, match="no file"), stop_on_error():
-        discover.Discover(**given, sensor=tmp_path / "other.json")()
+        discover.Discover(**given, effects=tmp_path / "other.json")()
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_is_listed():
-    assert COMMANDS["discover"] is discover.Discover
+    assert COMMANDS["discover"].load() is discover.Discover
 
 
 @pytest.mark.parametrize("side", [0, 1])

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.cli import discover, stop_on_error
+from jaxsim.cli.source import Source
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
 from jaxsim.discover import discover_folders
@@ -19,6 +19,7 @@ from jaxsim.frame import PolarImage
 from jaxsim.pairs.prepared import prepared
 from jaxsim.simulate.beside_drive import comparable, measured_in
 from jaxsim.simulate.sensor import load
+from jaxsim.train.experiments import load_experiment
 from tests.report import results
 from tests.untrained import untrained_run
 
@@ -30,7 +31,7 @@ FRAMES = "0,4,8"
 def run(tmp_path_factory) -> Path:
     """A run on the embedded world that has saved its first, random, generator."""
     folder = tmp_path_factory.mktemp("runs") / "tiny"
-    base, _ = configs.load("synthetic")
+    base, _ = load_experiment("synthetic")
     experiment = replace(
         base,
         data=replace(base.data, train="0", validation=FRAMES, cache=folder.parent / "cache"),
@@ -135,7 +136,9 @@ def test_a_run_and_folders_at_once(run: Path, out: Path, tmp_path: Path):
 def test_flags_of_a_run_without_one(out: Path, tmp_path: Path):
     both = {"simulated": out / "simulated", "measured": out / "measured"}
     assert "--frames is for a trained run" in complaint(discover.Discover(**both, frames="3", out=tmp_path))
-    assert "--data is for a trained run" in complaint(discover.Discover(**both, data="kitti_raw", out=tmp_path))
+    assert "--data.kind is for a trained run" in complaint(
+        discover.Discover(**both, data=Source("kitti_raw"), out=tmp_path)
+    )
 
 
 def test_one_folder_alone(out: Path, tmp_path: Path):

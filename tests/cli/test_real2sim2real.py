@@ -1,27 +1,28 @@
 """`jaxsim real2sim2real` without training: its words, its order, what it does after a kill."""
 
-import json
+import sys
 from dataclasses import replace
 
 import pytest
-from pydantic import TypeAdapter
 
-import configs
-from jaxsim.cli import main, read_experiment
-from jaxsim.cli.real2sim2real import Stages, checkout, run
-from jaxsim.simulate.clouds import CloudRecipe
-from jaxsim.studies.loop import settle_loop
+from jaxsim.cli import main
+from jaxsim.cli.real2sim2real import run
+from jaxsim.config import CloudRecipe
+from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real.stages import Stages
+from jaxsim.train import read_experiment
+from jaxsim.train.experiments import load_loop
 
 
 @pytest.fixture
 def loop(tmp_path):
-    config, _ = configs.load_loop("real2sim2real")
+    config, _ = load_loop("real2sim2real")
     return settle_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "raw_32")))
 
 
 SCRIPT = """
 import json, pathlib, sys
-from jaxsim.cli import read_experiment
+from jaxsim.train import read_experiment
 experiment = read_experiment(pathlib.Path(sys.argv[1]))
 folder = pathlib.Path(experiment.run.out) / experiment.run.name
 print("trained", folder, flush=True)
@@ -32,11 +33,11 @@ folder.mkdir(parents=True)
 """
 
 
-def test_training_is_left_to_train_py_and_is_not_repeated(loop, tmp_path, capfd):
+def test_training_is_left_to_a_process_of_its_own_and_is_not_repeated(loop, tmp_path, capfd):
     stop, script = tmp_path / "stop", tmp_path / "train.py"
     stop.write_text("stop")
     script.write_text(SCRIPT.format(stop=str(stop)))
-    stages = Stages(loop, script)
+    stages = Stages(loop, discover=lambda loop: None, export=lambda loop: None, trainer=(sys.executable, str(script)))
     run_folder, experiment = loop.detector("raw_64", 0), loop.detector_experiment("raw_64", 0)
     with pytest.raises(SystemExit, match="ended with status 3; the same command resumes"):
         stages.train(run_folder, experiment)
@@ -68,14 +69,6 @@ def test_an_unknown_loop_is_explained(flags, message):
         run(flags)
 
 
-def test_without_a_checkout_it_says_where_to_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "package").mkdir()
-    monkeypatch.setattr("jaxsim.cli.real2sim2real.__file__", str(tmp_path / "package/jaxsim/cli/real2sim2real.py"))
-    with pytest.raises(ValueError, match="run it in a checkout"):
-        checkout()
-
-
 def test_help_lists_the_settings_of_the_named_loop(capsys):
     with pytest.raises(SystemExit):
         main(["real2sim2real", "--config", "real2sim2real_kitti", "--help"])
@@ -98,19 +91,3 @@ def test_a_loop_of_other_settings_is_refused_before_anything_runs(loop, monkeypa
     with pytest.raises(SystemExit, match="other settings"):
         main(["real2sim2real", "--out", str(loop.out), "--kinds", "raw_64", "--synthetic.seed", "5"])
     assert not (loop.out / "intensity").exists()
-
-
-def test_the_settings_of_a_depth_run_are_read_as_such(tmp_path):
-    experiment, _ = configs.load("penet_synthetic")
-    path = tmp_path / "config.json"
-    path.write_bytes(TypeAdapter(type(experiment)).dump_json(experiment))
-    assert read_experiment(path) == experiment
-
-
-def test_a_file_that_is_no_run_is_explained(tmp_path):
-    path = tmp_path / "config.json"
-    path.write_text(json.dumps({"experiment": {"optim": {"lr": "fast"}}}))
-    with pytest.raises(ValueError, match=r"is not the config\.json of a run of this version"):
-        read_experiment(path)
-    with pytest.raises(ValueError, match=r"no file .*none\.json"):
-        read_experiment(tmp_path / "none.json")

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import configs
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.frame import Frame
 from jaxsim.geometry import preset
+from jaxsim.train.experiments import load_experiment
 from tests.data.drives import write_step
 from tests.data.round_room import scan, write_image, write_scan
 from tests.data.virtual_drives import write_vkitti2
@@ -109,7 +109,7 @@ def virtual_root(virtual, tmp_path) -> Path:
 def step_run(tmp_path_factory) -> Path:
     """A run of KITTI-STEP that has saved a random generator."""
     folder = tmp_path_factory.mktemp("runs") / "step"
-    base, _ = configs.load("synthetic")
+    base, _ = load_experiment("synthetic")
     experiment = replace(
         base,
         data=DataConfig(kind="kitti_step", root=Path("not/here"), scenes=("0000",), train="training"),

@@ -4,8 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import ahead, batches, magnified
+from jaxsim.data.batches import batches, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
+from jaxsim.train.prefetch import ahead
 
 
 def pair(i: int) -> Pair:

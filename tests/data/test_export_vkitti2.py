@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.export import Export
+from jaxsim.cli.source import Source
+from jaxsim.config import CloudRecipe
 from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.detect.scenes import scene_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.rules import truth_flags
-from jaxsim.simulate.clouds import CloudRecipe, make_cloud
+from jaxsim.simulate.clouds import make_cloud
 from jaxsim.simulate.sensor import LearnedSensor, load
 from tests.cloud import openpcdet_rules as rules
 
@@ -23,7 +25,7 @@ from tests.cloud import openpcdet_rules as rules
 def export(virtual, tmp_path_factory):
     def export(**settings) -> Path:
         out = tmp_path_factory.mktemp("tree")
-        Export(out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), frames="0-1", **settings)()
+        Export(out=out, data=Source("vkitti2", root=virtual.root, scenes=("Scene01",)), frames="0-1", **settings)()
         return out
 
     return export

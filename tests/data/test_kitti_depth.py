@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-import train_depth
-from jaxsim.config import DataConfig
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, Stage
 from jaxsim.data.kitti_depth import KittiDepth, read_depth, write_depth
-from jaxsim.prepare.depth.penet.training import Batches, DepthExperiment, PenetConfig, Stage
+from jaxsim.prepare.depth.penet.training import Batches
+from jaxsim.train.depth import frames_of
 
 DRIVE, SIZE, CROP = "2011_09_26_drive_0002_sync", (80, 120), (64, 96)
 CAMERA = {
@@ -77,7 +77,7 @@ def test_training_reads_frames_as_they_are_asked_for(depth, selected):
     root, raw = depth
     stage = Stage("branches", 1, 2, (32, 64), ())
     experiment = DepthExperiment(data=DataConfig(root=raw), depth_root=root, image_crop=CROP)
-    train, validation = train_depth.frames_of(experiment)
+    train, validation = frames_of(experiment)
     assert (len(train), len(validation)) == (4, 1)
     assert train[0] is not train[0]  # nothing is kept
     batches = Batches(train, PenetConfig(stages=(stage, stage)), seed=0)
@@ -86,15 +86,15 @@ def test_training_reads_frames_as_they_are_asked_for(depth, selected):
     assert batch.rgb.shape == (2, 32, 64, 3)
     np.testing.assert_array_equal(batch.truth_m, batches[3].truth_m)
     judged = replace(experiment, depth_validation=selected)
-    assert isinstance(train_depth.frames_of(judged)[1], KittiDepth)
-    np.testing.assert_array_equal(train_depth.frames_of(judged)[1][0].truth_m, train[0].truth_m)
+    assert isinstance(frames_of(judged)[1], KittiDepth)
+    np.testing.assert_array_equal(frames_of(judged)[1][0].truth_m, train[0].truth_m)
     with pytest.raises(ValueError, match=r"--depth-validation .* goes with --depth-root"):
-        train_depth.frames_of(replace(judged, depth_root=None))
+        frames_of(replace(judged, depth_root=None))
 
 
 def test_selected_validation_images_are_not_trained_on(depth, selected):
     with pytest.raises(ValueError, match=r"not to be trained on; give .* as --depth-root, and this one as --depth-val"):
-        train_depth.frames_of(DepthExperiment(depth_root=selected, image_crop=CROP))
+        frames_of(DepthExperiment(depth_root=selected, image_crop=CROP))
 
 
 def test_drives_without_images_are_named_before_training(depth, tmp_path):

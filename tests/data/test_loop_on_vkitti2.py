@@ -2,18 +2,18 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-import configs
-from jaxsim.cli.real2sim2real import Stages, check_sources
+from jaxsim.cli.real2sim2real import export_kinds
 from jaxsim.data import KittiObject
-from jaxsim.studies.loop import settle_loop
+from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real.stages import Stages, check_sources
+from jaxsim.train.experiments import load_loop
 
 
 def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_training(virtual, object_root, tmp_path):
-    config, _ = configs.load_loop("real2sim2real_kitti")
+    config, _ = load_loop("real2sim2real_kitti")
     real = replace(config.detector.data, root=object_root, train="0", validation="0", cache=tmp_path / "cache")
     synthetic = replace(
         config.synthetic, root=virtual.root, scenes=("Scene01",), train="0", validation="1", cache=tmp_path / "cache"
@@ -28,8 +28,8 @@ def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_trai
     )
     check_sources(config)
     loop = settle_loop(config)
-    stages = Stages(loop, Path("train.py"))
-    stages.export()
+    stages = Stages(loop, discover=lambda loop: None, export=export_kinds)
+    stages.export(loop)
     for kind in config.kinds:
         tree = KittiObject(loop.tree(kind), rows="elevation")
         assert len(tree) == 2
@@ -41,8 +41,8 @@ def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_trai
     assert cars["real"]["points_45_80"] == 0  # the car is 58 m away, behind the wall of the round room
     assert cars["raw_64"]["points"] > 1.5 * cars["raw_32"]["points"] > 1000
     made = {path: path.stat().st_mtime_ns for path in loop.out.rglob("*") if path.is_file()}
-    again = Stages(settle_loop(config), Path("train.py"))
-    again.export()
+    again = Stages(settle_loop(config), discover=lambda loop: None, export=export_kinds)
+    again.export(loop)
     again.checks()
     later = {path: path.stat().st_mtime_ns for path in loop.out.rglob("*") if path.is_file()}
     told = {"loop.json", "export.json", "train.txt", "val.txt", "trainval.txt"}  # small ones, written anew

@@ -1,12 +1,8 @@
 """`jaxsim prepare` as a user runs it: killed and started again, by Beam, and trained on."""
 
 import json
-import os
 import shutil
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,29 +18,11 @@ from jaxsim.prepare.denoise.lidia.published import published_shapes
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.published import create
 from tests.prepare.lidia_oracle import random_state
+from tests.programs import PATIENCE_S, ROOT, running, said, wait_until
 
-ROOT = Path(__file__).parents[2]
 FLAGS = ["--prepare.inputs", "rgb", "depth", "row", "--prepare.depth", "ip_basic_fast", "--prepare.columns", "64"]
 PREPARE = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64)
 SET = Path("jaxsim_pairs/kitti_raw/1.0.0")
-
-
-def start(work: Path, *command: str | Path) -> subprocess.Popen[str]:
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(work / "xdg"), "XLA_FLAGS": ""}
-    return subprocess.Popen(
-        [sys.executable, *map(str, command)],
-        cwd=work,
-        env=env,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    )
-
-
-def finish(process: subprocess.Popen[str]) -> str:
-    output = process.communicate(timeout=600)[0]
-    assert process.returncode == 0, output
-    return output
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -65,22 +43,18 @@ def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes
     out = tmp_path / "out"
     command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
     command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
-    process = start(tmp_path, *command)
-    making, deadline = out / SET.with_name("1.0.0.making"), time.monotonic() + 300
-    while not list(making.glob("done/*.json")):
-        assert time.monotonic() < deadline
-        assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.01)
-    children = psutil.Process(process.pid).children()
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
+    making = out / SET.with_name("1.0.0.making")
+    with running(tmp_path, *command) as process:
+        wait_until(lambda: bool(list(making.glob("done/*.json"))), process)
+        children = psutil.Process(process.pid).children()
+        process.kill()
     assert len(children) >= 2
-    assert psutil.wait_procs(children, timeout=60)[1] == []
+    assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
     if making.is_dir():  # else it had finished before the signal came
         kept = {path.name: path.stat().st_mtime_ns for path in making.glob("done/*.json")}
         assert len(kept) < 7
-        output = finish(start(tmp_path, *command))
-        assert f"train on it: python train.py ... --data.kind prepared --data.root {out}" in output
+        output = said(tmp_path, *command)
+        assert f"train on it: jaxsim train ... --data.kind prepared --data.root {out}" in output
     whole = make_set(
         tmp_path / "whole",
         DataConfig(kind="kitti_raw", root=drives),
@@ -104,13 +78,11 @@ def test_beams_two_workers_write_the_bytes_of_the_plain_command(drives, tmp_path
     broken = drives / "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000009.bin"
     sound = broken.read_bytes()
     broken.write_bytes(sound[:-1])
-    process = start(tmp_path, *command)
-    output = process.communicate(timeout=600)[0]
-    assert process.returncode != 0
+    output = said(tmp_path, *command, fails=True)
     (error,) = (line for line in output.splitlines() if line.startswith("error: "))
     assert "0000000009.bin is truncated" in error
     broken.write_bytes(sound)
-    finish(start(tmp_path, *command))
+    said(tmp_path, *command)
     assert contents(out / SET) == contents(plain)
 
 
@@ -182,15 +154,14 @@ def test_training_on_a_set_gives_the_losses_and_scores_of_training_on_its_frames
         ("pairs", ["--data.kind=prepared", "--data.root", tmp_path / "set", "--data.train=train"]),
     ):
         source += ["--data.validation=eval"] if name == "pairs" else []
-        finish(start(tmp_path, ROOT / "train.py", "kitti_raw", *FLAGS, *source, *small, f"--run.name={name}"))
+        said(tmp_path, ROOT / "train.py", "kitti_raw", *FLAGS, *source, *small, f"--run.name={name}")
         text = (tmp_path / "runs" / name / "metrics.jsonl").read_text()
         lines.append([json.loads(line) for line in text.splitlines()])
     assert lines[0] == lines[1]
     assert len(lines[0]) == 3
-    output = finish(start(tmp_path, ROOT / "eval.py", "runs/pairs"))
+    output = said(tmp_path, ROOT / "eval.py", "runs/pairs")
     assert "3 frames of prepared" in output
-    process = start(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated")
-    assert f"--data kitti_raw --root {drives}" in process.communicate(timeout=600)[0]
-    assert process.returncode != 0
-    finish(start(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated",
-                 "--data", "kitti_raw", "--root", drives, "--frames", "9-11"))  # fmt: skip
+    refused = said(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated", fails=True)
+    assert f"--data kitti_raw --root {drives}" in refused
+    said(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated",
+         "--data", "kitti_raw", "--root", drives, "--frames", "9-11")  # fmt: skip

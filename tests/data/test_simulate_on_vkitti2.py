@@ -7,6 +7,7 @@ import pytest
 
 from jaxsim.cli.ablation import Ablation, unmeasured
 from jaxsim.cli.simulate import Simulate
+from jaxsim.cli.source import Source
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.data.vkitti2 import VirtualKitti2
@@ -17,9 +18,10 @@ from jaxsim.simulate.sensor import load
 def simulate(step_run, virtual):
     """The command on both frames of Scene01."""
 
-    def simulate(out: Path, **settings) -> Path:
+    def simulate(out: Path, lidar: str | None = None, **settings) -> Path:
         common = {"frames": "0-1", "batch": 2, "formats": ("bin",), "previews": 0}
-        Simulate(run=step_run, out=out, data="vkitti2", root=virtual.root, scenes=("Scene01",), **common, **settings)()
+        data = Source("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=lidar)
+        Simulate(run=step_run, out=out, data=data, **common, **settings)()
         return out / "polar"
 
     return simulate

@@ -1,14 +1,11 @@
 """The paper's experiment, as a user starts it, with small networks on two sequences in the data set's own format."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.programs import ROOT, said
+
 ALONE = ["--loss.perceptual=0", "--prepare.denoise=none"]
 """Without weights of other networks."""
 SMALL = [
@@ -20,18 +17,10 @@ SMALL = [
 
 @pytest.mark.slow
 def test_the_papers_experiment_trains_by_epochs_and_scores_what_it_held_back(step_tree, tmp_path):
-    command = [sys.executable, ROOT / "train.py", "kitti_step_combined", *ALONE, *SMALL]
-    result = subprocess.run(
-        [*command, "--data.root", step_tree, "--data.scenes", "0000", "0001"],
-        cwd=tmp_path,
-        env={**os.environ, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""},
-        text=True,
-        capture_output=True,
-        timeout=1200,
-    )
-    assert result.returncode == 0, result.stderr
-    assert "perceptual loss: off" in result.stdout
-    assert "3 steps done" in result.stdout
+    sequences = ("--data.root", step_tree, "--data.scenes", "0000", "0001")
+    output = said(tmp_path, ROOT / "train.py", "kitti_step_combined", *ALONE, *SMALL, *sequences)
+    assert "perceptual loss: off" in output
+    assert "3 steps done" in output
     lines = (tmp_path / "runs" / "kitti_step_combined" / "metrics.jsonl").read_text().splitlines()
     steps = [json.loads(line) for line in lines]
     assert [line["step"] for line in steps if "loss/generator" in line] == [1, 2, 3]

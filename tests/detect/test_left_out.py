@@ -12,7 +12,7 @@ from jaxsim.detect import LeftOut
 from jaxsim.detect.backbone3d import DOWN
 from jaxsim.detect.left_out import REMEDIES
 from jaxsim.metrics import Score
-from jaxsim.runs.run import DetectorRun
+from jaxsim.runs.kinds import DetectorRun
 from tests.detect.tiny import EXPERIMENT
 
 

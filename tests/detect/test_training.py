@@ -1,11 +1,6 @@
 """The detector learns: eight scenes by heart, the whole job as a user runs it, on one device or two."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,10 +13,11 @@ from jaxsim.detect.batches import SceneBatches
 from jaxsim.detect.state import create_state, state_shapes
 from jaxsim.detect.steps import make_train_step
 from jaxsim.evaluate.detector import main_scores, make_find, score_detector
-from jaxsim.runs.run import Checkpoints, DetectorRun, load_run, start_run
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import load_run, start_run
 from tests.detect.tiny import EXPERIMENT, VOXELS, scene, scene_batch
-
-ROOT = Path(__file__).parents[2]
+from tests.programs import ROOT, running, said, wait_until
 
 
 @pytest.mark.slow
@@ -78,18 +74,12 @@ FLAGS = [
 TRAIN = str(ROOT / "train.py"), "voxel_rcnn_small", *FLAGS
 
 
-def environment():
-    """Four steps run here, and LLVM would work on them far longer than they run."""
-    quick = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
-    return {**os.environ, **quick, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", "PYTHONPATH": str(ROOT)}
+QUICK = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+"""Four steps run here, and LLVM would work on them far longer than they run."""
 
 
-def run(work, *command):
-    done = subprocess.run(
-        [sys.executable, *command], cwd=work, env=environment(), text=True, capture_output=True, timeout=3000
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+def run(work: Path, *command: str) -> str:
+    return said(work, *command, **QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -130,19 +120,14 @@ def metrics(folder):
 @pytest.mark.slow
 def test_a_detector_killed_in_its_first_epoch_ends_with_the_weights_of_an_uninterrupted_one(work):
     work, _ = work
-    command = [sys.executable, *TRAIN, "--run.name=killed", "--run.save-every=1"]
+    command = (*TRAIN, "--run.name=killed", "--run.save-every=1")
     checkpoints = work / "runs" / "killed" / "checkpoints"
-    process = subprocess.Popen(command, cwd=work, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    deadline = time.monotonic() + 3000
-    # A checkpoint that is still being written has more than a number for a name.
-    while not (checkpoints / "1").is_dir():
-        assert time.monotonic() < deadline
-        assert process.poll() is None, process.communicate()[0]
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
+    with running(work, *command, **QUICK) as process:
+        # A checkpoint that is still being written has more than a number for a name.
+        wait_until((checkpoints / "1").is_dir, process)
+        process.kill()
     assert not (checkpoints / "3").exists(), "it was in its second epoch already"
-    assert "resuming" in run(work, *command[1:])
+    assert "resuming" in run(work, *command)
     killed, whole = (work / "runs" / name for name in ("killed", "voxel_rcnn_small"))
     shapes = state_shapes(load_run(whole, DetectorRun).experiment, 4)
     states = [Checkpoints(folder).restore("state", shapes) for folder in (killed, whole)]
@@ -156,5 +141,5 @@ def test_a_detector_killed_in_its_first_epoch_ends_with_the_weights_of_an_uninte
 def test_a_resumed_detector_must_learn_as_long(tmp_path):
     start_run(tmp_path, DetectorRun(EXPERIMENT, 100, 8))
     longer = replace(EXPERIMENT, optim=replace(EXPERIMENT.optim, epochs=90))
-    with pytest.raises(ValueError, match=r"--optim\.epochs was 80, now 90"):
+    with pytest.raises(ValueError, match=r"optim\.epochs was 80, now 90"):
         start_run(tmp_path, DetectorRun(longer, 100, 8))

@@ -1,14 +1,26 @@
 """The whole method on drives of the independent generator, small: it names what is hidden and nothing else."""
 
+import inspect
 import json
+from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 from benchmarks.blind.hidden import make_case, score
-from jaxsim.discover import disagreements, discover_folders, read_comparison
-from jaxsim.effects import EFFECTS
+from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame, write_grid
+from jaxsim.discover import (
+    disagreements,
+    discover,
+    discover_folders,
+    discover_unpaired,
+    judge_known,
+    read_comparison,
+)
+from jaxsim.effects import EFFECTS, scan_of
 from jaxsim.effects.chain import SensorModel
+from jaxsim.frame import PolarImage
 
 FEW = ("beam_gain", "range_falloff", "incidence_cosine", "random_dropout", "beam_range_bias", "extrinsic_rotation")
 """Candidates of the small form; the slow one takes the whole catalogue."""
@@ -119,3 +131,49 @@ def test_an_unknown_candidate_is_an_error_that_lists_the_known(tmp_path, standar
         discover_folders(
             simulated=tmp_path / "case" / "simulated", measured=tmp_path / "case" / "measured", effects=("beam_gian",)
         )
+
+
+def simulate_anew(simulated: Path, out: Path, model: SensorModel) -> None:
+    """The frames of a folder as a sensor with these effects reports them; their further rasters stay."""
+    grid, about = read_grid(simulated)
+    names = frame_names(simulated)
+    images, rasters = zip(*(read_frame(simulated, name) for name in names), strict=True)
+    reported = model.simulate(scan_of(grid, images, rasters, [about[name] for name in names]), jax.random.key(0))
+    for k, name in enumerate(names):
+        image = PolarImage(reported.range_m[k], reported.intensity[k], reported.valid[k])
+        write_frame(out, name, image, **rasters[k])
+    write_grid(out, grid, frames=about)
+
+
+def test_gains_are_in_the_files_and_lost_rays_become_rays_without_a_surface(gains, tmp_path):
+    key, _, folder = gains
+    gain = key.effects[0]["parameters"]["gain"]
+    model = SensorModel((("beam_gain", {"gain": tuple(gain)}), ("random_dropout", {"probability": 0.3})))
+    simulate_anew(folder / "simulated", tmp_path / "anew", model)
+    before = read_comparison(folder / "simulated", folder / "measured").scan
+    after = read_comparison(tmp_path / "anew", folder / "measured").scan
+    both = before.hit & after.hit & (before.intensity > 0) & (after.intensity > 0) & (after.intensity < 1)
+    assert not (after.hit & ~before.hit).any()
+    assert after.hit.sum() / before.hit.sum() == pytest.approx(0.7, abs=0.01)
+    np.testing.assert_allclose(after.range_m[both], before.range_m[both], rtol=1e-6)
+    ratio = np.log(np.where(both, after.intensity, 1) / np.where(both, before.intensity, 1))
+    beams = [np.median(ratio[:, row][both[:, row]]) for row in range(24)]
+    np.testing.assert_allclose(beams, gain, atol=1e-3)
+    # What the surface is stays known of a ray that was lost.
+    np.testing.assert_array_equal(after.semantic, before.semantic)
+
+
+@pytest.mark.slow
+def test_frames_simulated_anew_with_the_hidden_gains_lack_nothing(gains, tmp_path):
+    key, _, folder = gains
+    model = SensorModel((("beam_gain", key.effects[0]["parameters"]),))
+    simulate_anew(folder / "simulated", tmp_path / "anew", model)
+    result = discover_folders(simulated=tmp_path / "anew", measured=folder / "measured", effects=FEW)
+    assert json.loads(json.dumps(result.verdict.to_json()))["verdict"] == "none"
+    assert result.sensor.effects == ()
+
+
+@pytest.mark.parametrize("entry", [discover, discover_unpaired, disagreements, judge_known])
+def test_every_entry_to_discovery_is_held_to_one_thread_and_keeps_its_signature(entry):
+    assert entry.__wrapped__.__name__ == entry.__name__
+    assert inspect.signature(entry).return_annotation is not inspect.Signature.empty

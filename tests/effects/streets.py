@@ -87,3 +87,8 @@ def clutter_of_everything(seed: int = 0, frames: int = 2, rows: int = 5, columns
             heading_rad=np.linspace(0, 2, frames).astype("f4"),
         ),
     )
+
+
+def fields_of(rays):
+    """The arrays of rays by name."""
+    return {name: value for name, value in rays.__dict__.items() if value is not None}

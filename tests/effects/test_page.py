@@ -28,7 +28,7 @@ def test_an_effect_is_told_whole(capsys, name):
     main(["effects", name])
     printed = capsys.readouterr().out
     effect = EFFECTS[name]
-    for text in (effect.formula, effect.betrays, effect.source, *effect.parameters, *effect.look_alikes):
+    for text in (effect.formula, effect.signature, effect.source, *effect.parameters, *effect.look_alikes):
         assert text in printed
 
 

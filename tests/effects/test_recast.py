@@ -1,6 +1,6 @@
 """Displaced rays against the scene itself, cast from where they truly start."""
 
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from jaxsim.effects import EFFECTS, all_rays
+from jaxsim.effects.chain import apply_law
 from jaxsim.effects.planes import slopes_of
-from tests.effects.streets import cast, directions_of, grid_of, road_and_walls
+from tests.effects.streets import cast, directions_of, fields_of, grid_of, road_and_walls
 from tests.quick import quick_jit
 
 
@@ -35,7 +36,7 @@ def displaced(name, values, scan, rays=None):
 
 @cache
 def compiled(name):
-    return quick_jit(EFFECTS[name].apply)
+    return quick_jit(partial(apply_law, EFFECTS[name]))
 
 
 def check(rays, truth, *, share=0.9, inside=None, median_m=2e-3):
@@ -58,7 +59,7 @@ def check(rays, truth, *, share=0.9, inside=None, median_m=2e-3):
 def test_no_displacement_changes_nothing(name, turn):
     scan = road_and_walls(grid_of(turn), speed=[10.0])
     before, after = all_rays(scan), displaced(name, {}, scan)
-    for field, value in before.__dict__.items():
+    for field, value in fields_of(before).items():
         np.testing.assert_allclose(
             np.asarray(getattr(after, field)), np.asarray(value), rtol=1e-6, atol=1e-6, err_msg=field
         )
@@ -141,7 +142,7 @@ def test_the_derivative_is_that_of_the_true_scene():
     effect = EFFECTS["extrinsic_rotation"]
 
     def ranges(pitch):
-        return effect.apply(effect.values({}, 24) | {"pitch_rad": pitch}, all_rays(scan), scan).reading_m[0]
+        return apply_law(effect, effect.values({}, 24) | {"pitch_rad": pitch}, all_rays(scan), scan).reading_m[0]
 
     slope = np.asarray(quick_jit(jax.jacfwd(ranges))(jnp.float32(0.0)))
     step = 1e-5

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jaxsim.cli.detection import Detection, judge
+from jaxsim.cli.eval_detection import Detection
 from jaxsim.metrics.detection import evaluate, read_detections, read_truth
 from jaxsim.metrics.detection.files import found_frames, frame_list
 from jaxsim.report import detection_table, write_detection
@@ -228,11 +228,11 @@ def test_the_command_scores_a_folder(tmp_path, capsys):
     scores(tmp_path, *many([car(0)], [car(0, score=0.9)]))
     (tmp_path / "label/000099.txt").write_text(car(0))
     arguments = {"detections": tmp_path / "found", "labels": tmp_path / "label", "out": tmp_path / "out"}
-    judge(Detection(**arguments))
+    Detection(**arguments)()
     printed = capsys.readouterr().out
     assert "50 frames of 51 labelled" in printed
     assert "| easy | 50 | 50 | 100.00 | 100.00 | 100.00 | 100.00 | 100.00 | 100.00 |" in printed
     assert np.isclose(json.loads((tmp_path / "out/detection.json").read_text())["curves"][0]["ap_r40"], 100)
     (tmp_path / "val.txt").write_text("000000\n000099\n")
     with pytest.raises(ValueError, match=r"lacks the detection file of 1 of 2 frames: 000099\.txt\. A frame without"):
-        judge(Detection(**arguments, frames=tmp_path / "val.txt"))
+        Detection(**arguments, frames=tmp_path / "val.txt")()

@@ -1,5 +1,7 @@
 """LIDIA's training on images of one's own: its loss, one epoch of it, and its weights kept."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from jaxsim.prepare.denoise.lidia.published import published_shapes
 from tests.prepare.lidia_oracle import random_state
 
 HEAD = "separable_fc_net.sep_part2.ver_hor_out"
+EPOCHS = 12
 ONE_EPOCH = adapt.Adaptation(noise=0.1, epochs=1, block=16, stride=16, batch=2)
 
 
@@ -62,10 +65,18 @@ def test_the_loss_of_pairs_is_log10_of_the_mean_square_over_measured_cells(silen
     assert any(moved(silent, taught, "weight"))
     assert all(moved(silent, taught, "running_mean"))
     assert taught.sha256 == ""
-    again = adapt.Adaptation(noise=0.1, epochs=4, block=16, stride=16, batch=2)
-    adapt.adapt(silent, clean, valid, again, noisy=noisy, progress=False)
-    assert losses[1] == losses[0]
-    assert losses[-1] < losses[0] - 0.005
+
+
+def test_training_lowers_the_loss_of_the_very_blocks_that_it_began_with(silent, losses):
+    images, valid, noise = blocks()
+    pair = {"noisy": np.where(valid, images + noise, np.nan).astype(np.float32), "progress": False}
+    clean = np.where(valid, images, np.nan).astype(np.float32)
+    taught = adapt.adapt(silent, clean, valid, replace(ONE_EPOCH, epochs=EPOCHS), **pair)
+    # The first epoch's blocks are the same in every training: one step more tells their loss after it. Losses of
+    # different steps are not to be compared: each epoch mirrors its blocks anew, which moves them by 0.01.
+    adapt.adapt(taught, clean, valid, ONE_EPOCH, **pair)
+    before, after = losses[0], losses[EPOCHS]
+    assert after < before - 0.005
 
 
 def test_an_image_stands_for_its_own_clean_one_under_new_noise(silent, losses):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.config import PrepareConfig
+from jaxsim.config import PenetConfig, PrepareConfig
 from jaxsim.data import KittiObject, KittiRaw
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, Pair, PolarImage
 from jaxsim.geometry import polar_to_points, preset, window_grid
@@ -11,7 +11,7 @@ from jaxsim.prepare import crop_image, denoise, prepare_frame
 from jaxsim.prepare.denoise.lidia import Variant, from_published, save_lidia
 from jaxsim.prepare.denoise.lidia.published import published_shapes
 from jaxsim.prepare.depth.penet import save_penet
-from jaxsim.prepare.depth.penet.training import PenetConfig, create_state
+from jaxsim.prepare.depth.penet.training import create_state
 from tests.prepare.lidia_oracle import random_state
 
 SPEC = preset("hdl64e")

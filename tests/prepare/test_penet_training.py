@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxsim import devices
-from jaxsim.config import PrepareConfig
+from jaxsim.config import PenetConfig, PrepareConfig, Stage
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
@@ -20,8 +20,6 @@ from jaxsim.prepare.depth.penet import completion, open_penet, save_penet
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
     PUBLISHED_STAGES,
-    PenetConfig,
-    Stage,
     augment,
     batch_of,
     branch_weight,

@@ -3,14 +3,14 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.runs.metrics_log import Scribe, TrainingDiverged
+from jaxsim.runs.metrics_log import MetricsLog, TrainingDiverged
 
 
 def test_a_resumed_run_writes_again_what_came_after_its_checkpoint(tmp_path):
-    scribe = Scribe(tmp_path, 0)
+    log = MetricsLog(tmp_path, 0)
     for step in (1, 2, 3):
-        scribe.write(step, {"loss": 1.0 / step})
-    Scribe(tmp_path, 2).write(3, {"loss": 9.0})
+        log.write(step, {"loss": 1.0 / step})
+    MetricsLog(tmp_path, 2).write(3, {"loss": 9.0})
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert lines == [{"step": 1, "loss": 1.0}, {"step": 2, "loss": 0.5}, {"step": 3, "loss": 9.0}]
 
@@ -20,9 +20,9 @@ def test_tensorboard_gets_the_same_points(tmp_path):
     pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")
     from tensorboardX.proto.event_pb2 import Event
 
-    scribe = Scribe(tmp_path, 0)
-    scribe.write(10, {"loss/gan": 0.25})
-    scribe._board.close()
+    log = MetricsLog(tmp_path, 0)
+    log.write(10, {"loss/gan": 0.25})
+    log._board.close()
     (path,) = (tmp_path / "tensorboard").glob("events.*")
     content, points = path.read_bytes(), {}
     while content:  # records: length (8 bytes), checksum (4), event, checksum (4)
@@ -37,5 +37,5 @@ def test_tensorboard_gets_the_same_points(tmp_path):
 def test_what_broke_a_run_is_kept_and_told(tmp_path, value, cause):
     batch = {"inputs": np.full((1, 2, 2, 1), value, np.float32)}
     with pytest.raises(TrainingDiverged, match=f"loss/gan not finite at step 7.*{cause}"):
-        Scribe(tmp_path, 0).stop_on_nan(7, batch, {"loss/gan": np.nan, "loss/rest": 1.0, "finite": False})
+        MetricsLog(tmp_path, 0).stop_on_nan(7, batch, {"loss/gan": np.nan, "loss/rest": 1.0, "finite": False})
     np.testing.assert_array_equal(np.load(tmp_path / "diverged_000007.npz")["inputs"], batch["inputs"])

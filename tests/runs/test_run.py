@@ -31,7 +31,7 @@ def test_more_steps_resume_a_run_but_another_rate_does_not(tmp_path):
     start_run(tmp_path, run())
     start_run(tmp_path, run(steps=99999))
     assert load_run(tmp_path).experiment.optim.steps == 99999
-    with pytest.raises(ValueError, match=r"--optim\.lr was 0\.0002, now 0\.1"):
+    with pytest.raises(ValueError, match=r"optim\.lr was 0\.0002, now 0\.1"):
         start_run(tmp_path, run(steps=99999, lr=0.1))
 
 

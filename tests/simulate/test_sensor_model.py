@@ -8,7 +8,8 @@ from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
-from jaxsim.simulate.effects import NEEDS, settle_sensor, with_effects
+from jaxsim.simulate.effects import NEEDS, with_effects
+from jaxsim.simulate.folder import claim_effects
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, 40)
 SHAPE = (16, 40)
@@ -102,15 +103,15 @@ def test_every_effect_by_speed_or_heading_is_in_the_list_of_needs():
 
 
 def test_a_folder_holds_frames_of_one_sensor_model(tmp_path):
-    settle_sensor(tmp_path, MODEL)
-    settle_sensor(tmp_path, MODEL)
+    claim_effects(tmp_path, MODEL)
+    claim_effects(tmp_path, MODEL)
     weaker = dataclasses.replace(MODEL, effects=MODEL.effects[:1])
     for other in (None, weaker):
         with pytest.raises(ValueError, match="give another --out"):
-            settle_sensor(tmp_path, other)
+            claim_effects(tmp_path, other)
     plain = tmp_path / "plain"
     (plain / "polar").mkdir(parents=True)
     (plain / "polar" / "a.npz").touch()
-    settle_sensor(plain, None)
-    with pytest.raises(ValueError, match="made with no sensor model, this run has beam_gain, range_scale"):
-        settle_sensor(plain, MODEL)
+    claim_effects(plain, None)
+    with pytest.raises(ValueError, match=r"effects was \[\], now \['beam_gain', 'range_scale'\]"):
+        claim_effects(plain, MODEL)

@@ -17,11 +17,11 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway, score_at
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.parameters import fitted_parameters
-from jaxsim.discover.model.rounding import gained_by, rounded
+from jaxsim.discover.model.rounding import rounded, rounding_gain
 from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
 THREADS = 2
 """Effects fitted side by side."""
@@ -31,7 +31,7 @@ THREADS = 2
 class Candidate:
     """An effect and what it gained on held-out scenes."""
 
-    effect: Effect
+    effect: Law
     gain: Float[np.ndarray, "s 3"]
     """Log-likelihood over the null, nats, by scene and channel."""
     fits: tuple[Fit, ...]
@@ -93,7 +93,7 @@ class Candidate:
         return sum(np.size(value) for value in self.fits[0].z.values())
 
 
-def rank_effects(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
+def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit] | None = None) -> list[Candidate]:
     """Every effect fitted on each fold's scenes and scored on the others; largest gain first.
 
     `null` saves its fits where they are known.
@@ -107,7 +107,7 @@ def rank_effects(problem: Problem, effects: Iterable[Effect], *, null: Sequence[
     steps = rounded(problem.ev)
     starts_read = starts_of(problem)
 
-    def candidate(effect: Effect) -> Candidate:
+    def candidate(effect: Law) -> Candidate:
         used = [CHANNELS.index(name) for name in channels_of(effect)]
         gain = np.zeros((scenes, 3))
         slope = np.zeros(scenes)
@@ -123,12 +123,13 @@ def rank_effects(problem: Problem, effects: Iterable[Effect], *, null: Sequence[
             gained = np.zeros((len(scene), 3))
             gained[:, used] = (result.score - base.score)[:, used]
             if step is not None:
-                gained += gained_by(problem.ev, {effect.name: step})
+                gained += rounding_gain(problem.ev, {effect.name: step})
             inside.append(gained[fitted > 0].sum())
             gained[fitted > 0] = 0
             begun = gained if at else np.zeros((len(scene), 3))
             if not at:
-                begun[:, used] = (partway(effect, start, fitted, result, RULES.direction_share) - base.score)[:, used]
+                part = partway(effect, start, fitted, fit=result, share=RULES.direction_share)
+                begun[:, used] = (part - base.score)[:, used]
                 begun[fitted > 0] = 0
             slope += np.bincount(scene, begun.sum(-1), scenes)
             if over_smooth is not None:
@@ -144,7 +145,7 @@ def rank_effects(problem: Problem, effects: Iterable[Effect], *, null: Sequence[
     return sorted(found, key=lambda candidate: -candidate.total)
 
 
-def by_beam(effect: Effect) -> bool:
+def by_beam(effect: Law) -> bool:
     """Whether the effect has a number for each beam."""
     return any(p.shape == "row" for p in fitted_parameters(effect).values())
 
@@ -162,9 +163,9 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
 
 
 def smooth_score(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], result: Fit
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], result: Fit
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
     kinds = fitted_parameters(effect)
     z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in result.z.items()}
-    return score_at(effect, problem, fitted, {n: np.asarray(v, np.float32) for n, v in z.items()}, result.noise)
+    return score_at(effect, problem, fitted, z={n: np.asarray(v, np.float32) for n, v in z.items()}, noise=result.noise)

@@ -13,11 +13,16 @@ import numpy as np
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 
-PILE, PILED = 0.005, 0.002
-"""Readings within this share of the largest are piled up there, if they are at least so many of all."""
-GATED, PAST_M = 20.0, (0.02, 0.05, 0.1)
-"""Nats by which a border between lost and returned must be likelier than none; how far past it a gate may lie."""
+PILE = 0.005
+"""Readings within this share of the largest are piled up there ..."""
+PILED = 0.002
+"""... if they are at least this share of all."""
+GATED = 20.0
+"""Nats by which a border between lost and returned must be likelier than none."""
+PAST_M = (0.02, 0.05, 0.1)
+"""How far past such a border a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
+"""Width of the bins of azimuth in which a hidden sector is looked for."""
 HIDDEN = 0.8
 """Share lost above which a bin of azimuth counts as hidden."""
 
@@ -41,7 +46,8 @@ def _ceiling(ev: Evidence) -> tuple[Start, ...]:
 
 def _gate(ev: Evidence) -> tuple[Start, ...]:
     smooth = ev.rays.hit & ~ev.edge
-    r, lost = ev.rays.range_m[smooth], ~ev.returned[smooth]
+    r = ev.rays.range_m[smooth]
+    lost = ~ev.returned[smooth]
     starts = []
     for name, sign in (("minimum_m", 1.0), ("maximum_m", -1.0)):
         order = np.argsort(sign * r)
@@ -56,9 +62,9 @@ def _gate(ev: Evidence) -> tuple[Start, ...]:
 
 def _sector(ev: Evidence) -> tuple[Start, ...]:
     hit = ev.rays.hit
-    place = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
-    count = np.bincount(place)
-    lost = np.bincount(place, ~ev.returned[hit])
+    azimuth_bin = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
+    count = np.bincount(azimuth_bin)
+    lost = np.bincount(azimuth_bin, ~ev.returned[hit])
     seen = np.flatnonzero(count)
     hidden = np.flatnonzero(lost[seen] > HIDDEN * count[seen])
     if not len(hidden):
@@ -66,8 +72,10 @@ def _sector(ev: Evidence) -> tuple[Start, ...]:
     run = max(np.split(hidden, np.flatnonzero(np.diff(hidden) > 1) + 1), key=len)
     # The border lies between the last bin that is seen and the first that is hidden.
     ends = seen[np.clip([run[0] - 1, run[-1] + 1], 0, len(seen) - 1)]
-    low, high = (seen[run[0]] + ends[0]) / 2, (seen[run[-1]] + ends[1]) / 2
-    width, middle = (high - low) * BIN_RAD, ((low + high + 1) / 2) * BIN_RAD - np.pi
+    low = (seen[run[0]] + ends[0]) / 2
+    high = (seen[run[-1]] + ends[1]) / 2
+    width = (high - low) * BIN_RAD
+    middle = ((low + high + 1) / 2) * BIN_RAD - np.pi
     return tuple({"azimuth_rad": float(middle), "width_rad": float(share * width)} for share in (0.7, 1.0, 1.4))
 
 

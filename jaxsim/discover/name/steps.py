@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 
 
+@runtime_checkable
 class Ranked(Protocol):
     """A candidate as a ranking sees it."""
 

@@ -1,9 +1,14 @@
-"""A dependence outside the catalogue: free curves along covariates, and what the best of them looks like."""
+"""A dependence outside the catalogue: free curves along covariates, and what the best of them looks like.
+
+Free curves (`curves.py`) compete with the effects on the same terms. Where one wins, its shape is told in words and by
+a closed formula: a line, a step or a wave, if one of these comes near it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,17 +52,18 @@ def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, 
 
 
 def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
-    """Whether a curve passes the bar and the units agree on it."""
+    """Whether a curve passes the bar and the scenes agree on it."""
     return curve.accepted(bar) and sure(curve)
 
 
 def sure(curve: Candidate) -> bool:
-    """Whether the units agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
+    """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
     least = 2 * 2.0 ** -len(curve.by_scene)
     return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
 
 
 def _varies(problem: Problem, covariate: str) -> bool:
+    """Whether a covariate has more than two values, so that a curve along it can bend."""
     rays = problem.ev.rays
     return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
 
@@ -72,51 +78,94 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
+    # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
     character, formula = shape_of(grid, y, weight, place)
     name = NAMED.get(place.covariate, place.covariate)
     formula += f" (x: {READ.get(place.covariate, place.covariate)})"
-    return Unexplained(place.channel, name, character, formula, *(tuple(map(float, v)) for v in (grid, y, band)))
+    return Unexplained(
+        channel=place.channel,
+        covariate=name,
+        character=character,
+        formula=formula,
+        x=tuple(map(float, grid)),
+        y=tuple(map(float, y)),
+        band=tuple(map(float, band)),
+    )
 
 
 def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
-    """Where a curve is written down."""
+    """The values of a covariate at which its curve is written down."""
     values = np.unique(x)
     few = covariate in CATEGORICAL or len(values) <= RULES.few_values
     return values if few else np.unique(np.quantile(x, np.linspace(0, 1, 2 * RULES.knots)))
 
 
+LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}
+"""What a curve of each channel is the height of."""
+CYCLES = np.arange(1.5, 8.01, 0.25)
+"""Of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A closed formula that a curve may come near to."""
+
+    character: str
+    formula: str
+    numbers: int
+    """How many numbers were chosen to fit it."""
+    values: np.ndarray
+
+
 def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
-    """Best of a line, a step and a wave by weighted least squares, with a price for freedom."""
+    """The character of a curve y(x) and its formula: the best of a line, a step and a wave by weighted least squares,
+    with a price for freedom; `other` where none comes near."""
     if place.covariate == "class":
         top = np.argsort(-np.abs(y))[:3]
         return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
-    letter = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}[place.channel]
+    letter = LETTER[place.channel]
     if place.covariate in ALTERNATING:
         return "periodic", f"{letter} ≈ {y[-1]:+.3g} on odd {place.covariate[5:]}, {y[0]:+.3g} on even ones"
-    span = float(x[-1] - x[0]) or 1.0
     mean = np.average(y, weights=weight)
     whole = float((weight * (y - mean) ** 2).sum()) + 1e-12
-    tried = []
+
+    def unexplained(shape: _Shape) -> float:
+        return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
+
+    shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight)]
+    best = min(shapes, key=unexplained)
+    if unexplained(best) < RULES.shape_unlike:
+        return best.character, f"{letter} ≈ {best.formula}"
+    return "other", f"{letter} between {y.min():.3g} and {y.max():.3g}"
+
+
+def _line(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> _Shape:
     line = np.polyfit(x, y, 1, w=np.sqrt(weight))
-    tried.append(("monotone", f"{letter} ≈ {line[0]:.3g}·x {line[1]:+.3g}", 2, np.polyval(line, x)))
+    return _Shape("monotone", f"{line[0]:.3g}·x {line[1]:+.3g}", 2, np.polyval(line, x))
+
+
+def _steps(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
+    """A step at each place between two knots, but for the outermost ones."""
+    shapes = []
     for cut in (x[1:] + x[:-1])[1:-1] / 2:
-        low, high = (np.average(y[side], weights=weight[side]) for side in (x < cut, x >= cut))
-        tried.append(
-            ("step", f"{letter} ≈ {low:.3g} below {cut:.3g}, {high:.3g} above", 3, np.where(x < cut, low, high))
-        )
-    for cycles in np.arange(1.5, 8.01, 0.25):
+        low = np.average(y[x < cut], weights=weight[x < cut])
+        high = np.average(y[x >= cut], weights=weight[x >= cut])
+        shapes.append(_Shape("step", f"{low:.3g} below {cut:.3g}, {high:.3g} above", 3, np.where(x < cut, low, high)))
+    return shapes
+
+
+def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
+    """A wave about a level for each number of cycles, its size and phase by least squares."""
+    shapes = []
+    span = float(x[-1] - x[0]) or 1.0
+    for cycles in CYCLES:
         w = 2 * np.pi * cycles / span
         design = np.stack([np.ones_like(x), np.sin(w * x), np.cos(w * x)], axis=1) * np.sqrt(weight)[:, None]
         beta = np.linalg.lstsq(design, y * np.sqrt(weight), rcond=None)[0]
-        size, phase = np.hypot(beta[1], beta[2]), np.arctan2(beta[2], beta[1])
+        size = np.hypot(beta[1], beta[2])
+        phase = np.arctan2(beta[2], beta[1])
+        formula = f"{beta[0]:.3g} + {size:.3g}·sin({w:.3g}·x {phase:+.3g})"
         wave = beta[0] + beta[1] * np.sin(w * x) + beta[2] * np.cos(w * x)
-        tried.append(("periodic", f"{letter} ≈ {beta[0]:.3g} + {size:.3g}·sin({w:.3g}·x {phase:+.3g})", 4, wave))
-    name, formula, left = min(
-        (
-            (name, text, float((weight * (y - fit) ** 2).sum()) / whole * (1 + 0.1 * cost))
-            for name, text, cost, fit in tried
-        ),
-        key=lambda one: one[2],
-    )
-    return (name, formula) if left < 0.6 else ("other", f"{letter} between {y.min():.3g} and {y.max():.3g}")
+        shapes.append(_Shape("periodic", formula, 4, wave))
+    return shapes

@@ -15,7 +15,7 @@ from jaxsim.discover.model.residuals import residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import half_width
 from jaxsim.discover.verdict import CurveLine
-from jaxsim.effects import Effect
+from jaxsim.effects import Law
 
 RESIDUAL_UNITS = {
     "intensity": "ln I, measured minus simulated",
@@ -35,7 +35,7 @@ def residual_curves(
     *,
     fitted: Float[np.ndarray, " b"],
     scene: Int[np.ndarray, " b"],
-    effects: Sequence[Effect],
+    effects: Sequence[Law],
 ) -> tuple[CurveLine, ...]:
     """Mean residual along each named effect's own covariates, on the blocks that are not fitted; where an effect makes
     ranges scatter, also the residuals' spread over the one that each ray is expected to have, for their mean shows

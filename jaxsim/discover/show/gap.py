@@ -21,9 +21,9 @@ from jaxtyping import Float, Int
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import CHANNELS, log_likelihood, log_lost
-from jaxsim.discover.model.nuisance import Noise, Weights
-from jaxsim.discover.model.random_effects import left_over
-from jaxsim.discover.model.rounding import gained_by
+from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
+from jaxsim.discover.model.rounding import rounding_gain
 from jaxsim.discover.scenes import mean_interval, ratio_interval
 from jaxsim.discover.verdict import Gained, Gap, Interval
 from jaxsim.frame import Array
@@ -48,17 +48,18 @@ class Distance:
 
 
 def distance(
-    problem: Problem, fitted: Float[np.ndarray, " b"], w: Weights, *, scene: Int[np.ndarray, " b"]
+    problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations, *, scene: Int[np.ndarray, " b"]
 ) -> Distance:
     """The distance of the scenes of those blocks that are not fitted. Likelihoods are to be held against each other at
-    the same weights `w`, as in naming: a problem's own would price reflectances and poses differently."""
+    the same weights `eq`, as in naming: a problem's own would price reflectances and poses differently."""
     judged = np.asarray(fitted) == 0
     shared = jnp.asarray(fitted, jnp.float32)
-    errors = np.asarray(_errors(problem.ev, problem.noise, *left_over(problem.ev, problem.weights, shared)))
-    score = np.asarray(log_likelihood(problem.ev, problem.noise, w, shared, clutter=problem.clutter))
+    off = conditional_residuals(problem.ev, problem.equations, shared)
+    errors = np.asarray(_errors(problem.ev, problem.noise, *off))
+    score = np.asarray(log_likelihood(problem.ev, problem.noise, equations=eq, fitted=shared, clutter=problem.clutter))
     rays = problem.ev.rays
     steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
-    score = score + gained_by(problem.ev, steps)
+    score = score + rounding_gain(problem.ev, steps)
     scenes, index = np.unique(scene[judged], return_inverse=True)
     total = np.zeros((len(scenes), 3, 2))
     scores = np.zeros((len(scenes), 3))

@@ -15,10 +15,10 @@ from jaxsim.discover.division import NOTHING_YET, Division
 from jaxsim.discover.find.localise import COVARIATES
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.nuisance import Noise, weights
+from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals, fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
-from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.name.steps import runner_up
@@ -55,12 +55,12 @@ def judge(
 
     def with_own_weights(problem: Problem) -> Problem:
         """Random effects are weighed by the residuals that a problem itself leaves, not by those of the null."""
-        raw = weights(problem.ev, problem.noise, *first_residuals(problem.ev))
-        off = left_over(problem.ev, raw, jnp.asarray(fitted))
-        return replace(problem, weights=weights(problem.ev, problem.noise, *off))
+        raw = normal_equations(problem.ev, problem.noise, *first_residuals(problem.ev))
+        off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
+        return replace(problem, equations=normal_equations(problem.ev, problem.noise, *off))
 
     def with_effects(effects: Chain, noise: Noise) -> Problem:
-        problem = Problem(division.scan, ev, null.weights, noise, null.clutter)
+        problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
         return with_own_weights(in_place(problem, effects, simulated=True))
 
     before = with_effects([], null.noise)
@@ -74,7 +74,7 @@ def judge(
     free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise))
 
     was, now, rival, floor = [
-        distance(problem, fitted, before.weights, scene=scene) for problem in (before, after, instead, free)
+        distance(problem, fitted, before.equations, scene=scene) for problem in (before, after, instead, free)
     ]
     return Judged(
         gaps(was, now, placebo=rival, floor=floor),

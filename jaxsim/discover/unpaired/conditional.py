@@ -139,14 +139,11 @@ def compare(
     block = Block(np.arange(nuisance.shape[1]), precision)
 
     # What may be an effect: columns beside one another, after those of the nuisances.
-    effects = [
-        (EFFECTS[name], columns)
-        for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ()))
-        for columns in columns_of(
-            EFFECTS[name], change_of(EFFECTS[name], rays, comparison.scan, spread), rays.row, comparison.rows
-        )
-    ]
-    parts = [(effect.name, columns) for effect, columns in effects]
+    parts: list[tuple[str, Columns]] = []
+    for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
+        change = change_of(EFFECTS[name], rays, comparison.rows, spread=spread)
+        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, comparison.rows)]
+    of_effects = len(parts)
     for name, basis in curve_columns(comparison).items():
         parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
     starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
@@ -162,8 +159,8 @@ def compare(
         random=random,
         equations=eq.scaled(inflation),
         nuisance=block,
-        terms=tuple(terms[: len(effects)]),
-        curves=tuple(terms[len(effects) :]),
+        terms=tuple(terms[:of_effects]),
+        curves=tuple(terms[of_effects:]),
         rays=rays,
         spread=spread,
         find=find,

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.effects import EFFECTS, Effect
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 OF_INTENSITY = (
     "incidence_cosine",
@@ -72,19 +72,17 @@ Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
 """From values of an effect's parameters to the change of ln I that they make on every ray."""
 
 
-def change_of(effect: Effect, rays: Rays, scan: Scan, spread: Float[np.ndarray, " q"]) -> Change:
+def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> Change:
     """The function from values of the parameters (in their units, others neutral) to the mean change of ln I of every
-    ray, over readings that lie `spread` nats about the rays' own."""
-    rows = len(np.asarray(scan.grid.elevation_rad))
+    ray of a sensor with so many beams, over readings that lie `spread` nats about the rays' own."""
     on_device = jax.tree.map(jnp.asarray, rays)
-    grid_alone = jax.tree.map(jnp.asarray, replace(scan, range_m=scan.range_m[:1]))
 
     @jax.jit
     def mean(values: dict[str, Any]) -> Array:
         total = jnp.zeros_like(on_device.range_m)
         for off in spread:
             moved = replace(on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off)
-            total = total + effect.apply(values, moved, grid_alone).log_intensity - moved.log_intensity
+            total = total + effect.apply(values, moved).log_intensity - moved.log_intensity
         return total / len(spread)
 
     return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)

@@ -80,7 +80,7 @@ class JointFit:
         self.effects: list[Effect] = [one.effect for one in chosen if one.effect is not None]
         self.values: list[dict[str, Any]] = [dict(one.start) for one in chosen]
         self.changes = [
-            change_of(effect, problem.rays, problem.comparison.scan, problem.spread) for effect in self.effects
+            change_of(effect, problem.rays, problem.comparison.rows, spread=problem.spread) for effect in self.effects
         ]
         self.rows = problem.comparison.rows
 

@@ -1,4 +1,9 @@
-"""The catalogue: one file, one effect; `EFFECTS` lists them in physical order."""
+"""The catalogue of effects, and nothing else: a file an effect, named like it, that ends in `EFFECT`.
+
+A file holds the formula (`apply`), the parameters with bounds and priors, and what the page says: title, formula,
+signature, look-alikes, source. `EFFECTS` lists them in physical order, which is the order in which they act.
+CONTRIBUTING.md shows how to add one.
+"""
 
 from jaxsim.effects.catalogue import (
     ambient_light,

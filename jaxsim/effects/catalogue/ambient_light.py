@@ -6,10 +6,10 @@ import numpy as np
 
 from jaxsim.effects.edits import bump, lose
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Loses echoes around a direction of the world."""
     away = rays.azimuth_rad + rays.heading_rad - p["heading_rad"]
     return lose(rays, p["strength"] * bump(away, p["width_rad"]))
@@ -26,13 +26,15 @@ EFFECT = Effect(
         "width_rad": Parameter(0.5, 0.1, 1.2, "rad", "standard width of the sector", scale=0.25),
     },
     channels=("drop",),
-    betrays="Returns are missing in a sector that stays in the world as the car turns; intensities are as they were.",
+    signature="Returns are missing in a sector that stays in the world as the car turns; intensities are as they were.",
     covariates=("heading", "azimuth"),
     look_alikes={
         "window_contamination": "dirt turns with the car and dims; needs frames of several headings",
         "sector_occlusion": "a bracket turns with the car and blocks all",
     },
-    source="background light raises the threshold; 100 klx in full sun",
+    source="Linnhoff et al., Measuring the Influence of Environmental Conditions on Automotive Lidar Sensors, Sensors "
+    "22(14), 2022 (direct sunlight); Dudzik et al., Physically-Based Simulation of Automotive LiDAR, arXiv "
+    "2512.05932, 2025 (ambient light)",
     apply=apply,
     starts=tuple({"strength": 0.2, "heading_rad": round(a, 3)} for a in np.linspace(-np.pi, np.pi, 13)[:-1].tolist()),
 )

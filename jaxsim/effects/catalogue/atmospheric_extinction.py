@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Dims power and intensity by exp(-2 α r) (Beer and Lambert, two ways)."""
     return brighten(rays, -2 * p["coefficient_per_m"] * rays.range_m)
 
@@ -21,7 +21,7 @@ EFFECT = Effect(
         "coefficient_per_m": Parameter(0.0, 0.0, 0.05, "1/m", "extinction α; ln 20 / visibility", scale=0.004),
     },
     channels=("intensity",),
-    betrays="A straight line of the log intensity over range, common to all beams and classes; far surfaces are lost "
+    signature="A straight line of the log intensity over range, common to all beams and classes; far surfaces are lost "
     "first.",
     covariates=("range",),
     look_alikes={
@@ -30,7 +30,8 @@ EFFECT = Effect(
         "window_contamination": "a dirty window is fixed to an azimuth and the same at all ranges",
         "emitter_drift": "drift grows with time, whatever the range",
     },
-    source="Beer-Lambert law; Koschmieder α = ln 20 / visibility; MartinHahner/LiDAR_fog_sim (α 0.005..0.2 1/m)",
+    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (two-way transmission, extinction "
+    "0.005 to 0.2 1/m); Koschmieder, Theorie der horizontalen Sichtweite, 1924 (ln 20 / visibility)",
     apply=apply,
     starts=({"coefficient_per_m": 0.002},),
 )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Multiplies power and intensity by exp(gain) of the ray's beam."""
     return brighten(rays, p["gain"][rays.row])
 
@@ -21,7 +21,7 @@ EFFECT = Effect(
         "gain": Parameter(0.0, -1.0, 1.0, "nats", "logarithm of each beam's gain", scale=0.12, shape="row"),
     },
     channels=("intensity",),
-    betrays="Stripes along rows that are the same for all ranges, angles and classes.",
+    signature="Stripes along rows that are the same for all ranges, angles and classes.",
     covariates=("row",),
     look_alikes={
         "focal_compensation": "follow one beam over range: a gain stays, a focal compensation has its minimum at the "
@@ -30,7 +30,7 @@ EFFECT = Effect(
         "incidence_cosine": "on flat ground a row is an angle; compare beams on walls and cars",
         "intensity_offset": "compare dark with bright classes: a gain scales both alike",
     },
-    source="Levinson & Thrun, Unsupervised Calibration for Multi-beam Lasers; Steder et al., Maximum Likelihood "
-    "Remission Calibration",
+    source="Levinson & Thrun, Unsupervised Calibration for Multi-beam Lasers, ISER 2010; Steder et al., Maximum "
+    "Likelihood Remission Calibration for Groups of Heterogeneous Laser Scanners, ICRA 2015",
     apply=apply,
 )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from jaxsim.effects.edits import misread
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds the beam's bias to the reading."""
     return misread(rays, p["bias_m"][rays.row])
 
@@ -19,13 +19,15 @@ EFFECT = Effect(
     formula="reading += bias[row]",
     parameters={"bias_m": Parameter(0.0, -0.3, 0.3, "m", "each beam's error", scale=0.04, shape="row")},
     channels=("range",),
-    betrays="The mean range residual differs by row and is constant over range.",
+    signature="The mean range residual differs by row and is constant over range.",
     covariates=("row",),
     look_alikes={
         "beam_elevation_error": "a wrong elevation grows as r² on the road and leaves walls where they are",
         "range_scale": "compare ranges within a beam: a scale grows with range",
         "extrinsic_rotation": "a pitch has opposite signs ahead and behind",
     },
-    source="Velodyne HDL-64E calibration (distCorrection); residual spread 1..7 cm",
+    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (far "
+    "distance correction); Glennie & Lichti, Static Calibration and Analysis of the Velodyne HDL-64E S2, Remote "
+    "Sensing 2(6), 2010 (each laser's distance offset)",
     apply=apply,
 )

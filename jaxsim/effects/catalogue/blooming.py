@@ -7,12 +7,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 _ON_TARGET_RAD = 1e-6
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Lets rays near a very bright target read its range, also those that hit nothing."""
     glare = p["probability"] * jnp.exp(-jnp.square(rays.glare_rad / p["radius_rad"]))
     beside = (rays.glare_rad > _ON_TARGET_RAD) & (rays.glare_rad < 3.0)
@@ -30,7 +30,7 @@ EFFECT = Effect(
         "radius_rad": Parameter(0.02, 0.004, 0.08, "rad", "angle at which it has fallen to 1/e", scale=0.015),
     },
     channels=("range",),
-    betrays="Around signs and other very bright targets, returns at exactly the target's range where the simulation "
+    signature="Around signs and other very bright targets, returns at exactly the target's range where the simulation "
     "hits something else or nothing.",
     covariates=("step", "range", "class"),
     look_alikes={
@@ -38,7 +38,8 @@ EFFECT = Effect(
         "extrinsic_rotation": "a displaced edge gains on one side and loses on the other",
         "precipitation_clutter": "clutter lies at any range",
     },
-    source="arXiv 2605.24753 (transient glare operator); arXiv 2512.05932",
+    source="Gump et al., Ghosts in the Point Clouds: De-glaring LiDAR in the Transient Domain, arXiv 2605.24753, "
+    "2026; Dudzik et al., Physically-Based Simulation of Automotive LiDAR, arXiv 2512.05932, 2025",
     apply=apply,
     starts=({"probability": 0.3}, {"probability": 0.3, "radius_rad": 0.05}),
 )

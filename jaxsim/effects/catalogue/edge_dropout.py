@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from jaxsim.effects.edits import lose
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 STEP_M, STEP_SHARE = 0.3, 0.05
 
@@ -21,7 +21,7 @@ def at_edge(rays: Rays) -> Bool[Array, "*n"]:
     return jnp.any(apart > least[..., None], axis=-1)
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Loses echoes at depth steps with one probability."""
     return lose(rays, jnp.where(at_edge(rays), p["probability"], jnp.zeros_like(rays.range_m)))
 
@@ -33,7 +33,7 @@ EFFECT = Effect(
     formula="keep *= 1 − probability where a neighbour is > 0.3 m and > 5 % of r away, or hits nothing",
     parameters={"probability": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost at edges", scale=0.2)},
     channels=("drop",),
-    betrays="Returns are missing beside depth steps, and nowhere else.",
+    signature="Returns are missing beside depth steps, and nowhere else.",
     covariates=("step",),
     look_alikes={
         "mixed_pixels": "mixed pixels return, between the two surfaces",
@@ -41,7 +41,8 @@ EFFECT = Effect(
         "material_dropout": "compare edges and middles of one class",
         "random_dropout": "compare edges and middles",
     },
-    source="split echoes below the threshold; filters of firmware",
+    source="SICK LMS4000 operating instructions (8023198, 2018), Edge filter: readings are removed where the distance "
+    "to a neighbour exceeds a limit",
     apply=apply,
     starts=({"probability": 0.05},),
 )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from jaxsim.effects.edits import displace
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
-from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 
-def displace(p: dict[str, Array], rays: Rays) -> Displacement:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Sends rays along R(roll, pitch, yaw) times their nominal direction; R = Rz(yaw) Ry(pitch) Rx(roll)."""
     sr, sp, sy = (jnp.sin(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
     cr, cp, cy = (jnp.cos(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
@@ -25,7 +25,7 @@ def displace(p: dict[str, Array], rays: Rays) -> Displacement:
     longer = (dx * (2 * x + dx) + dy * (2 * y + dy)) / (rho + rho_new)
     azimuth = jnp.arctan2(x * dy - y * dx, x * (x + dx) + y * (y + dy))
     elevation = jnp.arctan2(rho * dz - z * longer, rho * rho_new + z * (z + dz))
-    return displacement(rays, turn_rad=(azimuth, elevation))
+    return displace(rays, turn_rad=(azimuth, elevation))
 
 
 def _angle(meaning: str) -> Parameter:
@@ -43,7 +43,7 @@ EFFECT = Effect(
         "yaw_rad": _angle("about z (up): positive turns to the left"),
     },
     channels=("range", "intensity", "drop"),
-    betrays="Pitch and roll: the road's range residual grows as r² and changes sign from front to rear or from side "
+    signature="Pitch and roll: the road's range residual grows as r² and changes sign from front to rear or from side "
     "to side. Yaw: edges are displaced, with opposite signs at left and right edges.",
     covariates=("azimuth", "range", "step", "row"),
     look_alikes={
@@ -53,6 +53,8 @@ EFFECT = Effect(
         "range_scale": "a scale moves walls that face the sensor too",
         "mixed_pixels": "mixed readings lie between the two surfaces, displaced edges lie on one",
     },
-    source="extrinsic calibration; 0.1..1 degree in practice",
-    apply=Displaced(displace, passes=1),
+    source="Levinson & Thrun, Automatic Online Calibration of Cameras and Lasers, RSS 2013 (miscalibration of the "
+    "mounting, sudden and gradual)",
+    apply=apply,
+    casts=1,
 )

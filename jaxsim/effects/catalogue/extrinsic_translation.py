@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from jaxsim.effects.edits import displace
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
-from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 
-def displace(p: dict[str, Array], rays: Rays) -> Displacement:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Starts rays from a displaced origin; the reading is the range from there."""
     x, y, z = (jnp.broadcast_to(p[name], rays.range_m.shape) for name in ("x_m", "y_m", "z_m"))
-    return displacement(rays, move_m=(x, y, z))
+    return displace(rays, move_m=(x, y, z))
 
 
 def _shift(meaning: str) -> Parameter:
@@ -26,7 +26,7 @@ EFFECT = Effect(
     formula="true origin = nominal origin + (x, y, z)",
     parameters={"x_m": _shift("forward"), "y_m": _shift("to the left"), "z_m": _shift("up")},
     channels=("range", "intensity", "drop"),
-    betrays="x and y: a range residual that follows the cosine or sine of the azimuth, on surfaces that face the "
+    signature="x and y: a range residual that follows the cosine or sine of the azimuth, on surfaces that face the "
     "sensor and at all ranges alike. z: the road's residual is proportional to range.",
     covariates=("azimuth", "range", "step", "row"),
     look_alikes={
@@ -35,7 +35,9 @@ EFFECT = Effect(
         "range_scale": "a height error moves the road alone; compare walls",
         "beam_range_bias": "a bias is the same all round and on all surfaces",
     },
-    source="extrinsic calibration; 1..10 cm in practice",
-    apply=Displaced(displace),
+    source="Levinson & Thrun, Automatic Online Calibration of Cameras and Lasers, RSS 2013 (miscalibration of the "
+    "mounting, sudden and gradual)",
+    apply=apply,
+    casts=3,
     starts=tuple({axis: way} for axis in ("x_m", "y_m", "z_m") for way in (-0.03, 0.03)),
 )

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds early returns at a range that is typical of the fog's density."""
     probability = jnp.where(rays.hit, p["probability"], jnp.zeros_like(rays.clutter))
     return add_clutter(rays, probability, power=2.0, scale_m=p["scale_m"], from_m=0.5, intensity=p["intensity"])
@@ -26,14 +26,15 @@ EFFECT = Effect(
         "intensity": Parameter(0.05, 0.005, 0.5, "", "reported for them", scale=0.05),
     },
     channels=("range", "intensity"),
-    betrays="Weak returns in a ring of a few metres around the sensor, in front of whatever is there.",
+    signature="Weak returns in a ring of a few metres around the sensor, in front of whatever is there.",
     covariates=("range", "intensity"),
     look_alikes={
         "precipitation_clutter": "rain is densest at the sensor and thins out; fog has a ring",
         "interference": "interference is uniform in range",
         "mixed_pixels": "mixed readings need a depth step",
     },
-    source="MartinHahner/LiDAR_fog_sim (soft target response); always with atmospheric_extinction",
+    source="Hahner et al., Fog Simulation on Real LiDAR Point Clouds, ICCV 2021 (soft target, always beside "
+    "extinction)",
     apply=apply,
     starts=({"probability": 0.03}, {"probability": 0.03, "scale_m": 5.0}),
 )

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import brighten, cosine
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Multiplies power and intensity by cos θ ** exponent."""
     return brighten(rays, p["exponent"] * jnp.log(cosine(rays)))
 
@@ -23,7 +23,7 @@ EFFECT = Effect(
         "exponent": Parameter(0.0, -1.0, 2.0, "", "power of the cosine beyond what is simulated", scale=0.35),
     },
     channels=("intensity",),
-    betrays="Within each class the log intensity is straight over ln cos θ.",
+    signature="Within each class the log intensity is straight over ln cos θ.",
     covariates=("incidence",),
     look_alikes={
         "oren_nayar": "they part beyond 70 degrees; needs many such rays and normals good to a degree",
@@ -32,6 +32,7 @@ EFFECT = Effect(
         "gamma_response": "gamma shrinks the contrast of classes by the same factor",
         "beam_gain": "on flat ground an angle is a row; compare walls",
     },
-    source="Lambert's law; Tan & Cheng, Remote Sens. 2016, 8(3), 251",
+    source="Lambert, Photometria, 1760; Tan & Cheng, Correction of Incidence Angle and Distance Effects on TLS "
+    "Intensity Data Based on Reference Targets, Remote Sensing 8(3), 251, 2016",
     apply=apply,
 )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from jaxsim.effects.edits import misread, tangent
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds half the depth of the beam's footprint, r * divergence * tan θ."""
     return misread(rays, 0.5 * p["divergence_rad"] * rays.range_m * tangent(rays))
 
@@ -19,7 +19,7 @@ EFFECT = Effect(
     formula="reading += ½ · r · divergence · tan θ",
     parameters={"divergence_rad": Parameter(0.0, 0.0, 0.03, "rad", "opening of the beam", scale=0.002)},
     channels=("range",),
-    betrays="The range residual is proportional to range times the tangent of the incidence angle.",
+    signature="The range residual is proportional to range times the tangent of the incidence angle.",
     covariates=("incidence", "range"),
     look_alikes={
         "extrinsic_rotation": "on the road both grow as r²; a pitch changes sign from front to rear and spares walls",
@@ -27,7 +27,9 @@ EFFECT = Effect(
         "range_scale": "compare walls that face the sensor",
         "beam_elevation_error": "an elevation error has either sign, beam by beam",
     },
-    source="arXiv 2303.01123; divergence of 1.5..3 mrad",
+    source="Laconte et al., Lidar Measurement Bias Estimation via Return Waveform Modelling, ICRA 2019; Agishev, "
+    "Petříček & Zimmermann, Self-Supervised Depth Correction of Lidar Measurements from Map Consistency Loss, arXiv "
+    "2303.01123, 2023",
     apply=apply,
     starts=({"divergence_rad": 0.001},),
 )

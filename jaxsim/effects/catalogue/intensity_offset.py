@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import add_intensity
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import FLOOR, Array, Rays, Scan
+from jaxsim.effects.rays import FLOOR, Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds the offset to the reported intensity, which stays positive."""
     return add_intensity(rays, jnp.broadcast_to(p["offset"], rays.log_intensity.shape), FLOOR)
 
@@ -21,7 +21,7 @@ EFFECT = Effect(
     formula="I += offset",
     parameters={"offset": Parameter(0.0, -0.05, 0.15, "", "dark level", scale=0.02)},
     channels=("intensity",),
-    betrays="Dark surfaces are brighter (or darker) by a factor, bright ones are as they should be.",
+    signature="Dark surfaces are brighter (or darker) by a factor, bright ones are as they should be.",
     covariates=("intensity", "class"),
     look_alikes={
         "gamma_response": "gamma bends bright surfaces too",
@@ -29,6 +29,7 @@ EFFECT = Effect(
         "beam_gain": "a gain scales dark and bright alike",
         "oren_nayar": "compare dark and bright classes at one angle",
     },
-    source="dark level of receivers (DSNU); minimum intensity of the HDL-64E calibration",
+    source="EMVA Standard 1288, release 4.0, 2021 (dark signal); Velodyne HDL-64E S3 User's Manual and Programming "
+    "Guide (63-HDL64ES3 rev. K, 2019), appendix E (minimum intensity of each laser)",
     apply=apply,
 )

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 
 from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 _UNIFORM_M = 1e6
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds false returns, uniform in range; where a ray hits nothing, up to 100 m."""
     scale_m = jnp.full_like(p["probability"], _UNIFORM_M)
     return add_clutter(rays, p["probability"], power=0.0, scale_m=scale_m, from_m=0.5, intensity=p["intensity"])
@@ -27,14 +27,15 @@ EFFECT = Effect(
         "intensity": Parameter(0.2, 0.005, 1.0, "", "reported for them", scale=0.15),
     },
     channels=("range", "intensity"),
-    betrays="Scattered returns in front of surfaces and in the sky, as many at long as at short range.",
+    signature="Scattered returns in front of surfaces and in the sky, as many at long as at short range.",
     covariates=("range", "intensity"),
     look_alikes={
         "precipitation_clutter": "rain is densest at the sensor and weak",
         "fog_backscatter": "fog has a ring at some metres",
         "blooming": "glare lies at the range of a bright target",
     },
-    source="mutual interference of LiDARs",
+    source="Popko, Gaylord & Valenta, Geometric Approximation Model of Inter-lidar Interference, Optical Engineering "
+    "59(3), 2020",
     apply=apply,
     starts=({"probability": 0.02},),
 )

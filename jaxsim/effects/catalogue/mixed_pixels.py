@@ -7,12 +7,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 STEP_M = 0.3
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """At depth steps to the left or right, spreads the reading evenly up to the nearer of the farther neighbours."""
     sides = rays.beside_m[..., :2]
     farther = jnp.isfinite(sides) & (sides > rays.range_m[..., None] + STEP_M)
@@ -34,7 +34,7 @@ EFFECT = Effect(
     formula="reading ~ uniform(r, r_beside) with a probability, where the left or right neighbour is > 0.3 m farther",
     parameters={"probability": Parameter(0.0, 0.0, 1.0, "", "share of rays at edges that are mixed", scale=0.3)},
     channels=("range",),
-    betrays="At depth steps, and only there, readings lie between the two surfaces.",
+    signature="At depth steps, and only there, readings lie between the two surfaces.",
     covariates=("step",),
     look_alikes={
         "extrinsic_rotation": "a displaced edge reads the neighbour's range, not one between",
@@ -42,7 +42,8 @@ EFFECT = Effect(
         "precipitation_clutter": "clutter lies in front of both surfaces",
         "blooming": "glare lies at a bright target's range",
     },
-    source="Long & Morris, essential beam model; beam divergence of 1.5..3 mrad",
+    source="Hebert & Krotkov, 3-D Measurements from Imaging Laser Radars: How Good Are They?, Image and Vision "
+    "Computing 10(3), 1992",
     apply=apply,
     starts=({"probability": 0.05},),
 )

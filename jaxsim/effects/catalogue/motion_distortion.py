@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from jaxsim.effects.edits import displace
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
-from jaxsim.effects.recast import Displaced, Displacement, displacement
 
 SCAN_S = 0.1
 """Time of a turn at 10 Hz."""
 
 
-def displace(p: dict[str, Array], rays: Rays) -> Displacement:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Moves the origin along x by share * speed * 0.1 s * (place within the scan - 1/2)."""
     forward = p["share"] * rays.speed_mps * SCAN_S * (rays.phase - 0.5)
-    return displacement(rays, move_m=(forward, jnp.zeros_like(forward), jnp.zeros_like(forward)))
+    return displace(rays, move_m=(forward, jnp.zeros_like(forward), jnp.zeros_like(forward)))
 
 
 EFFECT = Effect(
@@ -27,13 +27,15 @@ EFFECT = Effect(
         "share": Parameter(0.0, -0.2, 1.5, "", "share of the motion that is left in the scan", scale=0.5),
     },
     channels=("range", "intensity", "drop"),
-    betrays="A range residual proportional to speed, to the place within the scan and to the cosine of the azimuth; "
+    signature="A range residual proportional to speed, to the place within the scan and to the cosine of the azimuth; "
     "it jumps where the scan begins and ends, and is nothing at standstill.",
     covariates=("speed", "time", "azimuth", "column", "range"),
     look_alikes={
         "extrinsic_translation": "a wrong mounting stays at standstill; compare speeds",
         "extrinsic_rotation": "compare speeds",
     },
-    source="rolling shutter of a spinning sensor",
-    apply=Displaced(displace),
+    source="Zhang & Singh, LOAM: Lidar Odometry and Mapping in Real-time, RSS 2014 (distortion by motion within a "
+    "sweep)",
+    apply=apply,
+    casts=3,
 )

@@ -6,13 +6,13 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import brighten
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 _LEAST = 1e-4
 _MOST = 60.0
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Multiplies power and intensity by 1 - exp(-(r / distance)²)."""
     square = jnp.square(rays.range_m / jnp.maximum(p["distance_m"], 1e-2))
     seen = jnp.log1p(-jnp.exp(-jnp.clip(square, _LEAST, _MOST)))
@@ -28,7 +28,7 @@ EFFECT = Effect(
         "distance_m": Parameter(0.0, 0.0, 12.0, "m", "range at which 63 % of the light is seen", scale=3.0),
     },
     channels=("intensity",),
-    betrays="Intensity is missing at the smallest ranges, of all classes and beams, and nowhere else.",
+    signature="Intensity is missing at the smallest ranges, of all classes and beams, and nowhere else.",
     covariates=("range",),
     look_alikes={
         "focal_compensation": "a compensation differs from beam to beam",
@@ -36,7 +36,9 @@ EFFECT = Effect(
         "beam_gain": "near by, a row is a range; compare other surfaces in the same rows",
         "saturation": "saturation spares dark surfaces",
     },
-    source="bistatic overlap; SysCV/LiDAR_snow_sim (simulation.py); Mukupa et al. 2017 (1..6 m)",
+    source="Mukupa et al., Correction of Terrestrial LiDAR Data Using a Hybrid Model, FIG Working Week 2017 (1 to 6 "
+    "m); Hahner et al., LiDAR Snowfall Simulation for Robust 3D Object Detection, CVPR 2022 (overlap of a bistatic "
+    "sensor)",
     apply=apply,
     starts=({"distance_m": 2.0}, {"distance_m": 4.0}, {"distance_m": 8.0}),
 )

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import brighten, tangent
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Multiplies power and intensity by Oren and Nayar's factor for light that returns to its source."""
     square = jnp.square(p["roughness_rad"])
     a = 1 - 0.5 * square / (square + 0.33)
@@ -26,7 +26,7 @@ EFFECT = Effect(
         "roughness_rad": Parameter(0.0, 0.0, 1.2, "rad", "spread s of the slopes of the facets", scale=0.4),
     },
     channels=("intensity",),
-    betrays="Within each class the intensity falls more slowly with the incidence angle than the cosine, mostly "
+    signature="Within each class the intensity falls more slowly with the incidence angle than the cosine, mostly "
     "beyond 60 degrees.",
     covariates=("incidence",),
     look_alikes={
@@ -34,7 +34,9 @@ EFFECT = Effect(
         "gamma_response": "gamma shrinks the contrast of classes too",
         "range_falloff": "on the road angle and range are one; compare walls and sides of cars",
     },
-    source="Oren & Nayar 1994, in the retro geometry; used for scanners by Mukupa et al. 2017",
+    source="Oren & Nayar, Generalization of Lambert's Reflectance Model, SIGGRAPH 1994, with light and eye in one "
+    "direction; Mukupa et al., Correction of Terrestrial LiDAR Data Using a Hybrid Model, FIG Working Week 2017 (for "
+    "scanners)",
     apply=apply,
     starts=({"roughness_rad": 0.3}, {"roughness_rad": 0.7}),
 )

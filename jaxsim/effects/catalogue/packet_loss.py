@@ -8,10 +8,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import either
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Sets the probability that a ray's group of columns is lost; groups are drawn with the frame."""
     return replace(rays, column_loss=either(rays.column_loss, jnp.broadcast_to(p["probability"], rays.range_m.shape)))
 
@@ -26,13 +26,14 @@ EFFECT = Effect(
         "columns": Parameter(4.0, 1.0, 32.0, "columns", "in a group", scale=4.0, fitted=False),
     },
     channels=("drop",),
-    betrays="Whole columns are missing side by side, others each frame.",
+    signature="Whole columns are missing side by side, others each frame.",
     covariates=("column", "frame"),
     look_alikes={
         "random_dropout": "look at single columns: packets take all of one",
         "sector_occlusion": "a sector is the same in every frame",
     },
-    source="UDP packets hold several columns of every spinning sensor",
+    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (a UDP "
+    "packet holds several firings of all lasers)",
     apply=apply,
     starts=({"probability": 0.02},),
 )

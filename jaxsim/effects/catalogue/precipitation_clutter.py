@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds early returns that thin out with the square of range and with extinction."""
     probability = jnp.where(rays.hit, p["probability"], jnp.zeros_like(rays.clutter))
     return add_clutter(rays, probability, power=-2.0, scale_m=p["scale_m"], from_m=1.5, intensity=p["intensity"])
@@ -26,14 +26,15 @@ EFFECT = Effect(
         "intensity": Parameter(0.05, 0.005, 0.5, "", "reported for them", scale=0.05),
     },
     channels=("range", "intensity"),
-    betrays="Scattered weak returns in front of surfaces, most of them at the shortest ranges.",
+    signature="Scattered weak returns in front of surfaces, most of them at the shortest ranges.",
     covariates=("range", "intensity"),
     look_alikes={
         "fog_backscatter": "fog has a ring at some metres, rain is densest at the sensor",
         "interference": "interference is uniform in range and not always weak",
         "mixed_pixels": "mixed readings need a depth step",
     },
-    source="LISA (atmos_models.py); SysCV/LiDAR_snow_sim",
+    source="Kilic et al., Lidar Light Scattering Augmentation (LISA), arXiv 2107.07004, 2021; Hahner et al., LiDAR "
+    "Snowfall Simulation for Robust 3D Object Detection, CVPR 2022",
     apply=apply,
     starts=({"probability": 0.03},),
 )

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import lose
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Loses each echo with one probability."""
     return lose(rays, jnp.broadcast_to(p["probability"], rays.log_keep.shape))
 
@@ -21,14 +21,15 @@ EFFECT = Effect(
     formula="keep *= 1 − probability",
     parameters={"probability": Parameter(0.0, 0.0, 0.9, "", "share of echoes lost", scale=0.05)},
     channels=("drop",),
-    betrays="The same share of returns is missing at every range, angle, class and power.",
+    signature="The same share of returns is missing at every range, angle, class and power.",
     covariates=(),
     look_alikes={
         "packet_loss": "lost packets take whole columns",
         "snr_dropout": "a threshold spares strong echoes",
         "material_dropout": "compare classes",
     },
-    source="CARLA's LiDAR (general drop-off rate)",
+    source="Dosovitskiy et al., CARLA: An Open Urban Driving Simulator, CoRL 2017 (dropoff_general_rate of its "
+    "ray-cast LiDAR)",
     apply=apply,
     starts=({"probability": 0.02},),
 )

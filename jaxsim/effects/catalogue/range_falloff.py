@@ -7,10 +7,10 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import REFERENCE_M, Array, Rays, Scan
+from jaxsim.effects.rays import REFERENCE_M, Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Divides the intensity by (r / 10 m) ** exponent; power falls with range already."""
     fall = jnp.log(jnp.maximum(rays.range_m, 0.1) / REFERENCE_M)
     fall = jnp.where(rays.hit, fall, jnp.zeros_like(fall))
@@ -26,7 +26,7 @@ EFFECT = Effect(
         "exponent": Parameter(0.0, -2.0, 3.0, "", "power of range left in the intensity; 2 is raw power", scale=0.35),
     },
     channels=("intensity",),
-    betrays="A straight line of the log intensity over the log of range, with one slope for all classes and beams.",
+    signature="A straight line of the log intensity over the log of range, with one slope for all classes and beams.",
     covariates=("range",),
     look_alikes={
         "atmospheric_extinction": "extinction is straight over r, not over ln r: look beyond 60 m and below 5 m; it "
@@ -36,6 +36,7 @@ EFFECT = Effect(
         "near_range_overlap": "overlap ends at a few metres",
         "gamma_response": "gamma shrinks the contrast of classes too",
     },
-    source="LiDAR equation; Ouster documents signal photons beside calibrated reflectivity",
+    source="Höfle & Pfeifer, Correction of Laser Scanning Intensity Data: Data and Model-driven Approaches, ISPRS "
+    "Journal 62(6), 2007 (the laser range equation)",
     apply=apply,
 )

@@ -7,10 +7,10 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Sets the step to which readings are rounded when they are drawn."""
     return replace(rays, range_step_m=jnp.maximum(rays.range_step_m, p["step_m"]))
 
@@ -22,10 +22,11 @@ EFFECT = Effect(
     formula="reading rounds to multiples of step",
     parameters={"step_m": Parameter(0.0, 0.0, 0.5, "m", "smallest difference of two ranges", scale=0.05)},
     channels=("range",),
-    betrays="Ranges lie on a lattice.",
+    signature="Ranges lie on a lattice.",
     covariates=("range",),
     look_alikes={"range_noise": "look for gaps between the ranges that occur"},
-    source="2 mm (HDL-64E), 4 mm (Hesai)",
+    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (2 mm); "
+    "Hesai PandarQT user manual (4 mm)",
     apply=apply,
     starts=tuple({"step_m": s} for s in (0.02, 0.05, 0.1, 0.2)),
 )

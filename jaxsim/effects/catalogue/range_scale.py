@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from jaxsim.effects.edits import misread
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds a share of the range to the reading."""
     return misread(rays, p["scale"] * rays.range_m)
 
@@ -19,7 +19,7 @@ EFFECT = Effect(
     formula="reading += scale · r",
     parameters={"scale": Parameter(0.0, -0.02, 0.02, "", "relative error of range", scale=0.002)},
     channels=("range",),
-    betrays="The range residual is proportional to range, for all beams, angles and classes.",
+    signature="The range residual is proportional to range, for all beams, angles and classes.",
     covariates=("range",),
     look_alikes={
         "beam_range_bias": "a bias is constant within a beam",
@@ -27,6 +27,7 @@ EFFECT = Effect(
         "incidence_range_bias": "it needs an incidence angle: compare walls that face the sensor",
         "range_walk": "compare dark with bright surfaces at equal range",
     },
-    source="clock error or refractive index; 1e-4..1e-3 in practice",
+    source="Glennie & Lichti, Static Calibration and Analysis of the Velodyne HDL-64E S2, Remote Sensing 2(6), 2010 "
+    "(distance scale)",
     apply=apply,
 )

@@ -6,14 +6,14 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import brighten, cosine, is_one_of
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 RETROREFLECTORS = (19, 20)
 _SOFT = 4.0
 """A gain of 1/4 is where the cosine begins to give way; only then is the effect nothing at gain 0."""
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Gives signs and lights the light of normal incidence times exp(gain exp(-(θ / tolerance)²))."""
     lobe = p["gain"] * jnp.exp(-jnp.square(rays.incidence_rad / p["tolerance_rad"]))
     facing = -(1 - jnp.exp(-_SOFT * p["gain"])) * jnp.log(cosine(rays))
@@ -30,7 +30,7 @@ EFFECT = Effect(
         "tolerance_rad": Parameter(0.7, 0.3, 1.4, "rad", "angle at which the gain has fallen to 1/e", scale=0.3),
     },
     channels=("intensity",),
-    betrays="Traffic signs and lights are far brighter than simulated, up to incidence angles of 40 degrees, at all "
+    signature="Traffic signs and lights are far brighter than simulated, up to incidence angles of 40 degrees, at all "
     "ranges.",
     covariates=("class", "incidence"),
     look_alikes={
@@ -38,7 +38,8 @@ EFFECT = Effect(
         "specular_lobe": "a lobe is of vehicles and narrow",
         "blooming": "blooming reaches neighbours of the sign and shows in range",
     },
-    source="Velodyne and RoboSense manuals (diffuse 0..100, retroreflectors 101..255)",
+    source="Velodyne VLP-16 User Manual (63-9243 rev. D, 2018), calibrated reflectivity (diffuse 0 to 100, "
+    "retroreflectors 101 to 255)",
     apply=apply,
     starts=({"gain": 1.0}, {"gain": 3.0}),
 )

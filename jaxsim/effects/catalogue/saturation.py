@@ -7,10 +7,10 @@ from dataclasses import replace
 import jax.numpy as jnp
 
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Ends the reported intensity at the ceiling; at a ceiling of 1 nothing is cut that the report does not cut."""
     cut = jnp.minimum(rays.log_intensity, jnp.log(p["ceiling"]))
     return replace(
@@ -27,13 +27,14 @@ EFFECT = Effect(
     formula="I = min(I, ceiling)",
     parameters={"ceiling": Parameter(1.0, 0.1, 1.0, "", "largest intensity reported", scale=0.3)},
     channels=("intensity",),
-    betrays="Intensities pile up at one value; bright classes alone lose their contrast.",
+    signature="Intensities pile up at one value; bright classes alone lose their contrast.",
     covariates=("intensity",),
     look_alikes={
         "gamma_response": "gamma bends dark surfaces too and piles nothing up",
         "retroreflection": "compare white paint with signs",
     },
-    source="per-beam maximum intensity 220..255 of the HDL-64E calibration",
+    source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (maximum "
+    "intensity of each laser, codes end at 255)",
     apply=apply,
     starts=tuple({"ceiling": c} for c in (0.9, 0.7, 0.5, 0.35, 0.2)),
 )

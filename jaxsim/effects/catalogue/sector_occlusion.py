@@ -9,13 +9,13 @@ import numpy as np
 
 from jaxsim.effects.edits import wrapped
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import NEVER, Array, Rays, Scan
+from jaxsim.effects.rays import NEVER, Array, Rays
 
 SOFT_RAD = 0.01
 """The echo's probability falls over this angle within the sector, so that its borders have a derivative."""
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Loses all echoes of a sector of azimuth."""
     inside = p["width_rad"] / 2 - jnp.abs(wrapped(rays.azimuth_rad - p["azimuth_rad"]))
     return replace(rays, log_keep=rays.log_keep + NEVER * jnp.clip(inside / SOFT_RAD, 0.0, 1.0))
@@ -31,14 +31,15 @@ EFFECT = Effect(
         "width_rad": Parameter(0.0, 0.0, 1.5, "rad", "full width of the sector", scale=0.2),
     },
     channels=("drop",),
-    betrays="Nothing returns from one sector of azimuth, the same in every frame, with sharp borders.",
+    signature="Nothing returns from one sector of azimuth, the same in every frame, with sharp borders.",
     covariates=("azimuth", "column"),
     look_alikes={
         "window_contamination": "dirt dims, has soft borders and lets strong echoes through",
         "packet_loss": "lost packets differ from frame to frame",
         "ambient_light": "the sun stays in the world as the car turns",
     },
-    source="occlusion by the ego vehicle",
+    source="Velodyne VLS-128 User Manual, appendix H (what stands beside a sensor on the roof shadows azimuths, to be "
+    "ignored)",
     apply=apply,
     starts=tuple(
         {"azimuth_rad": round(a, 3), "width_rad": w}

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 
 from jaxsim.effects.edits import brighten, cosine, is_one_of, lose
 from jaxsim.effects.effect import Effect, Parameter
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 VEHICLES = (26, 27, 28, 29, 30, 31, 32)
 
 
-def apply(p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds a Phong lobe to vehicles' light and loses their echoes away from the normal."""
     vehicle = is_one_of(rays, VEHICLES)
     lobe = p["strength"] * jnp.exp(p["exponent"] * jnp.log(cosine(rays)))
@@ -30,7 +30,7 @@ EFFECT = Effect(
         "mirror_loss": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost edge on", scale=0.4),
     },
     channels=("intensity", "drop"),
-    betrays="On vehicles alone: intensity peaks within some ten degrees of head on, and losses grow with the "
+    signature="On vehicles alone: intensity peaks within some ten degrees of head on, and losses grow with the "
     "incidence angle.",
     covariates=("incidence", "class"),
     look_alikes={
@@ -39,7 +39,7 @@ EFFECT = Effect(
         "snr_dropout": "compare angles at equal power",
         "retroreflection": "retroreflectors tolerate 40 degrees and are signs",
     },
-    source="Phong's lobe; car paint, glass and chrome",
+    source="Phong, Illumination for Computer Generated Pictures, Communications of the ACM 18(6), 1975",
     apply=apply,
     starts=({"strength": 1.0}, {"mirror_loss": 0.2}, {"strength": 2.0, "exponent": 10.0, "mirror_loss": 0.2}),
 )

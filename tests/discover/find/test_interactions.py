@@ -3,7 +3,7 @@ import pytest
 
 from jaxsim.discover.find.interactions import interactions, spelled
 from jaxsim.discover.find.localise import NAMED
-from tests.discover.find.test_localise import rays
+from tests.discover.find.random_rays import rays
 
 SHAPE = (12, 24, 16)
 
@@ -49,8 +49,8 @@ def test_few_scenes_decide_nothing():
     rng = np.random.default_rng(2)
     r = rays(rng, SHAPE)
     z = rng.normal(0, 1, SHAPE) + 3.0 * ((r.range_m > 31.5) == (r.incidence_rad > 0.7))
-    unit = np.repeat(np.arange(4), 3)
-    assert interactions(r, {"range": (z, np.ones(SHAPE, bool))}, unit, level=0.5) == []
+    scene = np.repeat(np.arange(4), 3)
+    assert interactions(r, {"range": (z, np.ones(SHAPE, bool))}, scene, level=0.5) == []
 
 
 def test_a_handful_of_events_tells_nothing():

@@ -9,14 +9,14 @@ import pytest
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.random_effects import left_over
-from jaxsim.discover.name.bootstrap import redraw
+from jaxsim.discover.model.random_effects import conditional_residuals
+from jaxsim.discover.name.bootstrap import bootstrap
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR
-from tests.discover.conftest import device, toy
+from tests.discover.toy import device, toy
 
 FRAMES, COLUMNS = 8, 60
-EVERYONE = np.ones(FRAMES, np.float32)
+ALL_BLOCKS = np.ones(FRAMES, np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -25,25 +25,25 @@ def problem():
     scan, measured = device(*toy(FRAMES, columns=COLUMNS, gain=0.3))
     frames = np.arange(FRAMES)
     columns = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
-    return fit_null(scan, gather(scan, measured, frames, columns, frames), EVERYONE)[0]
+    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, unit=frames), ALL_BLOCKS)[0]
 
 
 def of_rows(problem):
     """Mean of what is left of ln I in each row, and its scatter in all."""
-    left = np.asarray(left_over(problem.ev, problem.weights, EVERYONE)[0])
+    left = np.asarray(conditional_residuals(problem.ev, problem.equations, ALL_BLOCKS)[0])
     on = np.asarray(problem.ev.compared)
     rows = np.array([left[..., k][on[..., k]].mean() for k in range(on.shape[-1]) if on[..., k].sum() > 50])
     return rows.std(), left[on].std()
 
 
 def test_a_seed_gives_one_draw(problem):
-    first, again, other = (redraw(problem, problem, seed) for seed in (1, 1, 2))
+    first, again, other = (bootstrap(problem, problem, seed) for seed in (1, 1, 2))
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert (np.asarray(first.range_m) != np.asarray(other.range_m)).mean() > 0.9
 
 
 def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
-    ev, drawn = problem.ev, redraw(problem, problem, 3)
+    ev, drawn = problem.ev, bootstrap(problem, problem, 3)
     hit = np.asarray(ev.rays.hit)
     lost, again = (1 - np.asarray(one.returned)[hit].mean() for one in (ev, drawn))
     assert again == pytest.approx(lost, abs=0.008)
@@ -52,21 +52,21 @@ def test_a_draw_has_the_losses_gain_and_noise_of_the_data(problem):
         for one in (ev, drawn)
     ]
     assert level[1] == pytest.approx(level[0], abs=0.06)
-    refitted, _ = fit_null(problem.scan, drawn, EVERYONE)
+    refitted, _ = fit_null(problem.scan, drawn, ALL_BLOCKS)
     for name in ("intensity", "range_"):
         assert float(getattr(refitted.noise, name)) == pytest.approx(float(getattr(problem.noise, name)), abs=0.2)
 
 
 def test_nulls_lack_the_effect_and_scatter_as_the_data_do_with_it_in_place(problem):
     gains = EFFECTS["beam_gain"]
-    added = on_top(gains, problem, fit(gains, problem, EVERYONE).z)
-    explained, _ = fit_null(added.scan, added.ev, EVERYONE)
+    added = on_top(gains, problem, fit(gains, problem, ALL_BLOCKS).z)
+    explained, _ = fit_null(added.scan, added.ev, ALL_BLOCKS)
     before, noisy = of_rows(problem)
     _, scatter = of_rows(explained)
     assert before > 0.15
     assert scatter < 0.7 * noisy
     for seed in range(3):
-        null, _ = fit_null(problem.scan, redraw(problem, explained, seed), EVERYONE)
+        null, _ = fit_null(problem.scan, bootstrap(problem, explained, seed), ALL_BLOCKS)
         after, still = of_rows(null)
         assert after < 0.15 * before
         assert still == pytest.approx(scatter, rel=0.15)
@@ -77,27 +77,29 @@ def test_what_belongs_together_in_a_scene_stays_together(problem):
     stain = np.zeros(problem.ev.edge.shape, np.float32)
     stain[2, 5:20] = np.asarray(problem.ev.compared)[2, 5:20] * 0.5 * (-1) ** np.arange(15)[:, None]
     ev = replace(problem.ev, log_intensity=problem.ev.log_intensity + stain)
-    stained, _ = fit_null(problem.scan, ev, EVERYONE)
-    left = np.asarray(left_over(stained.ev, stained.weights, EVERYONE)[0])
+    stained, _ = fit_null(problem.scan, ev, ALL_BLOCKS)
+    left = np.asarray(conditional_residuals(stained.ev, stained.equations, ALL_BLOCKS)[0])
     on = stain != 0
     size = (left * np.sign(stain))[on].mean()
     assert size > 0.2
     for seed in range(3):
-        drawn, _ = fit_null(problem.scan, redraw(stained, stained, seed), EVERYONE)
-        again = (np.asarray(left_over(drawn.ev, drawn.weights, EVERYONE)[0]) * np.sign(stain))[on].mean()
+        drawn, _ = fit_null(problem.scan, bootstrap(stained, stained, seed), ALL_BLOCKS)
+        again = (np.asarray(conditional_residuals(drawn.ev, drawn.equations, ALL_BLOCKS)[0]) * np.sign(stain))[
+            on
+        ].mean()
         assert abs(again) == pytest.approx(size, rel=0.3)
 
 
 def test_weak_readings_are_zeros_only_where_the_sensor_reports_zeros(problem):
     ev = problem.ev
     assert (
-        np.asarray(redraw(problem, problem, 0).log_intensity)[np.asarray(ev.returned)] > np.log(FLOOR) + 1e-3
+        np.asarray(bootstrap(problem, problem, 0).log_intensity)[np.asarray(ev.returned)] > np.log(FLOOR) + 1e-3
     ).mean() > 0.98
     dark = np.asarray(ev.log_intensity) < np.quantile(np.asarray(ev.log_intensity), 0.2)
     lowest = float(np.asarray(ev.log_intensity)[~dark].min())
     read = np.where(dark, np.log(FLOOR), np.asarray(ev.log_intensity)).astype(np.float32)
     dim = replace(problem, ev=replace(ev, log_intensity=read, lowest=np.float32(lowest)))
-    drawn = redraw(dim, problem, 0)
+    drawn = bootstrap(dim, problem, 0)
     values = np.asarray(drawn.log_intensity)[np.asarray(drawn.returned)]
     zero = values <= np.log(FLOOR) + 1e-3
     assert zero.mean() > 0.05

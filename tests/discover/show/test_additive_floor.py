@@ -8,34 +8,34 @@ import pytest
 
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import residuals
-from jaxsim.discover.show.additive_floor import black_box, log_odds, robust
-from jaxsim.discover.show.distance import distance
-from tests.discover.conftest import judged_toy
+from jaxsim.discover.show.additive_floor import additive_floor, log_odds, robust
+from jaxsim.discover.show.gap import distance
+from tests.discover.toy import judged_toy
 
 
 @pytest.fixture(scope="module")
 def both():
-    found, fitted, unit = judged_toy(gain=0.3)
+    found, fitted, scene = judged_toy(gain=0.3)
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        free = replace(found, ev=black_box(found, fitted, ["row"]).on(found.ev))
+        free = replace(found, ev=additive_floor(found, fitted, ["row"]).on(found.ev))
         assert list(residuals(found, fitted)) == list(CHANNELS)
-        return [distance(problem, fitted, found.weights, unit) for problem in (found, free)]
+        return [distance(problem, fitted, found.equations, scene=scene) for problem in (found, free)]
 
 
 def test_along_the_rows_it_takes_beam_gains_and_leaves_ranges(both):
-    before, floor = (one.error.mean(0) for one in both)
+    before, floor = [one.error.mean(0) for one in both]
     assert floor[0] < 0.5 * before[0]
     np.testing.assert_allclose(floor[1], before[1], rtol=0.2)
 
 
 def test_losses_along_a_covariate_are_taken_too():
-    found, fitted, unit = judged_toy()
+    found, fitted, scene = judged_toy()
     ev = found.ev
     gone = (ev.rays.row == 9) & (np.random.default_rng(2).random(ev.returned.shape) < 0.5)
     found = replace(found, ev=ev.replace(returned=ev.returned & ~gone))
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        free = replace(found, ev=black_box(found, fitted, ["row"]).on(found.ev))
-        before, floor = (distance(problem, fitted, found.weights, unit) for problem in (found, free))
+        free = replace(found, ev=additive_floor(found, fitted, ["row"]).on(found.ev))
+        before, floor = [distance(one, fitted, found.equations, scene=scene) for one in (found, free)]
     assert (floor.log_likelihood - before.log_likelihood)[:, 2].min() > 20
     assert floor.error[:, 2].mean() < 0.7 * before.error[:, 2].mean()
 

@@ -1,10 +1,14 @@
-"""Before against after, scene by scene."""
+"""Before against after, scene by scene; mean errors do not see scatter and lattices, likelihoods do."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from jaxsim.discover.show.distance import Distance
-from jaxsim.discover.show.gap import closure, gaps
+from jaxsim.discover.model.likelihood import DEGREES
+from jaxsim.discover.show.gap import Distance, closure, distance, gaps
+from tests.discover.toy import judged_toy
 
 NOTHING = np.zeros((5, 3))
 
@@ -20,9 +24,9 @@ def by_channel(*nats: float) -> np.ndarray:
 def test_closure_is_the_share_of_what_free_curves_gain():
     before, floor = at(), at(0.1, by_channel(100, 0, 0))
     after = at(0.12, by_channel(80, -500, 0))
-    found = closure(before, after, floor, ["intensity"])
+    found = closure(before, after, floor=floor, channels=["intensity"])
     np.testing.assert_allclose(found.value, 0.8)
-    gap = gaps(before, after, before, floor)["intensity"]
+    gap = gaps(before, after, placebo=before, floor=floor)["intensity"]
     np.testing.assert_allclose([gap.before, gap.after, gap.floor, gap.win_rate], [0.2, 0.12, 0.1, 1])
     np.testing.assert_allclose([gap.gained.value, gap.gained.floor, gap.gained.placebo], [80, 100, 0])
 
@@ -30,23 +34,50 @@ def test_closure_is_the_share_of_what_free_curves_gain():
 def test_a_floor_that_lies_above_what_the_effects_reach_is_given_as_it_is():
     noise = np.random.default_rng(1).normal(0, 2, (5, 3))
     before, after = at(), at(0.1, 100 + noise)
-    found = closure(before, after, at(0.12, 80 + noise[::-1]), ["intensity"])
+    found = closure(before, after, floor=at(0.12, 80 + noise[::-1]), channels=["intensity"])
     assert 1 < found.low < found.value < found.high
-    assert closure(before, after, at(0.2, 20 * noise), ["intensity"]) is None
-    assert closure(before, after, at(0.2, 80 + noise), []) is None
+    assert closure(before, after, floor=at(0.2, 20 * noise), channels=["intensity"]) is None
+    assert closure(before, after, floor=at(0.2, 80 + noise), channels=[]) is None
 
 
 @pytest.mark.parametrize("grown", [0.0, 0.03])
 def test_a_channel_is_not_worse_only_where_the_scenes_show_it(grown):
     before = np.full((5, 3), 0.2)
     after = before * (1 + grown) + np.array([-1, 0, 1, 0, 0])[:, None] * 1e-4
-    assert gaps(at(before), at(after), at(), at())["drop"].not_worse is (grown == 0)
+    assert gaps(at(before), at(after), placebo=at(), floor=at())["drop"].not_worse is (grown == 0)
     unsure = before + np.array([-1, 0, 1, 0, 0])[:, None] * 0.02
-    assert not gaps(at(before), at(unsure), at(), at())["drop"].not_worse
+    assert not gaps(at(before), at(unsure), placebo=at(), floor=at())["drop"].not_worse
 
 
 def test_a_likelihood_that_some_scenes_lose_is_no_certain_gain():
     spread = NOTHING + np.array([30, -20, 25, -15, 10])[:, None]
-    gained = gaps(at(), at(0.2, spread), at(), at())["range"].gained
+    gained = gaps(at(), at(0.2, spread), placebo=at(), floor=at())["range"].gained
     assert gained.low < 0 < gained.high
     assert gained.win_rate == 0.6
+
+
+@pytest.fixture(scope="module")
+def judged(standard_promotion):
+    return judged_toy()
+
+
+def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(judged):
+    found, fitted, scene = judged
+    told = distance(found, fitted, found.equations, scene=scene)
+    # The toy's sensor has range noise of 2 cm and loses one ray in a hundred.
+    np.testing.assert_allclose(told.error[:, 1].mean(), 0.02 * np.sqrt(2 / np.pi), rtol=0.1)
+    rays = 30 * 16
+    law = stats.t(DEGREES, scale=0.86 * 0.02)
+    expected = rays * law.logpdf(np.random.default_rng(0).normal(0, 0.02, 100_000)).mean()
+    np.testing.assert_allclose(told.log_likelihood[:, 1].mean(), expected, rtol=0.1)
+    lost = np.asarray(~found.ev.returned)[scene >= 6].sum((1, 2))
+    np.testing.assert_allclose(told.log_likelihood[:, 2], lost * np.log(0.01) + (rays - lost) * np.log(0.99), rtol=0.2)
+
+
+def test_noise_of_the_right_size_gains_and_errors_stay(judged):
+    found, fitted, scene = judged
+    loud = replace(found, noise=replace(found.noise, range_=found.noise.range_ + 0.7))
+    right = distance(found, fitted, found.equations, scene=scene)
+    wrong = distance(loud, fitted, found.equations, scene=scene)
+    assert (right.log_likelihood - wrong.log_likelihood)[:, 1].min() > 20
+    np.testing.assert_array_equal(right.error[:, 1], wrong.error[:, 1])

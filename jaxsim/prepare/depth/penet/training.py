@@ -9,9 +9,7 @@ schedule overwrites, and the refinement is trained in the form in which it runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any, Literal
 
 import jax
@@ -21,7 +19,7 @@ import optax
 from flax import nnx, struct
 from jaxtyping import Float
 
-from jaxsim.config import DataConfig, RunConfig
+from jaxsim.config import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.frame import DepthFrame
 from jaxsim.prepare.depth.penet.completion import check_crop
 from jaxsim.prepare.depth.penet.layers import Mode
@@ -29,76 +27,7 @@ from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
 Array = Any
-Part = Literal["branches", "refinement", "joint"]
-Norms = Literal["batch", "renorm", "stored"]
 STORED = ("running_mean", "running_var")
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One part of the training."""
-
-    part: Part
-    """`branches`: ENet alone. `refinement`: DA-CSPN++, the branches' parameters as they are. `joint`: all."""
-    epochs: int
-    batch: int
-    crop: tuple[int, int]
-    """Rows and columns of the random crop; multiples of 32."""
-    falls: tuple[tuple[int, float], ...]
-    """From which epoch on the rate is which share of the first one."""
-    norms: Norms = "batch"
-    """What batch norms divide by: the batch's statistics, as published, where batches are large; `renorm` where they
-    are a few small crops (`layers.BatchNorm`); `stored` as they are, when what is left to learn is fine."""
-
-
-BRANCH_FALLS = ((10, 0.5), (15, 0.1), (25, 0.01))
-JOINT_FALLS = ((10, 0.5), (20, 0.1), (30, 0.01), (40, 0.0005), (50, 0.00001))
-PUBLISHED_STAGES = (
-    Stage("branches", 30, 6, (320, 1216), BRANCH_FALLS),
-    Stage("refinement", 30, 6, (320, 1216), BRANCH_FALLS),
-    Stage("joint", 60, 10, (160, 576), JOINT_FALLS),
-)
-
-
-@dataclass(frozen=True)
-class PenetConfig:
-    """Network and optimiser."""
-
-    width: int = 32
-    """Channels of the first layer; the published network's 32 make 131.9 million parameters."""
-    stages: tuple[Stage, ...] = PUBLISHED_STAGES
-    lr: float = 1e-3
-    backbone_lr: float = 0.1
-    """Share of the rate that the branches get in the joint stage."""
-    loss: Literal["square", "huber"] = "square"
-    """Squared error, as published, or Huber's with 1 m: squared below, linear beyond. In a short training far edges,
-    tens of metres off, rule the squared error, and what is near is learned last."""
-    start_m: float = 0.0
-    """Both branches begin with depths of this mean and standard deviation. The published ones begin at 0 and 1 m, from
-    where a rate of 1e-3 takes thousands of updates to a street's depths: too many for a small training. Where it began
-    with too small a deviation, a small training knew what is far and took all of it for 20 to 30 m."""
-    weight_decay: float = 1e-6
-    betas: tuple[float, float] = (0.9, 0.99)
-    flip: bool = True
-    jitter: float = 0.1
-    """Brightness, contrast and saturation change at random by up to this share."""
-
-
-@dataclass(frozen=True)
-class DepthExperiment:
-    """One training of a depth completion network."""
-
-    data: DataConfig = field(default_factory=DataConfig)
-    depth_root: Path | None = None
-    """KITTI's depth completion set: the folder that holds `train/` and `val/`; `data.root` is then that of the raw
-    drives, for their images. None: the frames of `data`, which must come with true depth (renderers)."""
-    depth_validation: Path | None = None
-    """Judged by instead of `val/`: `val_selection_cropped`, the 1000 selected images by which the published program
-    judges (`--val select`)."""
-    image_crop: tuple[int, int] = (352, 1216)
-    """Rows and columns of the image that are used: bottom and middle."""
-    penet: PenetConfig = field(default_factory=PenetConfig)
-    run: RunConfig = field(default_factory=RunConfig)
 
 
 def check_sizes(experiment: DepthExperiment) -> None:
@@ -169,7 +98,9 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "hub
 
 def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, loss: Literal["square", "huber"]) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
-    colour, depth, fused = (masked_error(guess, batch, loss) for guess in (seen.colour, seen.depth, seen.fused))
+    colour = masked_error(seen.colour, batch, loss)
+    depth = masked_error(seen.depth, batch, loss)
+    fused = masked_error(seen.fused, batch, loss)
     return (1 - 2 * weight) * fused + weight * (colour + depth)
 
 
@@ -242,7 +173,8 @@ def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random
             f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
             f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
         )
-    top, left = (int(rng.integers(0, size - cut + 1)) for size, cut in zip((rows, columns), stage.crop, strict=True))
+    top = int(rng.integers(0, rows - stage.crop[0] + 1))
+    left = int(rng.integers(0, columns - stage.crop[1] + 1))
     mirrored = config.flip and rng.random() < 0.5
 
     def cut(raster: np.ndarray) -> np.ndarray:
@@ -261,7 +193,7 @@ def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random
 
 def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
     """Brightness, contrast, saturation times these."""
-    brightness, contrast, saturation = (np.float32(factor) for factor in factors)
+    brightness, contrast, saturation = np.asarray(factors, np.float32)
     x = rgb.astype(np.float32) * brightness
     x = x.mean() + (x - x.mean()) * contrast
     grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]

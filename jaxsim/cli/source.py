@@ -1,0 +1,94 @@
+"""The frames that a command reads: one group of flags for every command, `--data.kind`, `--data.root` ..."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from jaxsim.config import DataConfig, DataKind
+
+
+@dataclass(frozen=True)
+class Source:
+    """A data set. What is not given is as the run has it, or, in commands without a run, as in training."""
+
+    kind: Literal["same", DataKind] = "same"
+    """Kind of data set; `same`: the run's own."""
+    root: Path | None = None
+    """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or `Scene01/`
+    (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
+    scenes: tuple[str, ...] = ()
+    """Its sequences to use: `0001 0018`, or of vkitti2 `Scene01`. None named: all."""
+    variations: tuple[str, ...] | None = None
+    """Of vkitti2: `clone` (the default), `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] | None = None
+    """Of vkitti2: 0 left (the default), 1 right."""
+    lidar: Literal["kitti", "camera"] | None = None
+    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car (the
+    default), or in one place, from which nothing is hidden (the paper's additional camera)."""
+    rows: Literal["file_order", "elevation"] | None = None
+    """Laser line of a KITTI point: from the file's order (the default), or the nearest beam, for clouds that were
+    reordered."""
+    seed: int | None = None
+    """World seed of the embedded world."""
+    streets: Literal["town", "suburb"] | None = None
+    """Traffic and houses of the embedded world."""
+
+    @property
+    def foreign(self) -> bool:
+        """Whether another data set than a run's own is named."""
+        return self.kind != "same"
+
+    @classmethod
+    def of(cls, config: DataConfig) -> Source:
+        """The flags that name the data set of a config."""
+        return cls(**{field.name: getattr(config, field.name) for field in fields(cls)})
+
+    def config(self, own: DataConfig | None = None) -> DataConfig:
+        """The data set's settings; `own` are those of the command's run."""
+        from jaxsim.data import source_of
+
+        optional = ("variations", "camera", "lidar", "rows", "seed", "streets")
+        given = {name: value for name in optional if (value := getattr(self, name)) is not None}
+        return source_of(own or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
+
+
+SAME, SYNTHETIC = Source(), Source(kind="synthetic")
+"""Defaults: the run's own data set, and the embedded world."""
+
+
+def in_new_spelling(words: Sequence[str], flags: Any) -> list[str]:
+    """The words of a command line, with flags that were called otherwise in earlier versions under their names of
+    today; a first word that is no flag, where `flags` has no place for it, is the kind of data set."""
+    today = old_spellings(flags)
+    result = []
+    for word in words:
+        flag, equals, value = word.partition("=")
+        result.append(today.get(flag.replace("_", "-"), flag) + equals + value)
+    if words and not words[0].startswith("-") and _groups(flags) == ["data"] and not _takes_a_word(flags):
+        result.insert(0, "--data.kind")
+    return result
+
+
+def old_spellings(flags: Any) -> dict[str, str]:
+    """Earlier spelling of a flag -> its name: `--root` -> `--data.root`, `--data` -> `--data.kind`, `--sensor` ->
+    `--effects`. A flag that the command itself has is never an earlier spelling."""
+    names = {field.name for field in fields(flags)}
+    table = {"--sensor": "--effects"} if "effects" in names else {}
+    for group in _groups(flags):
+        before = "" if group == "data" else f"{group}-"
+        table |= {f"--{before}{field.name}": f"--{group}.{field.name}" for field in fields(Source)}
+        table[f"--{group}"] = f"--{group}.kind"
+    return {old: new for old, new in table.items() if old[2:] not in names or old[2:] in _groups(flags)}
+
+
+def _groups(flags: Any) -> list[str]:
+    """Names of the fields that are a Source."""
+    return [field.name for field in fields(flags) if isinstance(field.default, Source)]
+
+
+def _takes_a_word(flags: Any) -> bool:
+    """Whether a positional argument is among the fields."""
+    return any("Positional" in str(field.type) for field in fields(flags))

@@ -1,0 +1,60 @@
+"""Every stage's settings, as frozen dataclasses. No behaviour lives here.
+
+An experiment (`configs/*.py`) is one `Experiment`, `DetectorExperiment` or `DepthExperiment` value; every field is a
+flag of `train.py` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
+"""
+
+from jaxsim.config.clouds import CloudKind, CloudRecipe, LoopConfig
+from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig
+from jaxsim.config.depth import DepthExperiment, Norms, Part, PenetConfig, Stage
+from jaxsim.config.detector import (
+    AnchorConfig,
+    AugmentConfig,
+    BackboneConfig,
+    DetectorConfig,
+    DetectorExperiment,
+    OneCycleConfig,
+    ProposalConfig,
+    RoiConfig,
+    VoxelConfig,
+)
+from jaxsim.config.intensity import (
+    DiscriminatorConfig,
+    Experiment,
+    Form,
+    GeneratorConfig,
+    LossConfig,
+    OptimConfig,
+)
+from jaxsim.config.run import RunConfig
+
+__all__ = [
+    "AnchorConfig",
+    "AugmentConfig",
+    "BackboneConfig",
+    "CloudKind",
+    "CloudRecipe",
+    "DataConfig",
+    "DataKind",
+    "DepthExperiment",
+    "DetectorConfig",
+    "DetectorExperiment",
+    "DiscriminatorConfig",
+    "Experiment",
+    "Form",
+    "GeneratorConfig",
+    "InputName",
+    "LoopConfig",
+    "LossConfig",
+    "Norms",
+    "OneCycleConfig",
+    "OptimConfig",
+    "Part",
+    "PenetConfig",
+    "PrepareConfig",
+    "ProposalConfig",
+    "RoiConfig",
+    "RunConfig",
+    "Stage",
+    "VoxelConfig",
+]

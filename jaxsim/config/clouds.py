@@ -1,0 +1,61 @@
+"""Clouds of a renderer's frames, and Real2Sim2Real, which trains detectors on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from jaxsim.config.data import DataConfig
+from jaxsim.config.detector import DetectorExperiment
+from jaxsim.config.intensity import Experiment
+
+
+@dataclass(frozen=True)
+class CloudRecipe:
+    """How a frame's cloud is made."""
+
+    source: Literal["measured", "depth", "simulated"] = "depth"
+    """What the sensor measured; the camera's depth, all of intensity 0; or depth with a trained sensor's intensity."""
+    projection: Literal["camera", "grid"] = "camera"
+    """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
+    lines: str = ""
+    """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
+    sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows and columns of any other
+    (docs/polar-frames.md), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
+    beams: tuple[int, ...] = ()
+    """Rows of the lines to keep, 0 the top; all by default. Not of `32_of_64`, which keeps rows of its own."""
+    keep_zero: bool = False
+    """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
+    published: bool = False
+    """As the published program thins: the last pixel wins a cell instead of the nearest point, and what lies beyond
+    the lines goes into the border cells."""
+    max_high_m: float = 1.0
+    """Highest point of a cloud of pixels, above the LiDAR."""
+
+
+CloudKind = Literal["raw_64", "raw_32", "simulated_64", "simulated_grid", "discovered_grid"]
+"""Kinds of clouds that a renderer's frames become: KINDS says how."""
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """Real2Sim2Real: a sensor learned from real drives, a renderer's frames seen by it, detectors trained on those
+    clouds and scored on real ones."""
+
+    intensity: Experiment = field(default_factory=Experiment)
+    """The sensor, trained on real pairs; its validation frames are also what `discover` holds it against."""
+    detector: DetectorExperiment = field(default_factory=DetectorExperiment)
+    """The detector, and in `data` the labelled frames of the real sensor."""
+    synthetic: DataConfig = field(default_factory=DataConfig)
+    """The renderer's frames, with labels: to train on, and to judge the detector of real clouds on."""
+    kinds: tuple[CloudKind, ...] = ("raw_64", "raw_32", "simulated_64", "discovered_grid")
+    """Clouds that they become: a detector is trained on each."""
+    lines_32: Literal["32_of_64", "32_wide"] = "32_of_64"
+    """The paper's "32 lines": every second of 64, or lines twice as far apart."""
+    occlusion: Literal["levels", "never_visible"] = "levels"
+    """Of vkitti2's labels, as in `jaxsim export`; `never_visible` leaves nothing easy, as in the paper."""
+    seeds: tuple[int, ...] = (0,)
+    """Of the detectors: each seed trains all of them. The sensor and its clouds are made once."""
+    out: Path = Path("runs/real2sim2real")
+    """Folder of everything. The same command again goes on where a killed one stopped."""

@@ -1,0 +1,82 @@
+"""Which frames to learn from, and how they become training pairs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
+InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """Which frames to learn from."""
+
+    kind: DataKind = "synthetic"
+    """`synthetic` is the embedded world and needs no files; `prepared` is what `jaxsim prepare` made of another."""
+    root: Path | None = None
+    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or
+    `Scene01/` (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
+    scenes: tuple[str, ...] = ()
+    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, or scenes of vkitti2, `Scene01`. None named: all,
+    and all must be there."""
+    variations: tuple[str, ...] = ("clone",)
+    """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
+    camera: Literal[0, 1] = 0
+    """Of vkitti2: 0 left, 1 right."""
+    lidar: Literal["kitti", "camera"] = "kitti"
+    """Where the LiDAR is thought to be in vkitti2, and the camera in the embedded world: apart as on KITTI's car, or in
+    one place, so that nothing that the camera sees is hidden from the LiDAR."""
+    train: str = "0-159"
+    """Frame numbers to train on, by position in the data set: `0-3`, `0-99,150`, or `0-99:4` for every fourth. Or a
+    part that the data set names, `training` or `evaluation` of kitti_step; `training:4` is every fourth of it."""
+    validation: str = "160-199"
+    """Frame numbers that training never sees."""
+    seed: int = 0
+    """World seed of the embedded world: frame i depends on (seed, i) alone."""
+    streets: Literal["town", "suburb"] = "town"
+    """Traffic and houses of the embedded world: two places that differ in how often what stands there."""
+    rows: Literal["file_order", "elevation"] = "file_order"
+    """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""
+    cache: Path = Path(".cache/jaxsim")
+    """Prepared pairs are kept here, one file a frame, so that a second run starts at once."""
+
+
+@dataclass(frozen=True)
+class PrepareConfig:
+    """From camera and LiDAR to aligned pairs on the polar grid."""
+
+    inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
+    """Channels the network sees. `incidence`, `range` and `row` are not in the paper."""
+    classes: tuple[int, ...] = tuple(range(34))
+    """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
+    image_crop: tuple[int, int] = (352, 1216)
+    """Rows and columns of the image that are used: bottom and middle, as depth completion crops it."""
+    columns: int = 372
+    """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
+    network_size: tuple[int, int] = (64, 512)
+    """Rows and columns the window is scaled to for the network."""
+    depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
+    """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
+    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image
+    (docs/depth-completion.md)."""
+    depth_weights: Path | None = None
+    """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
+    denoise: Literal["none", "non_local_means", "lidia"] = "none"
+    """Denoiser of the target intensity (docs/denoising.md)."""
+    denoise_weights: Path | None = None
+    """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
+    denoise_statistics: Literal["stored", "image"] = "image"
+    """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of
+    their training, which expect more noise than a LiDAR has (docs/denoising.md)."""
+    denoise_gain: float = 1.0
+    """Of `lidia`: times this contrast is shown to the network, so that the sensor's noise becomes what the weights were
+    trained for: 15, 25 or 50 / 255, where KITTI's is 0.03 (docs/denoising.md)."""
+    occlusion_m: float = 1.0
+    """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
+    the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next
+    column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
+    max_range_m: float = 120.0
+    """Depth and range channels are scaled by this."""

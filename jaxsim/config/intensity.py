@@ -1,0 +1,110 @@
+"""The intensity network: pix2pixHD, its losses and its optimiser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from jaxsim.config.data import DataConfig, PrepareConfig
+from jaxsim.config.run import RunConfig
+
+Form = Literal["imaginaire", "original"]
+"""Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
+
+
+@dataclass(frozen=True)
+class GeneratorConfig:
+    """pix2pixHD generator: global generator and local enhancers."""
+
+    form: Form = "imaginaire"
+    """`imaginaire`: spectral norm, learned scales in the instance norms, reflection around every convolution, and
+    repeated cells before a convolution to double the size. `original`: neither norm's parameters, zeros around
+    strided convolutions, transposed convolutions."""
+    filters: int = 64
+    """Width of the global generator's first layer; the last enhancer has filters / 2**enhancers."""
+    max_filters: int = 1024
+    downsamples: int = 4
+    blocks: int = 9
+    """Residual blocks of the global generator."""
+    enhancers: int = 1
+    enhancer_blocks: int = 3
+    out_channels: int = 1
+
+
+@dataclass(frozen=True)
+class DiscriminatorConfig:
+    """Multi-scale patch discriminator."""
+
+    form: Form = "imaginaire"
+    """`imaginaire`: 3 x 3 kernels, spectral norm, bilinear halving between scales. `original`: 4 x 4 kernels padded
+    by 2, no norm in the first layer, average pooling."""
+    scales: int = 2
+    """Independent discriminators, each at half the size of the one before."""
+    filters: int = 64
+    max_filters: int = 512
+    layers: int = 3
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Weights of the loss terms; 0 leaves a term out."""
+
+    form: Form = "imaginaire"
+    """`imaginaire`: hinge loss, mean over scales; VGG sees ImageNet's colours. `original`: least squares, summed over
+    scales (half for the discriminator), features weighted 4 / (layers + 1); VGG sees the image in [-1, 1]."""
+    gan: float = 1.0
+    feature_matching: float = 10.0
+    perceptual: float = 0.0
+    """The paper's value is 10; it needs VGG-19 weights (`vgg_weights`)."""
+    vgg_weights: Path | None = None
+    reconstruction: float = 0.0
+    """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
+    drop_weight: float = 1.0
+    """Weight, in the reconstruction term, of a cell that did not come back, beside 1 of one that did."""
+    unseen_weight: float = 0.0
+    """Weight there of a cell on which no camera pixel was painted."""
+
+
+@dataclass(frozen=True)
+class OptimConfig:
+    """Adam for both networks, as published."""
+
+    lr: float = 2e-4
+    betas: tuple[float, float] = (0.5, 0.999)
+    eps: float = 1e-8
+    batch: int = 8
+    steps: int = 2000
+    """Updates of the generator (and of the discriminator)."""
+    epochs: int = 0
+    """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
+    decay_from: float = 1.0
+    """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
+    start: tuple[Path, ...] = ()
+    """Files that `jaxsim convert pix2pixhd_...` wrote: train on from published weights, not from random ones."""
+    updates: Literal["discriminator_first", "together"] = "discriminator_first"
+    """`discriminator_first`: it learns from an image, then the generator from a fresh one (Imaginaire). `together`:
+    both from the same image and the networks as they were (NVIDIA/pix2pixHD)."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the convolutions in training; parameters, statistics and losses stay float32. bfloat16 is for GPUs."""
+    flip: bool = False
+    """Mirror frames left to right at random. Off in the paper."""
+    scale_limit: float = 0.0
+    """Magnify frames at random by up to this, and cut the network's size out anywhere: 0.2 in Imaginaire's
+    configuration."""
+    ema_decay: float = 0.999
+    ema_start: int = 500
+    """The averaged generator copies the trained one up to this step."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment: data, preparation, networks, losses, optimiser, run."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    prepare: PrepareConfig = field(default_factory=PrepareConfig)
+    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+    discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
+    loss: LossConfig = field(default_factory=LossConfig)
+    optim: OptimConfig = field(default_factory=OptimConfig)
+    run: RunConfig = field(default_factory=RunConfig)

@@ -1,0 +1,126 @@
+"""Kinds of networks that are trained: one table, which everything reads that must tell one from another.
+
+A kind is known by the part of its experiment that no other has, so that a config.json says by itself what it is of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
+from jaxsim.frame import Camera
+from jaxsim.geometry import LidarSpec
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run was: its settings and the sensor it learned."""
+
+    experiment: Experiment
+    spec: LidarSpec
+    """The sensor's beams, as fitted to its scans."""
+    intrinsics: Matrix
+    """Of the camera it was trained with, and that camera's place on the LiDAR."""
+    cam_from_velo: Matrix
+    image_size: tuple[int, int]
+    """Rows and columns of its images."""
+    version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+    @property
+    def camera(self) -> Camera:
+        return Camera(np.asarray(self.intrinsics, np.float32), np.asarray(self.cam_from_velo, np.float32))
+
+
+@dataclass(frozen=True)
+class DetectorRun:
+    """What a detector's run was."""
+
+    experiment: DetectorExperiment
+    steps: int
+    """Updates of the whole training, which its cycle of rates depends on."""
+    scenes: int
+    """Training scenes."""
+    version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+
+@dataclass(frozen=True)
+class DepthRun:
+    """What a depth completion's run was."""
+
+    experiment: DepthExperiment
+    version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+
+AnyRun = Run | DetectorRun | DepthRun
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of network, and how its runs are made, written and read."""
+
+    name: str
+    """In words, with its article."""
+    key: str
+    """The part of its experiment that no other kind has."""
+    experiment: type
+    run: type
+    builder: str
+    """`module:function` that makes a `Training` of an experiment; a name, as runs are also loaded below training."""
+    fixed: tuple[str, ...] = ()
+    """Settings that its runs may not change when they resume, though others may."""
+    bare: bool = False
+    """Whether config.json holds the experiment alone."""
+
+    def dump(self, run: AnyRun) -> bytes:
+        """The config.json of a run."""
+        value, held = (run.experiment, self.experiment) if self.bare else (run, self.run)
+        return TypeAdapter(held).dump_json(value, indent=2)
+
+    def parse(self, content: bytes) -> AnyRun:
+        """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
+        if self.bare:
+            return self.run(TypeAdapter(self.experiment).validate_json(content))
+        return TypeAdapter(self.run).validate_json(content)
+
+
+KINDS = (
+    Kind("an intensity network", "generator", Experiment, Run, "jaxsim.train.intensity:intensity_training"),
+    Kind(
+        "a detector",
+        "detector",
+        DetectorExperiment,
+        DetectorRun,
+        "jaxsim.train.detector:detector_training",
+        fixed=("optim.epochs",),  # its rates depend on how long it is to learn
+    ),
+    Kind(
+        "a depth completion network",
+        "penet",
+        DepthExperiment,
+        DepthRun,
+        "jaxsim.train.depth:depth_training",
+        bare=True,
+    ),
+)
+
+
+def kind_of(value: AnyRun | Experiment | DetectorExperiment | DepthExperiment) -> Kind:
+    """The kind of a run or of an experiment."""
+    return next(kind for kind in KINDS if isinstance(value, kind.run | kind.experiment))
+
+
+def kind_in(content: Mapping[str, Any]) -> Kind:
+    """The kind of the run whose config.json has this content. Raises ValueError where it is no experiment's."""
+    settings = content.get("experiment", content)
+    for kind in KINDS:
+        if kind.key in settings:
+            return kind
+    raise ValueError(f"it has none of {', '.join(kind.key for kind in KINDS)}, by which experiments are known")

@@ -1,0 +1,1 @@
+"""The paper's first table: what each kind of input is worth to the intensity network."""

@@ -1,0 +1,178 @@
+"""The stages of Real2Sim2Real, one after the other; each leaves out what is done, so that a killed loop resumes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+from pydantic import TypeAdapter
+from tqdm import tqdm
+
+from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
+from jaxsim.data import open_dataset, select
+from jaxsim.detect.batches import in_range
+from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
+from jaxsim.files import replacing
+from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
+from jaxsim.studies.real2sim2real.page import write_loop
+from jaxsim.studies.real2sim2real.pictures import count_objects, draw_found, draw_kinds
+from jaxsim.studies.real2sim2real.scores import write_score
+from jaxsim.studies.real2sim2real.settings import REAL, WITH_EFFECTS, Loop
+from jaxsim.studies.real2sim2real.tables import loop_tables
+from jaxsim.train.experiments import TRAINER
+
+Rgb = UInt8[np.ndarray, "h w 3"]
+EPOCHS = 5
+"""Last checkpoints of a detector that a score is the average of, as in the paper."""
+
+
+def check_sources(config: LoopConfig) -> None:
+    """Opens all data sets, so that what is missing is told before days go into training.
+
+    Raises ValueError naming the flag of the set that cannot be read, lacks frames, or lacks labels.
+    """
+    sources = {"intensity.data": config.intensity.data, "detector.data": config.detector.data}
+    for flag, source in {**sources, "synthetic": config.synthetic}.items():
+        try:
+            dataset = open_dataset(source)
+            places = [*select(source.train, dataset), *select(source.validation, dataset)]
+            labelled = flag == "intensity.data" or dataset[places[0]].boxes is not None
+        except (ValueError, FileNotFoundError) as error:
+            raise ValueError(f"real2sim2real: --{flag}: {error}") from error
+        if not labelled:
+            raise ValueError(
+                f"real2sim2real: --{flag}: frames of {source.kind} have no labels, and detectors need them"
+            )
+
+
+def kinds_of(scene: Scene) -> tuple[str, ...]:
+    """Classes of the labels; raises ValueError where there are none."""
+    if scene.labels is None:
+        raise ValueError(f"real2sim2real: {scene.name} has no labels; choose labelled frames")
+    return scene.labels.kind
+
+
+class Stages:
+    """The stages of one loop, in their order; each leaves out what is done."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        *,
+        discover: Callable[[Loop], None],
+        export: Callable[[Loop], None],
+        trainer: Sequence[str] = TRAINER,
+    ):
+        """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds: commands, which lie
+        above. `trainer` is the program that trains the experiment of a file."""
+        self.loop, self.discover_lacking, self.export, self.trainer = loop, discover, export, trainer
+        self.scenes_of: dict[tuple[str, str], Scenes] = {}
+        self.counts_of: dict[str, CloudCounts] = {}
+
+    def all(self) -> None:
+        """Runs all that is missing, and writes tables and page after each seed."""
+        loop = self.loop
+        self.say("the sensor: an intensity network on real pairs")
+        self.train(loop.sensor, loop.intensity_experiment())
+        if {*WITH_EFFECTS} & {*loop.config.kinds}:
+            self.say("what the sensor lacks: discover on real frames that it did not learn from")
+            self.discover()
+        self.say(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
+        self.export(loop)
+        self.say("the clouds themselves: points on objects, histograms, directions without a return")
+        self.checks()
+        for seed in loop.config.seeds:
+            for kind in loop.trained:
+                self.say(f"seed {seed}: a detector of {kind} clouds")
+                self.train(loop.detector(kind, seed), loop.detector_experiment(kind, seed))
+            self.say(f"seed {seed}: scores")
+            for trained, judged in loop.judgements:
+                self.judge(trained, judged, seed)
+            self.say(f"seed {seed}: tables, checks of the clouds, pictures")
+            self.report()
+
+    def say(self, words: str) -> None:
+        print(f"real2sim2real: {words}", flush=True)
+
+    def train(self, run: Path, experiment: Experiment | DetectorExperiment) -> None:
+        """Trains in a process of its own, unless that is done. Ends the program with its status where it fails."""
+        if (run / "card.md").is_file():
+            return
+        settings = self.loop.out / "settings" / f"{'_'.join(run.relative_to(self.loop.out).parts)}.json"
+        with replacing(settings) as path:
+            path.write_bytes(b'{"experiment": ' + TypeAdapter(type(experiment)).dump_json(experiment, indent=1) + b"}")
+        status = subprocess.run([*self.trainer, str(settings)]).returncode
+        if status:
+            sys.exit(f"error: real2sim2real: training {run} ended with status {status}; the same command resumes")
+
+    def discover(self) -> None:
+        """Holds the sensor against real frames, unless that is done."""
+        if not (self.loop.effects.parent / "verdict.json").is_file():
+            self.discover_lacking(self.loop)
+
+    def scenes(self, kind: str, part: str) -> Scenes:
+        """Scenes of a kind of cloud: of `train` or of `validation`."""
+        if (kind, part) not in self.scenes_of:
+            data = self.loop.data_of(kind)
+            dataset = open_dataset(data)
+            seen = replace(self.loop.config.detector, data=data)
+            self.scenes_of[kind, part] = experiment_scenes(dataset, select(getattr(data, part), dataset), seen)
+        return self.scenes_of[kind, part]
+
+    def judge(self, trained: str, judged: str, seed: int) -> None:
+        """Scores the last checkpoints of a detector, unless that is done."""
+        loop, experiment = self.loop, self.loop.config.detector
+        path, run = loop.score(trained, judged, seed), loop.detector(trained, seed)
+        if path.is_file():
+            return
+        scenes, steps = self.scenes(judged, "validation"), Checkpoints(run).steps[-EPOCHS:]
+        find, per_epoch = make_find(experiment), []
+        for step in tqdm(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
+            per_epoch.append(score_detector(find, load_detector(run, step=step).network, scenes, experiment)[0])
+        write_score(path, per_epoch, steps=steps, frames=len(scenes))
+
+    def counted(self, kind: str) -> CloudCounts:
+        """What the training clouds of a kind hold, inside the detector's range."""
+        if kind not in self.counts_of:
+            voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
+            named = (
+                (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
+                for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
+            )
+            self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))
+        return self.counts_of[kind]
+
+    def checks(self) -> None:
+        """Writes and prints what tells the kinds of clouds apart short of a detector, unless that is done."""
+        loop, kinds = self.loop, (REAL, *self.loop.config.kinds)
+        if checked_kinds(loop.out) == kinds:
+            return
+        counts = {kind: self.counted(kind) for kind in kinds}
+        drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
+        write_checks(loop.out, counts, loop.target, drawn)
+        print(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
+
+    def report(self) -> None:
+        """Writes and prints all that was scored."""
+        loop = self.loop
+        counts = {kind: self.counted(kind) for kind in (REAL, *loop.config.kinds)}
+        page = write_loop(loop, counts, self.pictures())
+        print(f"\n{loop_tables(loop, counts)}\n\ntables, pictures and page: {page}")
+
+    def pictures(self) -> dict[str, Rgb]:
+        """A frame as each kind of cloud, and what each detector of the first seed finds in the fullest real one."""
+        loop = self.loop
+        real, seed = max(self.scenes(REAL, "validation"), key=count_objects), loop.config.seeds[0]
+        find, found = make_find(loop.config.detector), {}
+        for kind in loop.trained:
+            found[kind], _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
+        drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
+        return drawn | draw_found(loop, real, found)

@@ -1,0 +1,174 @@
+"""The training of depth completion: PENet's three stages, one after the other, in one run.
+
+At the end the run also holds weights.npz, for `--prepare.depth penet --prepare.depth-weights`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from threading import Lock
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import PyTree, UInt8
+from tqdm import tqdm
+
+from jaxsim import devices
+from jaxsim.config import DepthExperiment
+from jaxsim.data import open_dataset, select
+from jaxsim.data.kitti_depth import KittiDepth
+from jaxsim.frame import DepthFrame
+from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
+from jaxsim.prepare.depth.frames import depth_frame, where_backed
+from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
+from jaxsim.prepare.depth.penet.training import (
+    Batches,
+    begin_stage,
+    branch_weight,
+    check_sizes,
+    create_state,
+    predict,
+    rate,
+    train_step,
+)
+from jaxsim.report import depth_picture
+from jaxsim.runs.kinds import DepthRun
+from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import Batch, Scores, Training, run_folder
+
+THREADS = 4
+SHOWN = 4
+"""Validation frames that are scored between the stages' ends; all are at the end."""
+
+
+class Rendered(Sequence[DepthFrame]):
+    """Frames of a renderer by position, each made once and kept in memory: a few hundred, 6 MB each."""
+
+    def __init__(self, make: Callable[[int], DepthFrame], positions: Sequence[int]):
+        self.make, self.positions, self.kept, self.lock = make, positions, {}, Lock()
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __getitem__(self, i):
+        with self.lock:
+            if i not in self.kept:
+                self.kept[i] = self.make(self.positions[i])
+            return self.kept[i]
+
+
+def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequence[DepthFrame]]:
+    """Training and validation frames; KITTI's are read whenever they are asked for, as 92 750 do not fit into memory.
+
+    Raises ValueError where the data set has no true depth, or a part of it is missing.
+    """
+    data, crop, judged = experiment.data, experiment.image_crop, experiment.depth_validation
+    if experiment.depth_root is not None:
+        train = KittiDepth(experiment.depth_root, data.root, part="train", crop=crop)
+        return train, KittiDepth(judged or experiment.depth_root, data.root, part="val", crop=crop)
+    if judged is not None:
+        raise ValueError(
+            f"penet: --depth-validation {judged} goes with --depth-root, the folder of KITTI's depth completion set "
+            "that holds train/; other data are chosen by --data.validation"
+        )
+    dataset = open_dataset(data)
+
+    def make(i: int) -> DepthFrame:
+        return where_backed(depth_frame(dataset[i], crop))
+
+    return Rendered(make, list(select(data.train, dataset))), Rendered(make, list(select(data.validation, dataset)))
+
+
+def depth_training(experiment: DepthExperiment) -> Training:
+    """Raises ValueError where the network cannot take a crop, or frames or their true depth are missing."""
+    config, settings = experiment.penet, experiment.run
+    check_sizes(experiment)
+    if settings.distributed:
+        raise ValueError("penet: depth completion is trained by one process, on all its devices: no --run.distributed")
+    meshes = [devices.data_mesh(stage.batch) for stage in config.stages]
+
+    # Data: the crop of each frame, its sparse depth and its truth.
+    train, validation = frames_of(experiment)
+    loader = Batches(train, config, settings.seed)
+    steps, folder = len(loader), run_folder(settings)
+
+    def number_of(k: int) -> int:
+        """The stage of batch k; past the end, the last."""
+        return loader.place(min(k, steps - 1))[0]
+
+    def mesh_of(k: int) -> Mesh | None:
+        return meshes[number_of(k)]
+
+    def batches(a: int, b: int) -> Iterator[Batch]:
+        for k, frames in enumerate(ahead(loader, a, b, threads=THREADS), a):
+            yield vars(devices.cut(mesh_of(k), frames))
+
+    # Model: the stage's part of it learns, at the epoch's rate.
+    def step(state: PyTree, batch: Batch, k: int) -> tuple[PyTree, dict[str, Any]]:
+        number, epoch, place = loader.place(k)
+        stage = config.stages[number]
+        if k and epoch == place == 0:  # each stage has an optimiser of its own, and devices that divide its batch
+            state = devices.everywhere(meshes[number], devices.nearby(begin_stage(state, config)))
+        return train_step(
+            state,
+            DepthFrame(**batch),
+            jnp.float32(rate(config, stage, epoch)),
+            jnp.float32(branch_weight(epoch)),
+            config=config,
+            part=stage.part,
+            norms=stage.norms,
+        )
+
+    def judge(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+        """KITTI's scores of the first validation frames, and a picture of the very first."""
+        part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
+        errors, picture = [], np.zeros((1, 1, 3), np.uint8)
+        for i in tqdm(range(count), desc="validation", unit="image", leave=False, disable=count <= SHOWN):
+            frame = validation[i]
+            batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
+            guess = np.asarray(predict(values, batch, config=config, part=part))[0]
+            guessed = np.isfinite(guess) & (guess > NEAREST_M)
+            guess = np.where(guessed, guess, np.float32(0))
+            if i == 0:
+                picture = depth_picture(frame, [(f"step {step}", guess, guessed)])
+            if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
+                errors.append(benchmark_errors(guess, guessed, frame.truth_m, frame.known))
+        if len(errors) < count:
+            tqdm.write(
+                f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "
+                f"where no depth exceeds {NEAREST_M} m"
+            )
+        return depth_scores(errors) if errors else {}, picture
+
+    def finish(values: PyTree) -> Scores:
+        """Writes the weights for preparation; scores all validation frames."""
+        save_penet(folder / "weights.npz", devices.to_host(values))
+        return judge(values, steps, count=len(validation))[0]
+
+    def scored(scores: Scores) -> str:
+        lines = (f"- {n}: {s.value:.4g} {s.unit} ({s.count} of {len(validation)} images)" for n, s in scores.items())
+        return "\n".join(lines) or "- not one validation image could be scored"
+
+    use = f"--prepare.depth penet --prepare.depth-weights {folder}/weights.npz"
+    return Training(
+        run=DepthRun(experiment),
+        steps=steps,
+        save_every=settings.save_every,
+        judge_every=settings.picture_every,
+        state=create_state(config, settings.seed),
+        mesh=mesh_of,
+        batches=batches,
+        step=step,
+        network="network",
+        used=lambda state: state.values,
+        judge=judge,
+        facts=(),
+        scored=scored,
+        use=f"`{use}`",
+        hint=f"Use: {use}",
+        milestones=frozenset(map(int, loader.ends)),
+        finish=finish,
+    )

@@ -1,0 +1,73 @@
+"""The training of a detector: scenes with pasted objects, Voxel R-CNN's two stages."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+from jaxtyping import PyTree, UInt8
+
+from jaxsim import detect, devices
+from jaxsim.config import DetectorExperiment
+from jaxsim.data import open_dataset, select
+from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
+from jaxsim.report import detection_picture, list_scores
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import Scores, Training, run_folder
+
+
+def detector_training(experiment: DetectorExperiment) -> Training:
+    """Raises ValueError where frames, labels or objects of the class are missing."""
+    data, settings, optim = experiment.data, experiment.run, experiment.optim
+    mesh = devices.data_mesh(optim.batch)
+
+    # Data: frames to scenes, made once and kept; objects of all training scenes to paste into others.
+    dataset = open_dataset(data)
+    train = experiment_scenes(dataset, select(data.train, dataset), experiment)
+    validation = experiment_scenes(dataset, select(data.validation, dataset), experiment)
+    loader = detect.SceneBatches(
+        train,
+        experiment.voxels,
+        experiment.augment,
+        size=optim.batch,
+        seed=settings.seed,
+        part=jax.process_index(),
+        parts=jax.process_count(),
+    )
+    epoch = loader.steps_per_epoch
+    steps = optim.epochs * epoch
+
+    # Model: both stages and their optimiser, one pytree.
+    train_step = detect.make_train_step(experiment, steps, mesh=mesh)
+    find = make_find(experiment)
+
+    def judge(network: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+        """KITTI's average precision."""
+        curves, found = score_detector(find, network, validation, experiment)
+        picture = detection_picture(validation[0], found[0], experiment.voxels.range_m, title=f"step {step}")
+        return main_scores(curves), picture
+
+    folder = run_folder(settings)
+    return Training(
+        run=DetectorRun(experiment, steps, len(train)),
+        steps=steps,
+        save_every=settings.save_every or epoch,
+        judge_every=settings.picture_every or epoch,
+        state=detect.create_state(experiment, steps, seed=settings.seed),
+        mesh=lambda k: mesh,
+        batches=lambda a, b: (devices.cut(mesh, batch) for batch in ahead(loader, a, b)),
+        step=lambda state, batch, k: train_step(state, batch),
+        network="network",
+        used=lambda state: state.network,
+        judge=judge,
+        facts=(
+            f"data: {data.kind}, frames {data.train} (validation {data.validation})",
+            f"class: {experiment.detector.anchors.kind}",
+            f"{len(train)} scenes, {optim.epochs} epochs, {optim.batch} scenes a step",
+        ),
+        scored=lambda scores: (
+            "Validation, last step (AP is average precision over 40 recalls, KITTI's rules):\n\n" + list_scores(scores)
+        ),
+        use=f"```\njaxsim detect {folder} --clouds FOLDER --out OUT\n```",
+        hint=f"The last epochs' average precision, and pictures: python eval.py {folder}",
+    )

@@ -1,0 +1,118 @@
+"""Experiments by name or by file: those of configs/, a user's own, and the config.json of a run.
+
+A file of configs/ holds one value, `experiment` (for train.py) or `loop` (for `jaxsim real2sim2real`), and a docstring
+that says what it takes and scored. The folder lies beside the package in a checkout and inside it when installed, and
+is loaded by its path, so that experiments are the same from anywhere.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import sys
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from pydantic import TypeAdapter, ValidationError
+
+from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopConfig
+from jaxsim.runs.kinds import kind_in
+
+AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
+TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
+"""The program that trains one, for a process of its own."""
+PACKAGE = Path(__file__).parents[1]
+CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "configs") if folder.is_dir())
+"""The folder of experiments: installed, or of the checkout."""
+
+
+@cache
+def experiment_names() -> tuple[str, ...]:
+    """Names of the experiments that train.py trains."""
+    return tuple(name for name in _names() if hasattr(_module(name), "experiment"))
+
+
+@cache
+def loop_names() -> tuple[str, ...]:
+    """Names of the settings of `jaxsim real2sim2real`."""
+    return tuple(name for name in _names() if hasattr(_module(name), "loop"))
+
+
+def load_experiment(name: str) -> tuple[AnyExperiment, str]:
+    """The experiment of a name of configs/, a file NAME.py like them, or a run's config.json; and its docstring.
+
+    Raises ValueError for a name that is unknown, and for a file that holds no experiment.
+    """
+    if name.endswith(".json"):
+        return read_experiment(Path(name)), f"Settings of {name}."
+    if not name.endswith(".py") and name not in _names():
+        raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(experiment_names())}")
+    module = _module(name)
+    if hasattr(module, "loop"):
+        raise ValueError(f"{name} is not trained by train.py: jaxsim real2sim2real --config {name}")
+    if not isinstance(getattr(module, "experiment", None), AnyExperiment):
+        raise ValueError(f"{name} holds no experiment; write `experiment = ...` as in {CONFIGS / 'synthetic.py'}")
+    return module.experiment, (module.__doc__ or "").strip()
+
+
+def load_loop(name: str) -> tuple[LoopConfig, str]:
+    """The Real2Sim2Real of a name of configs/, a file like them, or an earlier one's loop.json; and its docstring.
+
+    Raises ValueError for a name that is unknown, and for a file that holds no such settings.
+    """
+    if name.endswith(".json"):
+        return _read_loop(Path(name)), f"settings of {name}"
+    if not name.endswith(".py") and name not in loop_names():
+        raise ValueError(f"no Real2Sim2Real {name!r} in configs/; there are {', '.join(loop_names())}")
+    module = _module(name)
+    if not isinstance(getattr(module, "loop", None), LoopConfig):
+        raise ValueError(f"{name} holds no Real2Sim2Real; write `loop = ...` as in {CONFIGS / 'real2sim2real.py'}")
+    return module.loop, (module.__doc__ or "").strip()
+
+
+def read_experiment(path: Path) -> AnyExperiment:
+    """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
+    try:
+        content = json.loads(path.read_text())
+        return TypeAdapter(kind_in(content).experiment).validate_python(content.get("experiment", content))
+    except FileNotFoundError:
+        raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
+    except (ValueError, AttributeError, TypeError, ValidationError) as error:
+        raise ValueError(f"{path} is not the config.json of a run of this version: {error}") from error
+
+
+def _read_loop(path: Path) -> LoopConfig:
+    try:
+        return TypeAdapter(LoopConfig).validate_json(path.read_bytes())
+    except FileNotFoundError:
+        raise ValueError(f"real2sim2real: no file {path}; name one of configs/, or a loop.json") from None
+    except ValidationError as error:
+        raise ValueError(f"real2sim2real: {path} is no loop.json of this version: {error}") from error
+
+
+def _names() -> list[str]:
+    return sorted(path.stem for path in CONFIGS.glob("*.py") if path.stem != "__init__")
+
+
+def _module(name: str) -> ModuleType:
+    """The module of a name of configs/, or of a file; either may import from `configs`."""
+    known = sys.modules.get("configs")
+    if known is None or not {str(CONFIGS)} & {*getattr(known, "__path__", ())}:
+        _run("configs", CONFIGS / "__init__.py")
+    if not name.endswith(".py"):
+        return importlib.import_module(f"configs.{name}")
+    if not Path(name).is_file():
+        raise ValueError(f"no file {name}; give one like those of configs/, or a name: {', '.join(experiment_names())}")
+    return _run(f"configs.own_{Path(name).stem}", Path(name))
+
+
+def _run(name: str, path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -1,0 +1,91 @@
+"""The training of an intensity network: pairs of painted camera and measured LiDAR, pix2pixHD's two networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+from jaxtyping import PyTree, UInt8
+
+from jaxsim import devices
+from jaxsim.config import Experiment
+from jaxsim.data import open_dataset, select
+from jaxsim.data.batches import batches
+from jaxsim.evaluate.paired import score_pairs
+from jaxsim.pairs.prepared import prepared
+from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
+from jaxsim.prepare import input_channels
+from jaxsim.report import pair_picture, score_table
+from jaxsim.runs.run import describe
+from jaxsim.simulate.predict import make_batch, make_predict
+from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import Scores, Training, run_folder
+
+
+def intensity_training(experiment: Experiment) -> Training:
+    """Raises ValueError and FileNotFoundError where data or weights are missing, before any time goes into them."""
+    data, prepare, settings, optim = experiment.data, experiment.prepare, experiment.run, experiment.optim
+    mesh = devices.data_mesh(optim.batch)
+
+    # Perceptual loss: its weights are asked for before time goes into preparation.
+    weights = experiment.loss
+    vgg = load_vgg(weights.vgg_weights) if weights.perceptual else None
+    if vgg is None:
+        print("perceptual loss: off (--loss.perceptual 0; the paper's weight is 10)")
+
+    # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
+    dataset = open_dataset(data)
+    train = prepared(dataset, select(data.train, dataset), data, prepare)
+    validation = prepared(dataset, select(data.validation, dataset), data, prepare)
+    # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
+    raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
+    loader = batches(
+        train,
+        size=optim.batch,
+        seed=settings.seed,
+        flip=optim.flip,
+        scale_limit=optim.scale_limit,
+        raster=raster,
+        part=jax.process_index(),
+        parts=jax.process_count(),
+    )
+    to_batch = make_batch(prepare, drop_weight=weights.drop_weight, unseen_weight=weights.unseen_weight)
+
+    if optim.epochs:
+        optim = replace(optim, steps=optim.epochs * len(train) // optim.batch)
+        experiment = replace(experiment, optim=optim)
+
+    # Model: both networks, their optimisers and the averaged generator, one pytree.
+    channels = input_channels(prepare)
+    train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
+    predict = make_predict(make_generate(experiment, channels), prepare)
+
+    def judge(params: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+        """Scores of the averaged generator."""
+        picture = pair_picture(validation[0], np.asarray(predict(params, validation[0])), title=f"step {step}")
+        return score_pairs(predict, params, validation), picture
+
+    run, folder = describe(experiment, dataset.spec, train.record(0).view), run_folder(settings)
+    return Training(
+        run=run,
+        steps=optim.steps,
+        save_every=settings.save_every,
+        judge_every=settings.picture_every,
+        state=start_from(create_state(experiment, channels, seed=settings.seed), optim.start, experiment),
+        mesh=lambda k: mesh,
+        batches=lambda a, b: (to_batch(devices.cut(mesh, pairs)) for pairs in ahead(loader, a, b)),
+        step=lambda state, batch, k: train_step(state, batch),
+        network="generator",
+        used=ema_generator,
+        judge=judge,
+        facts=(
+            f"data: {data.kind}, frames {data.train} (validation {data.validation})",
+            f"inputs: {', '.join(prepare.inputs)}",
+            f"batch: {optim.batch}",
+            f"sensor: {run.spec.name}, {run.spec.rows} lines",
+        ),
+        scored=lambda scores: score_table({"validation": scores}),
+        use=f'```python\nimport jaxsim\nsensor = jaxsim.load("{folder}")\n```',
+        hint=f"Scores beside baselines, and pictures: python eval.py {folder}",
+    )

@@ -1,0 +1,120 @@
+"""The one training loop; it reads top to bottom: devices, data and model, run, loop, card."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+
+from tqdm import tqdm
+
+from jaxsim import devices
+from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
+from jaxsim.detect.left_out import LeftOut
+from jaxsim.report import save_picture
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import kind_of
+from jaxsim.runs.metrics_log import MetricsLog
+from jaxsim.runs.run import start_run
+from jaxsim.train.card import write_card
+from jaxsim.train.training import Scores, Training, run_folder
+
+
+def train(experiment: Experiment | DetectorExperiment | DepthExperiment, description: str = "") -> None:
+    """Trains to the last step in the run's folder; the same experiment again resumes it.
+
+    `description` is for the card. Raises ValueError where the experiment cannot be, or its folder holds another run,
+    and TrainingDiverged where a loss is not finite; an interrupt saves and ends the program.
+    """
+    settings = experiment.run
+    folder = run_folder(settings)
+
+    # Devices: all of them share each batch; of several processes the first alone writes.
+    if settings.distributed:
+        devices.connect()
+    writes = devices.is_first()
+
+    # Data and model: what the builder of this kind makes of the experiment.
+    training = build(experiment)
+
+    # Run: a new folder, or the one that the same command began.
+    devices.by_first(lambda: start_run(folder, training.run))
+    checkpoints, state = Checkpoints(folder, keep=settings.keep) if writes else None, training.state
+    if checkpoints and checkpoints.latest:
+        state = checkpoints.restore("state", state)
+        print(f"resuming {folder} at step {checkpoints.latest}")
+    start = step = int(state.step)
+    state = devices.everywhere(training.mesh(start), state)
+    log = MetricsLog(folder, start, writes=writes)
+
+    def due(every: int) -> bool:
+        return step % every == 0 or step == training.steps or step in training.milestones
+
+    def save() -> None:
+        if checkpoints and step not in checkpoints.steps:
+            checkpoints.save(step, **{"state": state, training.network: training.used(state)})
+
+    def tell(scores: Scores) -> None:
+        bar.write(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
+
+    def judge() -> Scores:
+        """Validation scores and a picture; meanwhile other processes wait in their step."""
+        if not writes:
+            return {}
+        scores, picture = training.judge(devices.nearby(training.used(state)), step)
+        log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
+        save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
+        tell(scores)
+        return scores
+
+    # Loop: a resumed run sees the batches that an uninterrupted one would.
+    begun, scores, left_out, told = time.monotonic(), {}, LeftOut(), False
+    shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
+    bar = tqdm(total=training.steps, initial=start, disable=not writes, **shown)
+    if start and due(training.judge_every) and writes and not log.judged(start):
+        scores = judge()  # killed after it saved this step, before it judged it
+    try:
+        for k, batch in enumerate(training.batches(start, training.steps), start):
+            updated, metrics = training.step(state, batch, k)
+            if not bool(metrics["finite"]):
+                log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
+            state, step, last = updated, k + 1, k + 1 == training.steps
+            left_out.see(metrics)
+            if step % settings.log_every == 0 or last:
+                values = {name: float(value) for name, value in metrics.items() if name != "finite"}
+                log.write(step, values | left_out.take())
+                losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
+                bar.set_postfix(losses, refresh=False)
+                if (words := left_out.words()) and (last or not told):
+                    bar.write(f"step {step}: {words}")
+                    told = True
+            bar.update()
+            # Saved before it is judged: judging may take long, and may fail.
+            if due(training.save_every):
+                save()
+            if due(training.judge_every):
+                scores = judge()
+    except KeyboardInterrupt:
+        bar.close()
+        save()
+        lost = f"; {words}" if (words := left_out.words()) else ""
+        sys.exit(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}")
+    bar.close()
+
+    # Card: what the run is and what it scored.
+    if writes:
+        used = devices.nearby(training.used(state))
+        if training.finish:
+            scores = training.finish(used)
+            tell(scores)
+        elif not scores:  # all steps were done before
+            scores = training.judge(used, step)[0]
+        write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
+        print(f"{folder}: {step} steps done. {training.hint}")
+    devices.wait("the end")
+
+
+def build(experiment: Experiment | DetectorExperiment | DepthExperiment) -> Training:
+    """The training of an experiment, by the builder of its kind."""
+    module, _, builder = kind_of(experiment).builder.partition(":")
+    return getattr(importlib.import_module(module), builder)(experiment)

@@ -1,0 +1,62 @@
+"""What the loop needs of an experiment, whatever it trains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import PyTree, UInt8
+
+from jaxsim.config import RunConfig
+from jaxsim.metrics import Score
+from jaxsim.runs.kinds import AnyRun
+
+Batch = dict[str, Any]
+"""Arrays by name, each with the batch's items first."""
+Scores = dict[str, Score]
+
+
+@dataclass(frozen=True)
+class Training:
+    """One training, as the builder of its kind makes it. A step is an update: batch k makes step k + 1 of step k."""
+
+    run: AnyRun
+    steps: int
+    save_every: int
+    judge_every: int
+    state: PyTree
+    """The state before the first step; its `step` counts them."""
+    mesh: Callable[[int], Mesh | None]
+    """The devices that share batch k; None where one takes it whole."""
+    batches: Callable[[int, int], Iterable[Batch]]
+    """Batches a to b - 1, on the devices. Batch k depends on (seed, k) alone."""
+    step: Callable[[PyTree, Batch, int], tuple[PyTree, dict[str, Any]]]
+    """(state, batch k, k) -> the next state and its metrics, among them `finite`."""
+    network: str
+    """Name, in checkpoints, of the part of the state that is used."""
+    used: Callable[[PyTree], PyTree]
+    """That part of a state."""
+    judge: Callable[[PyTree, int], tuple[Scores, UInt8[np.ndarray, "h w 3"]]]
+    """(the used part, its step) -> validation scores, and a picture."""
+    facts: tuple[str, ...]
+    """Lines of the card that say what was trained, and on what."""
+    scored: Callable[[Scores], str]
+    """Validation scores as the card shows them."""
+    use: str
+    """End of the card: how the run is used."""
+    hint: str
+    """Last words of the program: what to do next."""
+    milestones: frozenset[int] = frozenset()
+    """Steps that are saved and judged whatever `save_every` and `judge_every` say; the last one always is."""
+    finish: Callable[[PyTree], Scores] | None = None
+    """What is left to do with the part that is used when all steps are done; gives the card's scores. None: the last
+    step's are the card's."""
+
+
+def run_folder(settings: RunConfig) -> Path:
+    """The folder of a run."""
+    return Path(settings.out) / settings.name

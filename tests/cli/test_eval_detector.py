@@ -1,0 +1,71 @@
+"""`eval.py RUN` of a detector: what it says of the mean over checkpoints. The detections are the labels, moved."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.cli.eval_detector import judge_run, said_mean
+from jaxsim.cli.source import Source
+from jaxsim.config import RunConfig
+from jaxsim.detect.results import Found
+from jaxsim.detect.state import create_state
+from jaxsim.evaluate.detector import kitti_curves
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.run import start_run
+from tests.detect.tiny import EXPERIMENT, scene
+
+SCENES = [scene(seed) for seed in range(8)]
+EVERY_3 = replace(EXPERIMENT, run=RunConfig(save_every=3, keep=2), data=replace(EXPERIMENT.data, validation="0-7"))
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Checkpoints of steps 3 and 6; the first finds every car 0.4 m too high, less than 0.7 of its volume."""
+    start_run(tmp_path / "run", DetectorRun(EVERY_3, 6, 8))
+    state = create_state(EVERY_3, 6, seed=0)
+    for step in (3, 6):
+        Checkpoints(tmp_path / "run", keep=2).save(step, state=state, network=state.network)
+    heights = iter((0.4, 0.0))
+
+    def scored(find, network, scenes, experiment):
+        off = np.array([0, 0, next(heights), 0, 0, 0, 0], np.float32)
+        found = [Found(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
+        return kitti_curves(scenes, found, experiment), found
+
+    monkeypatch.setattr("jaxsim.cli.eval_detector.open_dataset", lambda source: SCENES)
+    monkeypatch.setattr("jaxsim.cli.eval_detector.experiment_scenes", lambda *_: SCENES)
+    monkeypatch.setattr("jaxsim.cli.eval_detector.score_detector", scored)
+    return tmp_path / "run"
+
+
+def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
+    judge_run(run, Source(), frames="", out=run / "evaluation")
+    said = (
+        "of the last 2 checkpoints, one every 3 steps (steps 3, 6); the paper's is of 5 (the run keeps 2: --run.keep 5)"
+    )
+    content = json.loads((run / "evaluation/detection.json").read_text())
+    page = (run / "evaluation/detection.md").read_text()
+    for place in (capsys.readouterr().out, content["mean"]["of"], page):
+        assert said in place
+    assert content["mean_of_steps"] == [3, 6]
+    means = {(m["metric"], m["overlap_set"], m["difficulty"]): m for m in content["mean"]["averages"]}
+    moderate = means["3d", "0.7", "moderate"]
+    assert (moderate["ap_r40"], moderate["spread"]) == (pytest.approx(50), pytest.approx(50))
+    assert means["bev", "0.7", "moderate"]["ap_r40"] == pytest.approx(100)
+    assert "| 0.7 3D |" in page
+    assert "50.00 (50.00)" in page
+    last = next(
+        c for c in content["curves"] if (c["metric"], c["difficulty"], c["overlap_set"]) == ("3d", "moderate", "0.7")
+    )
+    assert last["ap_r40"] == pytest.approx(100)
+
+
+def test_a_mean_of_five_epochs_needs_no_excuse_and_one_of_fewer_says_why():
+    epochs = RunConfig(save_every=0, keep=5)
+    assert said_mean([5, 10, 15, 20, 25], epochs).endswith("the last 5 epochs (steps 5, 10, 15, 20, 25)")
+    assert said_mean([5, 10], epochs).endswith(
+        "the last 2 epochs (steps 5, 10); the paper's is of 5 (no more are there)"
+    )

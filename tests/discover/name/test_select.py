@@ -1,0 +1,64 @@
+"""Which candidates are chosen, which stand beside them, and which are taken back."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.explain import ranking, why_not
+from jaxsim.discover.name import select
+from jaxsim.discover.name.select import Bars, choose, look_back, padded
+from jaxsim.discover.name.steps import runner_up, worse
+from tests.discover.name.made import candidate, problem, step
+
+
+def test_more_numbers_must_gain_more():
+    assert padded(candidate("random_dropout", 20.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
+    assert not padded(candidate("random_dropout", 22.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
+    assert not padded(candidate("random_dropout", 20.0, numbers=1), candidate("random_dropout", 20.0, numbers=4))
+
+
+def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
+    best = candidate("beam_gain", 10.0)
+    assert worse(candidate("saturation", 7.0), best)
+    assert worse(candidate("saturation", 9.0), best)
+    assert not worse(candidate("saturation", 10.0 + np.array([1, -1] * 5 + [0])), best)
+
+
+def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch):
+    again = {"gamma_response": 0.1, "range_falloff": 9.0}
+    beside = []
+
+    def added(null, steps):
+        beside.append([one.chosen.effect.name for one in steps])
+        return null
+
+    monkeypatch.setattr(select, "with_steps", added)
+    monkeypatch.setattr(
+        select, "rank_effects", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects]
+    )
+    lines = []
+    steps = [step(candidate(name, 9.0)) for name in ("gamma_response", "range_falloff", "beam_gain")]
+    needed = look_back(problem(), steps, Bars(), log=lines.append)
+    assert [one.chosen.effect.name for one in needed] == ["range_falloff", "beam_gain"]
+    assert beside == [["range_falloff", "beam_gain"], ["beam_gain"]]
+    assert lines == ["gamma_response is not needed beside the others: 1 nats"]
+
+
+def test_what_gains_less_than_the_nulls_is_not_named(monkeypatch):
+    strong = candidate("gamma_response", np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6]))
+    monkeypatch.setattr(select, "rank_effects", lambda problem, effects: [strong])
+    choice = choose(problem(ev=SimpleNamespace(unit=np.arange(11))), [], bars=Bars(46.0))
+    assert choice.steps == ()
+    assert why_not(strong, choice) == "its gain is within what a null reaches"
+    assert ranking(choice)[0].bar == pytest.approx(46 / 11)
+
+
+def test_the_placebo_is_named_nowhere():
+    gain = candidate("beam_gain", 9)
+    fall = candidate("range_falloff", 7)
+    haze = candidate("atmospheric_extinction", 6)
+    gamma = candidate("gamma_response", 5)
+    first = step(gain, ranking=(gain, fall, haze, gamma))
+    assert runner_up((first, step(fall, haze))) is gamma
+    assert runner_up(()) is None

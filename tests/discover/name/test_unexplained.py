@@ -1,0 +1,32 @@
+"""Free curves: which are believed, and what they are called."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.find.localise import Place
+from jaxsim.discover.name.unexplained import agreed, shape_of
+from tests.discover.name.made import candidate
+
+
+@pytest.mark.parametrize(
+    ("y", "character"),
+    [
+        (lambda x: 0.3 * x, "monotone"),
+        (lambda x: np.where(x < 2, 0.0, 0.4), "step"),
+        (lambda x: 0.3 * np.sin(3 * 2 * np.pi * x / 4), "periodic"),
+    ],
+)
+def test_a_curve_is_called_what_it_looks_like(y, character):
+    x = np.linspace(0, 4, 40)
+    assert shape_of(x, y(x), np.ones(40), Place("intensity", "range", 0.01, 0.1, 50.0))[0] == character
+
+
+def test_scenes_must_agree_on_a_free_curve_more_than_on_an_effect():
+    steady = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])
+    against = np.where(np.arange(11) == 3, -6.0, steady)
+    assert 0.005 < candidate("beam_gain", against).chance <= 0.02
+    assert agreed(candidate("beam_gain", steady))
+    assert candidate("beam_gain", against).accepted()
+    assert not agreed(candidate("beam_gain", against))
+    # Of seven scenes no more than all can agree.
+    assert agreed(candidate("beam_gain", steady[:7], scenes=7))

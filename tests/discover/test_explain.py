@@ -1,0 +1,35 @@
+"""What is said of the candidates that are not named, and what a reader must know."""
+
+import numpy as np
+
+from jaxsim.discover.explain import named, why_not
+from jaxsim.discover.name.select import Choice
+from jaxsim.discover.rules import RULES
+from tests.discover.name.made import candidate, problem, step
+
+
+def test_each_candidate_is_told_why_it_was_not_named():
+    best = candidate("beam_gain", 9)
+    alike = candidate("range_falloff", 8.9)
+    weak = candidate("saturation", 0.5)
+    split = candidate("gamma_response", np.array([60, -20] * 5 + [0]), slope=np.array([3.0, -2.9] * 5 + [0.0]))
+    little = candidate("oren_nayar", 4)
+    ranking = (best, alike, split, little, weak)
+    fall = candidate("atmospheric_extinction", 3)
+    choice = Choice((step(best, alike, ranking=ranking), step(fall)), problem(), ())
+    assert why_not(best, choice) == ""
+    assert why_not(alike, choice).startswith("these data cannot tell")
+    assert weak.total < RULES.bar_nats
+    assert "within what a null reaches" in why_not(weak, choice)
+    assert why_not(split, choice) == "the scenes disagree on it"
+    assert why_not(little, choice) == "it explains clearly less than the one that is named"
+    assert why_not(fall, choice) == "named too, after beam_gain"
+    nothing = Choice((), problem(), (split, little))
+    assert "weak beside gamma_response" in why_not(little, nothing)
+
+
+def test_a_named_effect_tells_what_would_tell_its_look_alikes_apart():
+    one = named(step(candidate("beam_gain", 9), candidate("range_falloff", 8.9)), {})
+    assert one.look_alikes == ("range_falloff",)
+    assert one.tell_apart["range_falloff"]
+    assert (one.gain.value, one.gain.low, one.gain.high) == (9, 9, 9)

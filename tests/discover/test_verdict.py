@@ -1,0 +1,34 @@
+"""verdict.json holds plain values that JSON can say."""
+
+import json
+
+import numpy as np
+
+from jaxsim.discover.verdict import Gap, Interval, Named, Verdict
+
+
+def test_vectors_become_lists_and_what_is_not_finite_null(tmp_path):
+    beams = (Interval(1.0, 0.9, 1.1, "1"), Interval(2.0, 1.9, float("nan"), "1"))
+    effect = Named("beam_gain", (), {}, ("intensity",), 0.01, Interval(9.0, 8.0, 10.0, "nats"), {"gain": beams})
+    gap = Gap(0.2, 0.1, 0.05, 0.15, "m", floor=0.1, placebo=0.2, win_rate=1.0)
+    verdict = Verdict(
+        verdict="named",
+        effects=(effect,),
+        where=(),
+        unexplained=None,
+        gap={"intensity": gap},
+        closure=None,
+        find=("a",),
+        judge=("b",),
+        sha256="0",
+        frames=2,
+        seconds=1.234,
+        moved={"gain": (float(np.float32(0.1)), np.inf)},
+    )
+    content = json.loads(verdict.save(tmp_path).read_text())
+    gain = content["effects"][0]["parameters"]["gain"]
+    assert gain == {"value": [1.0, 2.0], "low": [0.9, 1.9], "high": [1.1, None], "unit": "1"}
+    assert content["gap"]["range"] is None
+    assert content["gap"]["intensity"]["not_worse"] is True
+    assert content["moved"] == {"gain": [0.1, None]}
+    assert content["seconds"] == 1.23

@@ -1,0 +1,55 @@
+"""Programs that tests start, as a user does: started, waited for, and ended whatever becomes of the test."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PATIENCE_S = 3600.0
+"""The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
+
+
+def environment(work: Path, **variables: str) -> dict[str, str]:
+    """On the CPU, one device, compiled programs kept under `work`; jaxsim is this checkout's."""
+    own = {"XDG_CACHE_HOME": str(work / "xdg"), "JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", "PYTHONPATH": str(ROOT)}
+    return {**os.environ, **own, **variables}
+
+
+@contextmanager
+def running(work: Path, *command: str | Path, **variables: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python program at work in a folder, its output and errors one stream; killed at the end if it still runs."""
+    process = subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        cwd=work,
+        env=environment(work, **variables),
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    with process:  # closes its pipe
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def said(work: Path, *command: str | Path, fails: bool = False, **variables: str) -> str:
+    """What a program said that ended well, or, where it `fails`, with a message and no traceback."""
+    with running(work, *command, **variables) as process:
+        output = process.communicate(timeout=PATIENCE_S)[0]
+    assert bool(process.returncode) == fails, output
+    assert not fails or "Traceback" not in output, output
+    return output
+
+
+def wait_until(true: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Waits for something that a running program does. Fails where the program ends before."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < deadline
+        assert process.poll() is None, process.communicate()[0]
+        time.sleep(0.02)

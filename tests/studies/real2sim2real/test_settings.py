@@ -1,0 +1,96 @@
+"""Real2Sim2Real: its folder, its settings, its averages."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsim.metrics.detection import COLUMNS, Curve
+from jaxsim.studies.real2sim2real.scores import PAPER_OF_REAL, PAPER_ON_REAL, read_average, write_score
+from jaxsim.studies.real2sim2real.settings import KINDS, settle_loop
+from jaxsim.train.experiments import load_experiment, load_loop, loop_names
+
+
+def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", truths=10):
+    precision = np.zeros(41)
+    precision[1:] = ap / 100
+    return Curve("Car", difficulty, overlap_set, metric, 0.7, precision, np.zeros(0), np.zeros(0), truths, 12)
+
+
+@pytest.fixture
+def loop(tmp_path):
+    config, _ = load_loop("real2sim2real")
+    return settle_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
+
+
+@pytest.mark.parametrize("name", loop_names())
+def test_every_loop_has_what_the_paper_has(name):
+    config, words = load_loop(name)
+    assert words.startswith(("Real2Sim2Real", "The paper's Real2Sim2Real"))
+    assert {"raw_64", "raw_32", "simulated_64", "discovered_grid"} == {*config.kinds}
+    with pytest.raises(ValueError, match=f"jaxsim real2sim2real --config {name}"):
+        load_experiment(name)
+
+
+def test_real_and_synthetic_differ_in_streets_and_statistics():
+    config, _ = load_loop("real2sim2real")
+    assert config.synthetic.seed != config.intensity.data.seed
+    assert config.synthetic.streets != config.intensity.data.streets
+    assert config.detector.data.seed == config.intensity.data.seed
+
+
+def test_the_sensor_does_not_learn_from_frames_that_judge():
+    config, _ = load_loop("real2sim2real")
+    last_taught = max(int(part.split("-")[-1].split(":")[0]) for part in config.intensity.data.train.split(","))
+    assert last_taught < int(config.detector.data.validation.split("-")[0])
+
+
+def test_the_papers_tables_are_whole():
+    for table in (PAPER_ON_REAL, PAPER_OF_REAL):
+        assert all(len(row) == len(COLUMNS) for kind in table.values() for row in kind.values())
+    assert PAPER_ON_REAL["simulated_64"]["moderate"][0] == 51.74
+    assert {*PAPER_OF_REAL} < {*KINDS}
+
+
+def test_an_average_is_over_epochs_and_its_spread_over_seeds(loop):
+    for seed, aps in ((0, (40.0, 50.0)), (1, (60.0, 70.0))):
+        write_score(loop.score("raw_64", "real", seed), [[curve(ap)] for ap in aps], steps=(5, 6), frames=3)
+    found = read_average(loop, "raw_64", "real", ("3d", "0.7"), "moderate")
+    assert found is not None
+    assert (found.mean, found.seeds, found.labels) == (pytest.approx(55), 2, 10)
+    assert found.spread == pytest.approx(np.std([45, 65], ddof=1))
+    one = replace(loop, config=replace(loop.config, seeds=(1,)))
+    alone = read_average(one, "raw_64", "real", ("3d", "0.7"), "moderate")
+    assert alone is not None
+    assert (alone.mean, alone.spread) == (pytest.approx(65), None)
+    assert read_average(loop, "raw_32", "real", ("3d", "0.7"), "moderate") is None
+
+
+def test_a_difficulty_without_labels_has_no_average(loop):
+    nothing = curve(0, difficulty="easy", truths=0)
+    write_score(loop.score("raw_64", "real", 0), [[nothing]], steps=(5,), frames=3)
+    assert read_average(loop, "raw_64", "real", ("3d", "0.7"), "easy") is None
+
+
+def test_more_seeds_and_kinds_may_be_asked_for_but_no_other_settings(loop):
+    settle_loop(replace(loop.config, occlusion="never_visible"))  # nothing is made yet
+    settle_loop(loop.config)
+    loop.sensor.mkdir()
+    settle_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
+    other = replace(loop.config, synthetic=replace(loop.config.synthetic, seed=9))
+    with pytest.raises(ValueError, match=r"other settings \(synthetic\.seed was 1, now 9\); give another --out"):
+        settle_loop(other)
+    with pytest.raises(ValueError, match="each once"):
+        settle_loop(replace(loop.config, seeds=(1, 1)))
+    assert json.loads((loop.out / "loop.json").read_text())["seeds"] == [0, 1, 2]
+
+
+def test_detectors_of_simulated_clouds_learn_from_trees_and_the_real_one_from_its_frames(loop):
+    simulated, real = (loop.detector_experiment(kind, 1) for kind in ("raw_64", "real"))
+    assert (simulated.data.kind, simulated.data.root) == ("kitti_object", loop.tree("raw_64"))
+    assert real.data == loop.config.detector.data
+    assert {simulated.run.seed, real.run.seed} == {1}
+    assert Path(simulated.run.out) / simulated.run.name == loop.detector("raw_64", 1)
+    assert replace(simulated, data=real.data, run=real.run) == real

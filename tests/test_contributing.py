@@ -1,0 +1,96 @@
+"""The examples of CONTRIBUTING.md, added as it says and used."""
+
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import jax
+import numpy as np
+import pytest
+import tyro
+
+import jaxsim.data
+from jaxsim.config import DataConfig
+from jaxsim.data import DATASETS, Dataset, open_dataset
+from jaxsim.effects import EFFECTS, all_rays
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.page import describe, table
+from tests.effects.streets import road_and_walls
+
+ROOT = Path(__file__).parents[1]
+BLOCKS = re.findall(r"^```python\n# (.*?)\n(.*?)^```", (ROOT / "CONTRIBUTING.md").read_text(), re.DOTALL | re.MULTILINE)
+
+
+def module_of(path, monkeypatch):
+    """The module that the example for a file would be, imported under its name."""
+    [text] = [text for said, text in BLOCKS if said == path]
+    assert not (ROOT / path).exists(), f"{path} is a real file now; CONTRIBUTING.md needs another example"
+    module = ModuleType(path.removesuffix(".py").replace("/", "."))
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    exec(compile(text, path, "exec"), module.__dict__)
+    return module
+
+
+def add_row(table, said, names, monkeypatch):
+    """Adds the row that the example has for a table."""
+    [row] = [text for title, text in BLOCKS if title == said]
+    for key, value in eval("{" + row + "}", dict(names)).items():
+        assert key not in table
+        monkeypatch.setitem(table, key, value)
+
+
+def test_an_effect_is_added_by_a_file_and_a_row(monkeypatch):
+    vignetting = module_of("jaxsim/effects/catalogue/vignetting.py", monkeypatch)
+    add_row(EFFECTS, "a row of EFFECTS", {"vignetting": vignetting}, monkeypatch)
+    scan = road_and_walls()
+    rays = jax.jit(all_rays)(scan)
+    model = SensorModel((("vignetting", {"share": 0.5}), ("beam_gain", {"gain": 0.1})))
+    assert [name for name, _ in model.effects] == ["beam_gain", "vignetting"]
+    after = model.apply(rays, scan)
+    more = np.asarray(after.log_intensity - rays.log_intensity)[0, :, 0]
+    np.testing.assert_allclose(more, 0.1 + 2 * np.log(np.cos(scan.grid.elevation_rad)), atol=1e-5)
+    assert "vignetting" in table()
+    assert "cosine-fourth" in describe(EFFECTS["vignetting"])
+
+
+def test_the_new_effect_s_sensor_json_reads_back(monkeypatch, tmp_path):
+    vignetting = module_of("jaxsim/effects/catalogue/vignetting.py", monkeypatch)
+    add_row(EFFECTS, "a row of EFFECTS", {"vignetting": vignetting}, monkeypatch)
+    model = SensorModel((("vignetting", {"share": 0.5}),))
+    model.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json") == model
+    with pytest.raises(ValueError, match="vignetting: share is 2"):
+        SensorModel((("vignetting", {"share": 2.0}),))
+
+
+def test_a_data_set_is_added_by_a_class_and_a_row(monkeypatch, tmp_path):
+    scans = module_of("jaxsim/data/scans.py", monkeypatch)
+    add_row(DATASETS, "a row of DATASETS", vars(jaxsim.data) | vars(scans), monkeypatch)
+    points = np.array([[10.0, 1.0, -1.0, 0.5], [20.0, -2.0, 0.0, 0.25]], np.float32)
+    points.tofile(tmp_path / "000007.bin")
+    dataset = open_dataset(DataConfig(kind="scans", root=tmp_path))
+    assert isinstance(dataset, Dataset)
+    assert len(dataset) == 1
+    frame = dataset[0]
+    assert (frame.name, dataset.name_of(0)) == ("000007", "000007")
+    np.testing.assert_array_equal(frame.cloud.xyz_m, points[:, :3])
+    np.testing.assert_array_equal(frame.cloud.intensity, points[:, 3])
+    with pytest.raises(ValueError, match=r"name their folder with --data\.root"):
+        open_dataset("scans")
+
+
+def test_a_command_is_a_dataclass_that_is_called(monkeypatch, capsys):
+    beams = module_of("jaxsim/cli/beams.py", monkeypatch)
+    tyro.cli(beams.Beams, args=["--sensor", "hdl64e"])()
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 64
+    assert lines[0].endswith("degrees")
+
+
+def test_the_page_answers_five_questions_in_five_lines_each():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    for question in ("Where is the likelihood", "Where are the thresholds", "How do I add an effect",
+                     "How do I add a data set", "How do I add a command"):  # fmt: skip
+        [answer] = re.findall(rf"^## {question}[^\n]*\n\n(.*?)\n\n", text, re.DOTALL | re.MULTILINE)
+        assert [line[:2] for line in answer.splitlines()] == ["1.", "2.", "3.", "4.", "5."], question

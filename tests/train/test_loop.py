@@ -1,0 +1,119 @@
+"""The loop, on a training that only adds: what it saves, judges and writes, and that a stopped run ends the same."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from jaxsim.config import DetectorExperiment, RunConfig
+from jaxsim.metrics import Score
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.kinds import DetectorRun
+from jaxsim.runs.metrics_log import TrainingDiverged
+from jaxsim.train import train
+from jaxsim.train.training import Training
+
+
+class Sum(NamedTuple):
+    step: np.ndarray
+    total: np.ndarray
+
+
+class Adding:
+    """Seven steps, saved and judged after every third; `at` names what happens at which step."""
+
+    def __init__(self, folder: Path, **at: int):
+        self.folder, self.at, self.judged = folder, at, []
+        self.experiment = DetectorExperiment(run=RunConfig(name=folder.name, out=folder.parent, log_every=2))
+
+    def step(self, state, batch, k):
+        if self.at.get("interrupt") == k:
+            raise KeyboardInterrupt
+        total = state.total + batch["number"]
+        finite = self.at.get("diverge") != k
+        return Sum(state.step + 1, total), {"loss/sum": total if finite else np.float32(np.nan), "finite": finite}
+
+    def judge(self, total, step):
+        if self.at.get("fail") == step:
+            raise RuntimeError("no frame to judge by")
+        self.judged.append(step)
+        return {"sum": Score(float(total), "1", 1)}, np.zeros((4, 4, 3), np.uint8)
+
+    def training(self, **changes) -> Training:
+        made = Training(
+            run=DetectorRun(self.experiment, 7, 1),
+            steps=7,
+            save_every=3,
+            judge_every=3,
+            state=Sum(np.int32(0), np.float32(0)),
+            mesh=lambda k: None,
+            batches=lambda a, b: ({"number": np.float32(k)} for k in range(a, b)),
+            step=self.step,
+            network="total",
+            used=lambda state: state.total,
+            judge=self.judge,
+            facts=("numbers: 0 to 6",),
+            scored=lambda scores: f"sum {scores['sum'].value:g}",
+            use="Add more.",
+            hint="Look at the sum.",
+        )
+        return replace(made, **changes)
+
+    def run(self, monkeypatch, **changes) -> list[dict]:
+        monkeypatch.setattr("jaxsim.train.loop.build", lambda experiment: self.training(**changes))
+        train(self.experiment, "Adds numbers.\nSlowly.")
+        return [json.loads(line) for line in (self.folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def test_a_run_is_saved_judged_logged_and_described(tmp_path, monkeypatch, capsys):
+    adding = Adding(tmp_path / "run")
+    lines = adding.run(monkeypatch)
+    assert [(line["step"], line["loss/sum"]) for line in lines if "loss/sum" in line] == [
+        (2, 1),
+        (4, 6),
+        (6, 15),
+        (7, 21),
+    ]
+    assert [line["step"] for line in lines if "validation/sum" in line] == adding.judged == [3, 6, 7]
+    assert Checkpoints(adding.folder).steps == [6, 7]
+    assert sorted(path.name for path in (adding.folder / "figures").iterdir())[-1] == "step_000007.png"
+    card = (adding.folder / "card.md").read_text()
+    assert card.startswith("# run\n\nAdds numbers.\n\n- numbers: 0 to 6\n- 7 steps; ")
+    assert card.endswith("\n\nsum 21\n\nAdd more.\n")
+    said = capsys.readouterr().out
+    assert "step 7: validation sum 21" in said
+    assert f"{adding.folder}: 7 steps done. Look at the sum." in said
+
+
+def test_milestones_are_saved_and_judged_and_the_end_may_score_anew(tmp_path, monkeypatch):
+    adding, ends = Adding(tmp_path / "run"), []
+
+    def finish(total):
+        ends.append(float(total))
+        return {"sum": Score(42.0, "1", 1)}
+
+    lines = adding.run(monkeypatch, milestones=frozenset({5}), finish=finish)
+    assert adding.judged == [3, 5, 6, 7]
+    assert ends == [21.0]
+    assert "sum 42" in (adding.folder / "card.md").read_text()
+    assert all(line.get("validation/sum") != 42 for line in lines)
+
+
+@pytest.mark.parametrize("at", [{"interrupt": 4}, {"interrupt": 3}, {"fail": 3}, {"fail": 7}])
+def test_a_stopped_run_ends_with_the_lines_of_an_unstopped_one(tmp_path, monkeypatch, at):
+    """Also where it stopped between saving a step and judging it."""
+    whole = Adding(tmp_path / "whole").run(monkeypatch)
+    with pytest.raises((SystemExit, RuntimeError)):
+        Adding(tmp_path / "stopped", **at).run(monkeypatch)
+    assert Adding(tmp_path / "stopped").run(monkeypatch) == whole
+    assert Adding(tmp_path / "stopped").run(monkeypatch) == whole  # all is done: nothing is written twice
+
+
+def test_what_is_not_finite_ends_the_run_before_it_is_kept(tmp_path, monkeypatch):
+    with pytest.raises(TrainingDiverged, match="loss/sum not finite at step 5"):
+        Adding(tmp_path / "run", diverge=4).run(monkeypatch)
+    assert np.load(tmp_path / "run" / "diverged_000005.npz")["number"] == 4
+    assert Checkpoints(tmp_path / "run").latest == 3
