@@ -10,7 +10,20 @@ from jaxtyping import install_import_hook
 
 STAGES = ("geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "simulate", "evaluate")
 EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
-DISCOVER = ("add", "division", "explain", "find", "name", "pairing", "read", "rules", "scenes", "show", "verdict")
+DISCOVER = (
+    "add",
+    "division",
+    "explain",
+    "find",
+    "name",
+    "pairing",
+    "read",
+    "rules",
+    "scenes",
+    "show",
+    "unpaired",
+    "verdict",
+)
 # frame.py and rays.py are left out: their structs are also built by tree operations, with leaves that are no arrays.
 install_import_hook(
     [

@@ -26,7 +26,7 @@ from benchmarks.blind.rows import append_row, check_settings, code_version, read
 from benchmarks.blind.tables import coverage, rate
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.discover import discover_unpaired
-from jaxsim.discover.unpaired.shared import untold
+from jaxsim.discover.unpaired.effect_columns import untold
 from jaxsim.effects import EFFECTS
 
 CANNOT = ("beam_range_bias", "motion_distortion", "snr_dropout", "edge_dropout", "range_scale", "blooming")
@@ -45,7 +45,7 @@ def main(argv: list[str] | None = None) -> None:
     check_settings(list(rows.values()), settings)
     enable_compilation_cache()
     code_version()
-    told = [name for name in EFFECTS if name not in untold(True)]
+    told = [name for name in EFFECTS if name not in untold(classes=True)]
     jobs = [Job(name, severity, "default", 0) for severity in args.severity for name in told]
     jobs += [Job(name, STRONG, "default", 0) for name in CANNOT]
     jobs += [Job("none", 1.0, level, k) for k in range(args.nulls) for level in ("exact", "default")]
@@ -79,7 +79,7 @@ def _answer(job: Job, settings: Row, folder: Path) -> Row:
 def summary(rows: Sequence[Row]) -> str:
     """Rates with 95 % intervals, and what was answered to each effect."""
     single = [row for row in rows if row["kind"] == "single"]
-    told = [row for row in single if row["truth"][0] not in untold(False)]
+    told = [row for row in single if row["truth"][0] not in untold(classes=False)]
     lines = ["| cases | rate |", "|---|---|"]
     for severity in sorted({row["severity"] for row in told}):
         some = [row for row in told if row["severity"] == severity]
@@ -87,10 +87,14 @@ def summary(rows: Sequence[Row]) -> str:
         lines.append(f"| right name in the set | {rate(row['in_set'] for row in some)} |")
         wrong = (row["named"] and not row["in_set"] for row in some)
         lines.append(f"| another name alone | {rate(wrong)} |")
-    of_classes = [row for row in single if row["truth"][0] in untold(False) and row["truth"][0] not in untold(True)]
+    of_classes = [
+        row
+        for row in single
+        if row["truth"][0] in untold(classes=False) and row["truth"][0] not in untold(classes=True)
+    ]
     named = rate(row["named"] for row in of_classes)
     lines.append(f"| effects that need classes on both sides, not given here: something named | {named} |")
-    cannot = [row for row in single if row["truth"][0] in untold(True)]
+    cannot = [row for row in single if row["truth"][0] in untold(classes=True)]
     lines.append(f"| effects that need the same streets: something named | {rate(row['named'] for row in cannot)} |")
     for level in ("exact", "default"):
         none = [row for row in rows if row["kind"] == "none" and row["level"] == level]

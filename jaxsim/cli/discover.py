@@ -78,7 +78,7 @@ class Discover:
         simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
         print(f"reading {simulated} and {measured}", flush=True)
         if self.unpaired:
-            result = discover_unpaired(simulated=simulated, measured=measured, say=say)
+            result = discover_unpaired(simulated=simulated, measured=measured, log=say)
         else:
             rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
             known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()

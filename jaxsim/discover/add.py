@@ -14,7 +14,7 @@ from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import as_implied, fit_null
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
-from jaxsim.discover.name.select import Step
+from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
@@ -55,7 +55,7 @@ class Added:
         return [(refit.effect, refit.fit.z) for refit in self.refits]
 
 
-def add_effects(null: Problem, steps: Sequence[Step], *, known: SensorModel) -> Added:
+def add_effects(null: Problem, steps: Sequence[FittedStep], *, known: SensorModel) -> Added:
     """The effects of `steps` fitted again with one another in place, after the `known` ones of the sensor model."""
     refits = refit(null, [step.chosen.effect for step in steps], [step.fitted.z for step in steps])
     named = [(one.effect.name, parameters_of(one.effect, one.fit.z)) for one in refits]
@@ -147,12 +147,17 @@ def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval 
         other = np.asarray(again[name], float)
         low = np.maximum(np.minimum(value, other) - half, p.low)
         high = np.minimum(np.maximum(value, other) + half, p.high)
-        if value.ndim == 0:
-            parameters[name] = Interval(float(value), float(low), float(high), p.unit)
-        else:
-            entries = zip(value, low, high, strict=True)
-            parameters[name] = tuple(Interval(float(v), float(a), float(b), p.unit) for v, a, b in entries)
+        parameters[name] = interval_of(value, low, high, unit=p.unit)
     return parameters
+
+
+def interval_of(
+    value: Float[np.ndarray, "*k"], low: Float[np.ndarray, "*k"], high: Float[np.ndarray, "*k"], *, unit: str
+) -> Interval | tuple[Interval, ...]:
+    """A parameter with its ends: one interval, or one a beam or class."""
+    if value.ndim == 0:
+        return Interval(float(value), float(low), float(high), unit)
+    return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in zip(value, low, high, strict=True))
 
 
 def follows_power(effect: Law) -> bool:

@@ -6,18 +6,19 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.discover.add import Added, parameters_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, Step, padded
+from jaxsim.discover.name.select import Choice, FittedStep, padded
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
 from jaxsim.discover.verdict import Interval, Judged, Named, Rank, Verdict, Where
-from jaxsim.effects import EFFECTS
+from jaxsim.effects import EFFECTS, Law
 from jaxsim.effects.chain import SensorModel
 
 
@@ -54,23 +55,45 @@ def explain(
     )
 
 
-def named(step: Step, parameters: dict[str, Any]) -> Named:
+def named(step: FittedStep, parameters: dict[str, Any]) -> Named:
     """An effect that was named, with its look-alikes and what would tell them apart."""
-    effect = step.chosen.effect
-    gain = clipped(step.chosen.by_scene)
-    low, high = mean_interval(gain)
-    alike = tuple(c.effect.name for c in step.alike)
+    return named_effect(
+        step.chosen.effect,
+        p_value=step.p_value,
+        gain=gain_interval(step.chosen.by_scene),
+        parameters=parameters,
+        alike=[one.effect.name for one in step.alike],
+        remedy="scenes in which their covariates differ more",
+    )
+
+
+def named_effect(
+    effect: Law,
+    *,
+    p_value: float,
+    gain: Interval,
+    parameters: dict[str, Any],
+    alike: Sequence[str] = (),
+    remedy: str = "",
+) -> Named:
+    """The entry of an effect; `remedy` tells it from a look-alike of which the catalogue does not say what does."""
     told = EFFECTS[effect.name].look_alikes
     apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
         name=effect.name,
-        look_alikes=alike,
-        tell_apart={name: text or "scenes in which their covariates differ more" for name, text in apart.items()},
+        look_alikes=tuple(alike),
+        tell_apart={name: text or remedy for name, text in apart.items()},
         channels=effect.channels,
-        p_value=step.p_value,
-        gain=Interval(float(gain.mean()), low, high, "nats per scene"),
+        p_value=p_value,
+        gain=gain,
         parameters=parameters,
     )
+
+
+def gain_interval(by_scene: Float[np.ndarray, " s"]) -> Interval:
+    """The mean gain of held-out scenes, none of which decides alone."""
+    gain = clipped(by_scene)
+    return Interval(float(gain.mean()), *mean_interval(gain), "nats per scene")
 
 
 def ranking(choice: Choice) -> tuple[Rank, ...]:

@@ -160,7 +160,25 @@ class Rules:
     unpaired_most_effects: int = 3
     """Effects on intensity that are named at most."""
     unpaired_curve_factor: float = 1.3
-    """A free curve must gain so many times what the best effect does to say that it is none of them."""
+    """A free curve must gain so many times what the best effect does, and `curve_margin_nats` more, to say that it is
+    none of them."""
+    unpaired_few_scenes: int = 16
+    """Find scenes of both sides below which a note says that weak effects cannot be told."""
+    unpaired_same_m: float = 0.3
+    """Frames of one name whose ranges agree this well ..."""
+    unpaired_same_share: float = 0.5
+    """... at more than this share of the rays show the same street: a note says that they need not be unpaired."""
+    unpaired_sure_hits: float = 0.98
+    """Share of simulated rays that hit something in the rows in which losses of single rays are compared."""
+    unpaired_fewest_rows: int = 3
+    """Such rows below which they are not."""
+    unpaired_usual_losses: float = 0.02
+    """Share of rays on smooth surfaces that may be lost for reasons that only paired frames tell apart (weak echoes at
+    grazing angles, small gaps). Development cases without an effect reach 1.1 %."""
+    unpaired_hidden_share: float = 0.5
+    """Share of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
+    unpaired_uneven: float = 2.5
+    """Losses of one probability differ by less than this factor between parts of the rows and of the azimuth."""
 
 
 RULES = Rules()

@@ -155,17 +155,20 @@ def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]
     return float(value - half), float(value + half)
 
 
-def difference_interval(first: Float[np.ndarray, " u"], second: Float[np.ndarray, " v"]) -> tuple[float, float]:
+def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"]) -> tuple[float, float]:
     """Interval of mean(first) - mean(second), in their unit, of two independent groups of scenes whose scatter may
     differ (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where either has fewer than two scenes."""
     if min(len(first), len(second)) < 2:
         return float("nan"), float("nan")
     centre = float(first.mean() - second.mean())
-    ours, theirs = first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)
-    if ours + theirs == 0:
+    variance_first = first.var(ddof=1) / len(first)
+    variance_second = second.var(ddof=1) / len(second)
+    variance = variance_first + variance_second
+    if variance == 0:
         return centre, centre
-    freedom = (ours + theirs) ** 2 / (ours**2 / (len(first) - 1) + theirs**2 / (len(second) - 1))
-    half = float(student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(ours + theirs))
+    # Degrees of freedom by Welch and Satterthwaite: near those of the group that scatters more.
+    freedom = variance**2 / (variance_first**2 / (len(first) - 1) + variance_second**2 / (len(second) - 1))
+    half = float(student.ppf(0.5 + RULES.interval_level / 2, freedom) * np.sqrt(variance))
     return centre - half, centre + half
 
 

@@ -16,8 +16,8 @@ from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.steps import Step, worse
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.effects import Effect
 
 Log = Callable[[str], None]
@@ -34,12 +34,9 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Step:
-    """One effect added, and what stood beside it."""
+class FittedStep(Step[Candidate]):
+    """One effect added, fitted."""
 
-    chosen: Candidate
-    alike: tuple[Candidate, ...]
-    ranking: tuple[Candidate, ...]
     fitted: Fit
     """On all find scenes."""
 
@@ -53,7 +50,7 @@ class Step:
 class Choice:
     """The effects added and the problem with them in place."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[FittedStep, ...]
     problem: Problem
     last: tuple[Candidate, ...]
     """The candidates of the step that added nothing more."""
@@ -63,14 +60,6 @@ class Choice:
     def first_ranking(self) -> tuple[Candidate, ...]:
         """All candidates of the first step, best first."""
         return self.steps[0].ranking if self.steps else self.last
-
-
-def worse(candidate: Candidate, best: Candidate) -> bool:
-    """Whether the scenes say that `candidate` explains clearly less than `best`."""
-    difference = clipped(best.by_scene - candidate.by_scene)
-    if candidate.total < RULES.alike_share * best.total and difference.sum() > 0:
-        return True
-    return bool(p_value(difference) <= RULES.alike_level and difference.sum() > RULES.alike_nats)
 
 
 def padded(candidate: Candidate, best: Candidate) -> bool:
@@ -87,7 +76,7 @@ def choose(
     log: Log = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
-    steps: list[Step] = []
+    steps: list[FittedStep] = []
     null = problem
     rest = list(effects)
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
@@ -105,13 +94,15 @@ def choose(
         starts = tuple(to_values(best.effect, one.z) for one in best.fits)
         result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
-        steps.append(Step(best, alike, tuple(ranking), result))
+        steps.append(FittedStep(best, alike, tuple(ranking), result))
         added = on_top(best.effect, problem, result.z)
         problem, _ = fit_null(added.scan, added.ev, all_blocks, clutter=added.clutter)
         rest = [effect for effect in rest if effect.name != best.effect.name]
 
 
-def look_back(null: Problem, steps: Sequence[Step], bars: Bars, *, log: Log = lambda line: None) -> tuple[Step, ...]:
+def look_back(
+    null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log = lambda line: None
+) -> tuple[FittedStep, ...]:
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
     that came later."""
     needed = list(steps)
@@ -124,19 +115,10 @@ def look_back(null: Problem, steps: Sequence[Step], bars: Bars, *, log: Log = la
     return tuple(needed)
 
 
-def with_steps(null: Problem, steps: Sequence[Step]) -> Problem:
+def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
     """The null, refitted on top of the effects of `steps`."""
     problem = null
     for step in steps:
         problem = on_top(step.chosen.effect, problem, step.fitted.z)
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
     return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]
-
-
-def runner_up(choice: Choice) -> Candidate | None:
-    """The best candidate of the first step that is nowhere named and no look-alike of what is."""
-    if not choice.steps:
-        return None
-    taken = {one.effect.name for step in choice.steps for one in (step.chosen, *step.alike)}
-    rest = [one for one in choice.first_ranking if one.effect.name not in taken]
-    return rest[0] if rest else None

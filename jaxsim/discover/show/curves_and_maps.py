@@ -115,17 +115,29 @@ def residual_maps(problem: Problem, *, fitted: Float[np.ndarray, " b"]) -> dict[
     """Mean residual of the blocks that are not fitted, on the grid, by channel."""
     judged = np.asarray(fitted) == 0
     columns = len(np.asarray(problem.scan.grid.azimuth_rad))
-    bins = min(columns, MAP_COLUMNS)
     row = np.asarray(problem.ev.rays.row)[judged]
     column = np.asarray(problem.ev.rays.column)[judged]
-    cell = row * bins + column * bins // columns
-    rows = int(row.max()) + 1
-    bin_of_column = np.arange(columns) * bins // columns
+    shape = (int(row.max()) + 1, columns)
     maps = {}
     for name, (off, _, counts) in residuals(problem, fitted).items():
         keep = counts[judged]
-        count = np.bincount(cell[keep], minlength=rows * bins)
-        total = np.bincount(cell[keep], off[judged][keep], minlength=rows * bins)
-        mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, bins)
-        maps[name] = mean[:, bin_of_column]
+        maps[name] = mean_on_grid(off[judged][keep], row[keep], column[keep], shape=shape)
     return maps
+
+
+def mean_on_grid(
+    values: Float[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    column: Int[np.ndarray, " n"],
+    *,
+    shape: tuple[int, int],
+) -> Float[np.ndarray, "r c"]:
+    """Mean of the rays of each row and of each of MAP_COLUMNS groups of columns, spread over the grid of `shape`; NaN
+    where there are none."""
+    rows, columns = shape
+    bins = min(columns, MAP_COLUMNS)
+    cell = row * bins + column * bins // columns
+    count = np.bincount(cell, minlength=rows * bins)
+    total = np.bincount(cell, values, minlength=rows * bins)
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, bins)
+    return mean[:, np.arange(columns) * bins // columns]

@@ -20,7 +20,8 @@ from jaxsim.discover.model.null import first_residuals, fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, runner_up
+from jaxsim.discover.name.select import Choice
+from jaxsim.discover.name.steps import runner_up
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.show.additive_floor import additive_floor
 from jaxsim.discover.show.curves_and_maps import residual_curves, residual_maps
@@ -32,7 +33,7 @@ from jaxsim.effects.chain import SensorModel
 
 def show_gap(division: Division, null: Problem, choice: Choice, *, added: Added, known: SensorModel) -> Judged:
     """The gap before and after the effects were added, beside a placebo: the runner-up, added in their place."""
-    rival = runner_up(choice)
+    rival = runner_up(choice.steps)
     placebo = placebo_of(null, rival) if rival else None
     return judge(division, null, added.chain, noise=choice.problem.noise, placebo=placebo, known=known)
 

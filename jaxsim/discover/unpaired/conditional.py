@@ -1,4 +1,8 @@
-"""The comparison of ln I given what both range images say: the law, what may differ anyway, and the candidates."""
+"""The comparison of ln I given what both range images say: the law, what may differ anyway, and the terms that may
+stand for an effect.
+
+Letters as in law.py: n rays, s scenes, l columns of the law, k of the measured side, o of what is a scene's own.
+"""
 
 from __future__ import annotations
 
@@ -8,36 +12,57 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.unpaired.law import RIDGE, Block, Equations, each, equations, freedom, hats, lowered, one_hot
-from jaxsim.discover.unpaired.shared import OF_CLASSES, OF_INTENSITY, Columns, change_of, columns_of
-from jaxsim.discover.unpaired.streets import Streets
+from jaxsim.discover.unpaired.effect_columns import OF_CLASSES, OF_INTENSITY, Columns, change_of, columns_of
+from jaxsim.discover.unpaired.law import (
+    RIDGE,
+    Block,
+    Equations,
+    RandomEffects,
+    each,
+    equations,
+    freedom,
+    hats,
+    lowered,
+    one_hot,
+)
+from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.rays import REFERENCE_M, Rays
 
 CLIP = 3.0
 """Robust standard deviations about each side's own law at which readings are held."""
-PATCH_M, PATCH_SD = 4.0, 0.25
-"""Surfaces have a level of their own over so much, nats."""
+PATCH_M = 4.0
+"""Size of the cells of ground over which surfaces have a level of their own ..."""
+PATCH_SD = 0.25
+"""... and its standard deviation, nats."""
 OWN_SD = (0.3, 0.2, 0.3, 0.1)
-"""Of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of surface."""
+"""Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
+surface."""
 CLASS_SD = 0.3
-"""Of a class's reflectance about the simulator's, nats."""
+"""Standard deviation of a class's reflectance about the simulator's, nats."""
 CURVATURE_SD = 0.003
-"""Of 0.5 sec(incidence)**2, which noise on normals leaves."""
+"""Standard deviation of the coefficient of 0.5 sec(incidence)**2, which noise on normals leaves."""
 CURVE_SD = 0.15
-"""Of a free curve's knots, nats."""
+"""Standard deviation of a free curve's knots, nats."""
+LEVEL_PRECISION = 1e-4
+"""Precision of the overall gain: next to free."""
 KNOTS = 10
+"""Knots of a free curve."""
 COMMON = 0.01
 """Classes of a smaller share of the simulated rays have no level of their own."""
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""At which the simulator's readings about the law stand for all of them: effects are not linear in ln I."""
+INFLATION_DRAWS = 40
+"""Exchanges of scenes from which the inflation of losses is taken."""
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Term:
     """Something that the measured side may have: an effect of the catalogue, one start of it, or a free curve."""
 
     name: str
     effect: Effect | None
+    """None of a free curve."""
     columns: Columns
     block: Block
 
@@ -46,158 +71,187 @@ class Candidate:
 class Conditional:
     """All scenes of both sides as normal equations, and what gives them meaning."""
 
-    streets: Streets
+    comparison: UnpairedComparison
     y: Float[np.ndarray, " n"]
+    """ln I, clipped."""
     law: Float[np.ndarray, "n l"]
     side: Float[np.ndarray, "n k"]
-    kind: Int[np.ndarray, " n"]
-    patch: Int[np.ndarray, " n"]
+    """Columns of the measured side: nuisances, terms, curves."""
+    random: RandomEffects
     equations: Equations
     nuisance: Block
-    candidates: tuple[Candidate, ...]
-    curves: tuple[Candidate, ...]
+    terms: tuple[Term, ...]
+    curves: tuple[Term, ...]
     rays: Rays
     """Intensities are the law's."""
     spread: Float[np.ndarray, " q"]
+    """Of simulated readings about the law at QUANTILES, nats."""
     find: Bool[np.ndarray, " s"]
     variance: float
+    """Of readings within a patch, nats squared."""
     inflation: float
     """By how much more the losses of exchanged scenes scatter than independent noise would have them."""
 
+    @property
+    def measured(self) -> Float[np.ndarray, " s"]:
+        """1 for measured scenes, 0 for simulated ones."""
+        return self.comparison.measured.astype(float)
 
-def compare(streets: Streets, find: Bool[np.ndarray, " s"], draws: Float[np.ndarray, "d s"]) -> Conditional:
-    """The comparison with everything that is learned (law, clipping, class mixture) from the `find` scenes."""
-    rays, learn = streets.rays, find[streets.scene]
-    sensed = streets.measured[streets.scene]
-    kind = kinds(streets)
-    law = law_columns(streets, kind)
-    y = _clipped(streets.log_intensity, law, learn, sensed)
-    patch = patches(streets, kind)
-    own = own_columns(streets, kind)
+    @property
+    def weight(self) -> Float[np.ndarray, " s"]:
+        """1 for scenes to find with, 0 for those to judge on."""
+        return self.find.astype(float)
+
+
+def compare(
+    comparison: UnpairedComparison, find: Bool[np.ndarray, " s"], draws: Float[np.ndarray, "d s"]
+) -> Conditional:
+    """The comparison with everything that is learned (law, clipping, class mixture) from the `find` scenes; `draws` are
+    exchanges of the sides (law.exchanged)."""
+    scene = comparison.scene
+    sensed = comparison.measured[scene]
+    learn = find[scene]
+    kind = kinds(comparison)
+    law = law_columns(comparison, kind)
+    y = _clipped(comparison.log_intensity, law, learn, sensed)
+    patch = patches(comparison, kind)
     variance = _within(y - law @ _ridge(law[learn], y[learn]), patch, learn)
+    random = RandomEffects(own_columns(comparison, kind), np.repeat(OWN_SD, 3), patch, PATCH_SD)
 
-    def scenes_of(side: np.ndarray) -> Equations:
-        return equations(
-            law, side, own, own_sd(), PATCH_SD, y, streets.scene, patch, scenes=len(streets.scenes), variance=variance
-        )
+    def equations_of(side: np.ndarray) -> Equations:
+        return equations(y, law, side, random=random, scene=scene, scenes=len(comparison.scenes), variance=variance)
 
     # How much of each class, and what intensity, the simulated side has at given covariates.
     simulated = learn & ~sensed
-    values, counts = np.unique(_classes(streets)[simulated], return_counts=True)
-    values = values[counts > COMMON * counts.sum()]
-    mixture = one_hot(_classes(streets), values)
-    known = scenes_of(np.concatenate([mixture, y[:, None]], axis=1))
-    weight, n = (find & ~streets.measured).astype(float), law.shape[1]
-    inner = np.einsum("s,spq->pq", weight, known.gram[:, :n, :n]) + RIDGE * np.eye(n)
-    coefficients = np.linalg.solve(inner, np.einsum("s,spq->pq", weight, known.gram[:, :n, n:]))
-    expected = law @ coefficients
+    mixture = one_hot(_classes(comparison), _common(_classes(comparison)[simulated]))
+    known = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
+    expected = law @ _regressed(known, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
     spread = np.quantile((y - predicted)[simulated], QUANTILES)
     spread = spread - spread.mean()
-    as_predicted = replace(
-        rays,
-        log_intensity=predicted.astype(np.float32),
-        met_log_intensity=predicted.astype(np.float32),
-        log_power=(predicted - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)).astype(np.float32),
-    )
+    rays = _as_predicted(comparison.rays, predicted)
 
     # What may differ without any effect: overall gain, and reflectances of classes, known where both sides know them.
-    of_classes = mixture if streets.shared_classes else expected[:, :-1]
-    bend = 0.5 / np.cos(rays.incidence_rad)[:, None] ** 2
+    of_classes = mixture if comparison.shared_classes else expected[:, :-1]
+    bend = 0.5 / np.cos(comparison.rays.incidence_rad)[:, None] ** 2
     nuisance = np.concatenate([np.ones((len(y), 1)), of_classes, bend], axis=1).astype(np.float32)
-    held = np.array([1e-4, *[1 / CLASS_SD**2] * len(values), 1 / CURVATURE_SD**2])
-    parts: list[np.ndarray] = [nuisance]
-    names = (*OF_INTENSITY, *(OF_CLASSES if streets.shared_classes else ()))
-    rows = len(np.asarray(streets.grid.elevation_rad))
-    candidates, start = [], nuisance.shape[1]
-    for name in names:
-        effect = EFFECTS[name]
-        change = change_of(effect, as_predicted, streets.scan, spread)
-        for columns in columns_of(effect, change, rays.row, rows):
-            candidates.append(_candidate(name, effect, columns, start))
-            parts.append(columns.columns)
-            start += columns.columns.shape[1]
-    curves = []
-    for name, basis in curve_columns(streets).items():
-        columns = Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))
-        curves.append(_candidate(name, None, columns, start))
-        parts.append(basis)
-        start += basis.shape[1]
-    side = np.concatenate(parts, axis=1)
-    found = scenes_of(side)
-    block = Block(np.arange(nuisance.shape[1]), held)
-    inflation = _inflation(found, find, draws, block, [c.block for c in (*candidates, *curves)])
-    found = Equations(found.gram / inflation, found.right / inflation, found.square / inflation, found.law)
+    precision = np.array([LEVEL_PRECISION, *[1 / CLASS_SD**2] * mixture.shape[1], 1 / CURVATURE_SD**2])
+    block = Block(np.arange(nuisance.shape[1]), precision)
+
+    # What may be an effect: columns beside one another, after those of the nuisances.
+    parts: list[tuple[str, Columns]] = []
+    for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
+        change = change_of(EFFECTS[name], rays, comparison.rows, spread=spread)
+        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, comparison.rows)]
+    of_effects = len(parts)
+    for name, basis in curve_columns(comparison).items():
+        parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
+    starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
+    terms = [_term(name, columns, int(start)) for (name, columns), start in zip(parts, starts[:-1], strict=True)]
+    side = np.concatenate([nuisance, *(columns.columns for _, columns in parts)], axis=1)
+    eq = equations_of(side)
+    inflation = _inflation(eq, find.astype(float), draws, nuisance=block, blocks=[term.block for term in terms])
     return Conditional(
-        streets, y, law, side, kind, patch, found, block, tuple(candidates), tuple(curves), as_predicted, spread, find,
-        variance, inflation,
-    )  # fmt: skip
+        comparison=comparison,
+        y=y,
+        law=law,
+        side=side,
+        random=random,
+        equations=eq.scaled(inflation),
+        nuisance=block,
+        terms=tuple(terms[:of_effects]),
+        curves=tuple(terms[of_effects:]),
+        rays=rays,
+        spread=spread,
+        find=find,
+        variance=variance,
+        inflation=inflation,
+    )
 
 
-def _candidate(name: str, effect: Effect | None, columns: Columns, start: int) -> Candidate:
-    place = np.arange(start, start + columns.columns.shape[1])
-    return Candidate(name, effect, columns, Block(place, columns.precision, columns.sign))
+def _term(name: str, columns: Columns, start: int) -> Term:
+    index = np.arange(start, start + columns.columns.shape[1])
+    return Term(name, columns.effect, columns, Block(index, columns.precision, columns.sign))
 
 
-def kinds(streets: Streets) -> Int[np.ndarray, " n"]:
+def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
+    """Those that are not rare."""
+    values, counts = np.unique(classes, return_counts=True)
+    return values[counts > COMMON * counts.sum()]
+
+
+def _regressed(eq: Equations, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, "l k"]:
+    """Coefficients of the law for each column of a side, of so weighted scenes."""
+    n = eq.law
+    inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
+    return np.linalg.solve(inner, np.einsum("s,spq->pq", weight, eq.gram[:, :n, n:]))
+
+
+def _as_predicted(rays: Rays, log_intensity: Float[np.ndarray, " n"]) -> Rays:
+    """Rays whose intensity, and the power that goes with it, is what the law says."""
+    return replace(
+        rays,
+        log_intensity=log_intensity.astype(np.float32),
+        met_log_intensity=log_intensity.astype(np.float32),
+        log_power=(log_intensity - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)).astype(np.float32),
+    )
+
+
+def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     """0 ground, 1 upright, 2 other, by height and normal."""
-    ground = (streets.rise > 0.7) & (streets.height_m < 0.4)
-    return np.where(ground, 0, np.where(streets.rise < 0.5, 1, 2))
+    ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
+    return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
 
 
-def _classes(streets: Streets) -> np.ndarray:
-    return np.zeros(len(streets.scene), np.int32) if streets.semantic is None else streets.semantic
+def _classes(comparison: UnpairedComparison) -> np.ndarray:
+    return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
 
 
-def law_columns(streets: Streets, kind: np.ndarray) -> Float[np.ndarray, "n l"]:
+def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n l"]:
     """Additive curves over all covariates, those over range, incidence and height for each kind of surface."""
-    r = streets.rays
+    r = comparison.rays
     surfaces = one_hot(kind, np.arange(3))
-    height = np.clip(streets.height_m, -1.0, 8.0)
+    height = np.clip(comparison.height_m, -1.0, 8.0)
     parts = [
         one_hot(r.row),
         each(surfaces, hats(np.log(r.range_m), 10)),
         each(surfaces, hats(r.incidence_rad, 8)),
         each(surfaces, hats(height, 8)),
-        hats(np.log(streets.bend + 1e-4), 6),
+        hats(np.log(comparison.bend + 1e-4), 6),
         hats(r.azimuth_rad, 9),
     ]
-    if streets.shared_classes:
-        parts.append(one_hot(_classes(streets)))
+    if comparison.shared_classes:
+        parts.append(one_hot(_classes(comparison)))
     return np.concatenate(parts, axis=1)
 
 
-def own_sd() -> Float[np.ndarray, " o"]:
-    """Of the columns of `own_columns`."""
-    return np.repeat(OWN_SD, 3)
-
-
-def own_columns(streets: Streets, kind: np.ndarray) -> Float[np.ndarray, "n o"]:
-    """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface."""
+def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
+    """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
+    order is that of OWN_SD."""
     surfaces = one_hot(kind, np.arange(3))
-    slopes = [np.log(streets.rays.range_m), streets.rays.incidence_rad, np.clip(streets.height_m, -1.0, 8.0)]
+    slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
     return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)
 
 
-def patches(streets: Streets, kind: np.ndarray) -> Int[np.ndarray, " n"]:
+def patches(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Number of the cell of ground, and kind of surface, that each ray meets."""
-    r = streets.rays
-    flat = r.range_m * np.cos(r.elevation_rad)
-    cells = [np.floor(flat * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
-    key = np.stack([streets.scene, kind, *cells], axis=1).astype(np.int64)
+    r = comparison.rays
+    level_m = r.range_m * np.cos(r.elevation_rad)
+    cells = [np.floor(level_m * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
+    key = np.stack([comparison.scene, kind, *cells], axis=1).astype(np.int64)
     return np.unique(key, axis=0, return_inverse=True)[1].ravel()
 
 
-def curve_columns(streets: Streets) -> dict[str, np.ndarray]:
+def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray, "n k"]]:
     """Free curves of the measured side along the covariates that both sides have."""
-    r = streets.rays
+    r = comparison.rays
     curves = {
         "range": hats(np.log(r.range_m), KNOTS),
         "incidence": hats(r.incidence_rad, KNOTS),
         "azimuth": hats(r.azimuth_rad, KNOTS),
-        "row": one_hot(r.row, np.arange(len(np.asarray(streets.grid.elevation_rad)))),
+        "row": one_hot(r.row, np.arange(comparison.rows)),
     }
-    return {**curves, "class": one_hot(_classes(streets))} if streets.shared_classes else curves
+    return {**curves, "class": one_hot(_classes(comparison))} if comparison.shared_classes else curves
 
 
 def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -221,16 +275,22 @@ def _within(off: np.ndarray, patch: np.ndarray, learn: np.ndarray) -> float:
     """Variance of readings about their patch's mean."""
     _, number, count = np.unique(patch[learn], return_inverse=True, return_counts=True)
     mean = np.bincount(number, off[learn]) / count
-    left = (off[learn] - mean[number]) ** 2
-    return float(left.sum() / max((count - 1).sum(), 1))
+    squares = (off[learn] - mean[number]) ** 2
+    return float(squares.sum() / max((count - 1).sum(), 1))
 
 
 def _inflation(
-    found: Equations, find: np.ndarray, draws: np.ndarray, nuisance: Block, blocks: Sequence[Block]
+    eq: Equations,
+    weight: Float[np.ndarray, " s"],
+    draws: Float[np.ndarray, "d s"],
+    *,
+    nuisance: Block,
+    blocks: Sequence[Block],
 ) -> float:
-    """Median over candidates of what exchanged sides lower the loss by, over what independent noise would give."""
-    weight = find.astype(float)
-    chance = lowered(found, weight, draws[1 : 1 + 40], nuisance, blocks).mean(0)
-    free = np.array([freedom(found, weight, draws[0], block) for block in blocks])
+    """Median over blocks of what exchanged sides lower the loss by, over what independent noise would give (half the
+    block's degrees of freedom)."""
+    exchanges = draws[1 : 1 + INFLATION_DRAWS]
+    chance = lowered(eq, exchanges, blocks, weight=weight, nuisance=nuisance).mean(0)
+    free = np.array([freedom(eq, block, weight=weight, measured=draws[0]) for block in blocks])
     use = free > 0.5
     return float(max(np.median(2 * chance[use] / free[use]), 1.0))

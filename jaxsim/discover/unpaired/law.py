@@ -3,15 +3,18 @@ adds to it.
 
     y = law(x) + [measured] (nuisance(x) + effect(x)) + what is the scene's own + noise
 
-Letters: n rays, s scenes, l columns of the law, k columns of the measured side. All is linear in its coefficients,
-so that a scene is its normal equations, and sides can be exchanged between scenes at the price of a small solve.
-What is a scene's own (levels and slopes of its surfaces) is a random effect, taken out of its normal equations.
+Letters: n rays, s scenes, l columns of the law, k columns of the measured side, p = l + k, c columns of some blocks,
+d draws of which scenes count as measured. All is linear in its coefficients, so that a scene is its normal equations,
+and sides can be exchanged between scenes at the price of a small solve. What is a scene's own (levels and slopes of its
+surfaces) is a random effect, taken out of its normal equations as in Henderson's mixed-model equations (1975, doi
+10.2307/2529430).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -25,93 +28,23 @@ def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) ->
     knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
     if len(knots) < 2:
         return np.ones((len(x), 1), np.float32)
-    place = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((x - knots[place]) / (knots[place + 1] - knots[place]), 0, 1)
-    result = np.zeros((len(x), len(knots)), np.float32)
-    rows = np.arange(len(x))
-    result[rows, place], result[rows, place + 1] = 1 - share, share
-    return result
+    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
+    basis = np.zeros((len(x), len(knots)), np.float32)
+    rays = np.arange(len(x))
+    basis[rays, left] = 1 - share
+    basis[rays, left + 1] = share
+    return basis
 
 
 def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray, "n k"]:
-    """A column for each value."""
+    """A column for each value, 1 where x has it; by default for each that x has."""
     return (x[:, None] == (np.unique(x) if values is None else values)).astype(np.float32)
 
 
 def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Products of all columns of the two."""
+    """Products of every column of `parts` with every column of `of`: a curve for each part."""
     return (parts[:, :, None] * of[:, None, :]).reshape(len(parts), -1)
-
-
-@dataclass(frozen=True)
-class Equations:
-    """Normal equations of every scene, with its random effects taken out, in units of the noise's variance."""
-
-    gram: Float[np.ndarray, "s p p"]
-    """p = l + k columns: the law's, then those of the measured side."""
-    right: Float[np.ndarray, "s p"]
-    square: Float[np.ndarray, " s"]
-    law: int
-    """Columns of the law, l."""
-
-    def pooled(
-        self, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]
-    ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"], Float[np.ndarray, "l k"], Float[np.ndarray, " l"]]:
-        """Equations of the measured side's columns with the law eliminated, and what gives the law back: its
-        coefficients are `base - cross @ side`."""
-        n = self.law
-        own = weight * measured
-        inner = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
-        between = np.einsum("s,spq->pq", own, self.gram[:, :n, n:])
-        side = np.einsum("s,spq->pq", own, self.gram[:, n:, n:])
-        solved = np.linalg.solve(inner, np.concatenate([between, (weight @ self.right[:, :n])[:, None]], axis=1))
-        cross, base = solved[:, :-1], solved[:, -1]
-        return side - between.T @ cross, own @ self.right[:, n:] - between.T @ base, cross, base
-
-    def losses(
-        self, law: np.ndarray, side: np.ndarray, columns: np.ndarray, measured: Float[np.ndarray, " s"]
-    ) -> Float[np.ndarray, " s"]:
-        """Half the sum of squares of each scene with these coefficients, nats."""
-        n = self.law
-        whole = np.zeros((len(self.square), self.gram.shape[-1]))
-        whole[:, :n] = law
-        whole[:, n + columns] = measured[:, None] * side
-        fitted = np.einsum("spq,sq->sp", self.gram, whole)
-        return 0.5 * (self.square + np.einsum("sp,sp->s", whole, fitted - 2 * self.right))
-
-
-def equations(
-    law: Float[np.ndarray, "n l"],
-    side: Float[np.ndarray, "n k"],
-    own: Float[np.ndarray, "n o"],
-    own_sd: Float[np.ndarray, " o"],
-    patch_sd: float,
-    y: Float[np.ndarray, " n"],
-    scene: Int[np.ndarray, " n"],
-    patch: Int[np.ndarray, " n"],
-    *,
-    scenes: int,
-    variance: float,
-) -> Equations:
-    """Of rays y with columns of the law and of the measured side. Random effects are those of a scene, `own`, and
-    a level of each patch (numbers; a patch lies in one scene), with their standard deviations."""
-    size = law.shape[1] + side.shape[1]
-    gram, right, square = np.zeros((scenes, size, size)), np.zeros((scenes, size)), np.zeros(scenes)
-    for s in range(scenes):
-        at = scene == s
-        x = np.concatenate([law[at], side[at]], axis=1).astype(np.float64)
-        whole = np.concatenate([x, y[at][:, None], own[at].astype(np.float64)], axis=1)
-        order = np.argsort(patch[at], kind="stable")
-        _, first, count = np.unique(patch[at][order], return_index=True, return_counts=True)
-        sums = np.add.reduceat(whole[order], first, axis=0)
-        sums /= np.sqrt(count + variance / patch_sd**2)[:, None]
-        products = whole.T @ whole - sums.T @ sums
-        cut = size + 1
-        inner = products[cut:, cut:] + variance * np.diag(1 / own_sd**2)
-        products = products[:cut, :cut] - products[:cut, cut:] @ np.linalg.solve(inner, products[cut:, :cut])
-        products /= variance
-        gram[s], right[s], square[s] = products[:size, :size], products[:size, size], products[size, size]
-    return Equations(gram, right, square, law.shape[1])
 
 
 @dataclass(frozen=True)
@@ -124,15 +57,116 @@ class Block:
     """The first coefficient must have it; 0: any."""
 
 
-def solve(
-    inner: np.ndarray, right: np.ndarray, blocks: Sequence[Block]
-) -> tuple[Float[np.ndarray, " c"], Int[np.ndarray, " c"], float]:
-    """Coefficients of blocks fitted together, their columns, and by how much they lower the loss, nats."""
+class Pooled(NamedTuple):
+    """Normal equations of the measured side's columns with the law eliminated (Schur complement)."""
+
+    inner: Float[np.ndarray, "k k"]
+    right: Float[np.ndarray, " k"]
+    cross: Float[np.ndarray, "l k"]
+    base: Float[np.ndarray, " l"]
+    """The law's coefficients are `base - cross @ side`."""
+
+
+class Solution(NamedTuple):
+    """Coefficients of the law, and of the columns of the measured side that were fitted; the others are 0."""
+
+    law: Float[np.ndarray, " l"]
+    side: Float[np.ndarray, " c"]
+    columns: Int[np.ndarray, " c"]
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of every scene, with its random effects taken out, in units of the noise's variance."""
+
+    gram: Float[np.ndarray, "s p p"]
+    """The law's columns, then those of the measured side."""
+    right: Float[np.ndarray, "s p"]
+    square: Float[np.ndarray, " s"]
+    law: int
+    """Columns of the law, l."""
+
+    def scaled(self, inflation: float) -> Equations:
+        """The same with a variance of the noise that is larger by this factor."""
+        return Equations(self.gram / inflation, self.right / inflation, self.square / inflation, self.law)
+
+    def pooled(self, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]) -> Pooled:
+        """The sum over scenes, each counted `weight` times; `measured` is 1 of those of the measured side, else 0."""
+        n = self.law
+        weight_measured = weight * measured
+        of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
+        between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
+        of_side = np.einsum("s,spq->pq", weight_measured, self.gram[:, n:, n:])
+        solved = np.linalg.solve(of_law, np.concatenate([between, (weight @ self.right[:, :n])[:, None]], axis=1))
+        cross = solved[:, :-1]
+        base = solved[:, -1]
+        right = weight_measured @ self.right[:, n:] - between.T @ base
+        return Pooled(of_side - between.T @ cross, right, cross, base)
+
+    def losses(self, solution: Solution, measured: Float[np.ndarray, " s"]) -> Float[np.ndarray, " s"]:
+        """Half the sum of squares of each scene with these coefficients, nats."""
+        n = self.law
+        coefficients = np.zeros((len(self.square), self.gram.shape[-1]))
+        coefficients[:, :n] = solution.law
+        coefficients[:, n + solution.columns] = measured[:, None] * solution.side
+        fitted = np.einsum("spq,sq->sp", self.gram, coefficients)
+        return 0.5 * (self.square + np.einsum("sp,sp->s", coefficients, fitted - 2 * self.right))
+
+
+class RandomEffects(NamedTuple):
+    """What differs between scenes without meaning anything: columns whose coefficients are each scene's own, and a
+    level of each patch (a number; a patch lies in one scene), with their standard deviations."""
+
+    columns: Float[np.ndarray, "n o"]
+    sd: Float[np.ndarray, " o"]
+    patch: Int[np.ndarray, " n"]
+    patch_sd: float
+
+
+def equations(
+    y: Float[np.ndarray, " n"],
+    law: Float[np.ndarray, "n l"],
+    side: Float[np.ndarray, "n k"],
+    *,
+    random: RandomEffects,
+    scene: Int[np.ndarray, " n"],
+    scenes: int,
+    variance: float,
+) -> Equations:
+    """The scenes of rays y with columns of the law and of the measured side; `variance` is the noise's."""
+    size = law.shape[1] + side.shape[1]
+    gram = np.zeros((scenes, size, size))
+    right = np.zeros((scenes, size))
+    square = np.zeros(scenes)
+    for s in range(scenes):
+        at = scene == s
+        patch = random.patch[at]
+        x = np.concatenate([law[at], side[at]], axis=1).astype(np.float64)
+        columns = np.concatenate([x, y[at][:, None], random.columns[at].astype(np.float64)], axis=1)
+        # A patch's level takes the mean of its rays out, shrunk by the prior's worth of rays.
+        order = np.argsort(patch, kind="stable")
+        _, first, count = np.unique(patch[order], return_index=True, return_counts=True)
+        sums = np.add.reduceat(columns[order], first, axis=0)
+        sums /= np.sqrt(count + variance / random.patch_sd**2)[:, None]
+        products = columns.T @ columns - sums.T @ sums
+        # The scene's own columns, the last, are eliminated.
+        cut = size + 1
+        inner = products[cut:, cut:] + variance * np.diag(1 / random.sd**2)
+        products = products[:cut, :cut] - products[:cut, cut:] @ np.linalg.solve(inner, products[cut:, :cut])
+        products /= variance
+        gram[s] = products[:size, :size]
+        right[s] = products[:size, size]
+        square[s] = products[size, size]
+    return Equations(gram, right, square, law.shape[1])
+
+
+def solve(pooled: Pooled, blocks: Sequence[Block]) -> Solution:
+    """Blocks fitted together, with the law beside them."""
     columns = np.concatenate([block.columns for block in blocks])
-    held = np.concatenate([block.precision for block in blocks])
-    matrix = inner[np.ix_(columns, columns)] + np.diag(held)
-    found = np.linalg.solve(matrix, right[columns])
-    return found, columns, 0.5 * float(found @ right[columns])
+    precision = np.concatenate([block.precision for block in blocks])
+    matrix = pooled.inner[np.ix_(columns, columns)] + np.diag(precision)
+    side = np.linalg.solve(matrix, pooled.right[columns])
+    return Solution(pooled.base - pooled.cross[:, columns] @ side, side, columns)
 
 
 def exchanged(measured: Bool[np.ndarray, " s"], count: int, seed: int = 0) -> Float[np.ndarray, "d s"]:
@@ -144,37 +178,42 @@ def exchanged(measured: Bool[np.ndarray, " s"], count: int, seed: int = 0) -> Fl
 
 def lowered(
     eq: Equations,
-    weight: Float[np.ndarray, " s"],
     draws: Float[np.ndarray, "d s"],
-    nuisance: Block,
     blocks: Sequence[Block],
+    *,
+    weight: Float[np.ndarray, " s"],
+    nuisance: Block,
 ) -> Float[np.ndarray, "d b"]:
     """By how much each block lowers the loss beyond law and nuisance, nats, for every draw of the sides."""
-    n, near = eq.law, nuisance.columns
+    n = eq.law
+    near = nuisance.columns
+    # The law's part is the same for all draws: it is factored once.
     inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
     half = np.linalg.inv(np.linalg.cholesky(inner))
     base = half @ (weight @ eq.right[:, :n])
-    result = np.zeros((len(draws), len(blocks)))
     across = np.stack([half @ g for g in eq.gram[:, :n, n:]])
+    drops = np.zeros((len(draws), len(blocks)))
     for d, measured in enumerate(draws):
-        own = weight * measured
-        between = np.tensordot(own, across, 1)
-        side = np.tensordot(own, eq.gram[:, n:, n:], 1) - between.T @ between
-        right = own @ eq.right[:, n:] - between.T @ base
-        first = np.linalg.solve(
+        weight_measured = weight * measured
+        between = np.tensordot(weight_measured, across, 1)
+        side = np.tensordot(weight_measured, eq.gram[:, n:, n:], 1) - between.T @ between
+        right = weight_measured @ eq.right[:, n:] - between.T @ base
+        nuisances = np.linalg.solve(
             side[np.ix_(near, near)] + np.diag(nuisance.precision),
             np.concatenate([side[near], right[near][:, None]], axis=1),
         )
-        left = side - side[:, near] @ first[:, :-1]
-        right = right - side[:, near] @ first[:, -1]
+        right = right - side[:, near] @ nuisances[:, -1]
+        side = side - side[:, near] @ nuisances[:, :-1]
         for b, block in enumerate(blocks):
             at = block.columns
-            found = np.linalg.solve(left[np.ix_(at, at)] + np.diag(block.precision), right[at])
-            result[d, b] = 0.5 * float(found @ right[at])
-    return result
+            coefficients = np.linalg.solve(side[np.ix_(at, at)] + np.diag(block.precision), right[at])
+            drops[d, b] = 0.5 * float(coefficients @ right[at])
+    return drops
 
 
-def freedom(eq: Equations, weight: np.ndarray, measured: np.ndarray, block: Block) -> float:
-    """Degrees of freedom of a block, shrunk by its prior."""
-    side = eq.pooled(weight, measured)[0][np.ix_(block.columns, block.columns)]
+def freedom(
+    eq: Equations, block: Block, *, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]
+) -> float:
+    """Degrees of freedom of a block, shrunk by its prior: the trace of its hat matrix."""
+    side = eq.pooled(weight, measured).inner[np.ix_(block.columns, block.columns)]
     return float(np.trace(np.linalg.solve(side + np.diag(block.precision), side)))

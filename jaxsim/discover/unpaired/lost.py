@@ -2,36 +2,29 @@
 
 Losses of single rays show in rows in which simulated rays nearly always hit something (the ground), between two
 neighbours on one surface. Whole columns are counted apart: those that are empty in most frames as a hidden sector,
-the others as lost packets.
+the others as lost packets. Letters: f frames, s scenes, r rows, c columns.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import difference_interval
-from jaxsim.discover.unpaired.streets import Streets
+from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS
 
-SURE = 0.98
-"""Share of simulated rays that hit something in the rows that are looked at."""
-USUAL = 0.02
-"""Of rays on smooth surfaces: as many may be lost for reasons that only paired frames tell apart (weak echoes at
-grazing angles, small gaps). Development cases without an effect, of the independent generator, reach 1.1 %."""
-AGREE = 0.05
-"""A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close."""
-MOSTLY = 0.5
-"""Of a side's frames in which a column is empty, from where it belongs to a hidden sector."""
-FEWEST_ROWS = 3
-LEVEL = 0.01
-UNEVEN = 2.5
-"""Losses of one probability differ by less than this factor between thirds of the rows and sectors of azimuth."""
+NEAR = 0.05
+"""A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close, as a share."""
+ROW_PARTS = 3
 SECTORS = 6
+"""Parts of the rows and of the azimuth whose losses are compared."""
 DRAWS = 2000
+"""Exchanges of scenes between the sides."""
 
 
 @dataclass(frozen=True)
@@ -47,112 +40,145 @@ class Loss:
 
 @dataclass(frozen=True)
 class Losses:
-    """What was found, and what a reader must know."""
+    """The effects on returns, and what a reader must know."""
 
-    found: tuple[Loss, ...]
-    rows: Bool[np.ndarray, " r"]
+    effects: tuple[Loss, ...]
     notes: tuple[str, ...]
 
 
-def losses(streets: Streets, find: Bool[np.ndarray, " s"]) -> Losses:
-    """Compares the shares of lost rays of the find scenes."""
-    use = find[streets.frame_scene]
-    sensed = streets.measured[streets.frame_scene]
-    here, there = streets.lost[use & sensed], streets.lost[use & ~sensed]
-    smooth = [_smooth(streets.scan.range_m[side], streets.lost[side]) for side in (use & sensed, use & ~sensed)]
-    rows = there.mean((0, 2)) < 1 - SURE
-    scene = streets.frame_scene[use & sensed], streets.frame_scene[use & ~sensed]
-    empty = np.all(here, axis=1, keepdims=True)[:, 0], np.all(there, axis=1, keepdims=True)[:, 0]
-    hidden = (empty[0].mean(0) > MOSTLY) & (empty[1].mean(0) < 1 - MOSTLY)
-    found, notes = [], []
-    if hidden.any():
-        found.append(_sector(streets, hidden, int(find[streets.measured].sum())))
-    groups = [_of_scenes(e[:, ~hidden].mean(1), s) for e, s in zip(empty, scene, strict=True)]
-    packets = _test(*groups)
-    if packets[0] <= LEVEL and packets[1].value > USUAL:
-        p, share = packets
-        found.append(Loss("packet_loss", p, {"probability": _as(share, "packet_loss", "probability")}, share))
-    if rows.sum() < FEWEST_ROWS:
-        notes.append(
-            "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
-        )
-        return Losses(tuple(found), rows, tuple(notes))
-    single = [
-        _of_scenes(_share(lost, on, hidden, rows), k) for lost, on, k in zip((here, there), smooth, scene, strict=True)
-    ]
-    p, share = _test(*single)
-    if p <= LEVEL and share.value > USUAL:
-        lines, columns = np.flatnonzero(rows), np.arange(here.shape[2])
-        by_row = [
-            np.mean(_share(here, smooth[0], hidden, np.isin(np.arange(len(rows)), part)))
-            for part in np.array_split(lines, 3)
-        ]
-        by_azimuth = [
-            np.mean(_share(here, smooth[0], hidden | ~np.isin(columns, part), rows))
-            for part in np.array_split(columns, SECTORS)
-        ]
-        uneven = {"row": by_row, "azimuth": by_azimuth}
-        uneven = {name: x for name, x in uneven.items() if max(x) > UNEVEN * min(x)}
-        if not uneven:
-            # Of what is lost, between none and USUAL is lost anyway.
-            own = Interval(share.value - USUAL / 2, share.low - USUAL, share.high, share.unit)
-            found.append(Loss("random_dropout", p, {"probability": _as(own, "random_dropout", "probability")}, share))
-        for name, parts in uneven.items():
-            shares = ", ".join(f"{100 * part:.2g} %" for part in parts)
-            notes.append(
-                f"rays are lost unevenly along the {name} ({shares}): no random_dropout alone; which effect does it "
-                "cannot be told from lost rays unpaired"
-            )
-    return Losses(tuple(found), rows, tuple(notes))
+@dataclass(frozen=True)
+class _Side:
+    """The find frames of one side."""
 
-
-def _sector(streets: Streets, hidden: np.ndarray, scenes: int) -> Loss:
-    azimuth = np.asarray(streets.grid.azimuth_rad, float)
-    step = float(np.abs(np.diff(azimuth)).mean())
-    runs = np.split(np.flatnonzero(hidden), np.flatnonzero(np.diff(np.flatnonzero(hidden)) > 1) + 1)
-    run = max(runs, key=len)
-    middle, width = float(azimuth[run].mean()), len(run) * step
-    values = {"azimuth_rad": (middle, step / 2), "width_rad": (width, step)}
-    parameters = {
-        name: _as(Interval(v, v - e, v + e, "rad"), "sector_occlusion", name) for name, (v, e) in values.items()
-    }
-    share = float(hidden.mean())
-    return Loss("sector_occlusion", 2.0**-scenes, parameters, Interval(share, share, share, "share of rays"))
-
-
-def _smooth(range_m: np.ndarray, lost: np.ndarray) -> Bool[np.ndarray, "f r c"]:
+    lost: Bool[np.ndarray, "f r c"]
+    smooth: Bool[np.ndarray, "f r c"]
     """Rays whose neighbours left and right returned from one surface; edges lose rays of their own."""
-    r = np.where(lost, np.nan, range_m).astype(np.float64)
-    left, right = np.roll(r, 1, 2), np.roll(r, -1, 2)
-    smooth = np.abs(left - right) < AGREE * np.minimum(left, right)
-    smooth[..., [0, -1]] = False
-    return smooth
+    scene: Int[np.ndarray, " f"]
+
+    @classmethod
+    def of(cls, comparison: UnpairedComparison, frames: Bool[np.ndarray, " f"]) -> _Side:
+        lost = comparison.lost[frames]
+        r = np.where(lost, np.nan, comparison.scan.range_m[frames]).astype(np.float64)
+        left = np.roll(r, 1, 2)
+        right = np.roll(r, -1, 2)
+        smooth = np.abs(left - right) < NEAR * np.minimum(left, right)
+        smooth[..., [0, -1]] = False
+        return cls(lost, smooth, comparison.frame_scene[frames])
+
+    @property
+    def empty(self) -> Bool[np.ndarray, "f c"]:
+        """Columns without a return."""
+        return self.lost.all(axis=1)
+
+    def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
+        """Of the rays on smooth surfaces in these rows and columns, those that are lost."""
+        counts = self.smooth[:, rows] & columns
+        return (self.lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
+
+    def by_scene(self, of_frames: Float[np.ndarray, " f"]) -> Float[np.ndarray, " s"]:
+        """Means over each scene's frames."""
+        return np.array([of_frames[self.scene == scene].mean() for scene in np.unique(self.scene)])
 
 
-def _share(lost: np.ndarray, smooth: np.ndarray, hidden: np.ndarray, rows: np.ndarray) -> Float[np.ndarray, " f"]:
-    """Of rays on smooth surfaces that are lost."""
-    counts = smooth[:, rows] & ~hidden
-    return (lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
+def lost_rays(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> Losses:
+    """Compares the shares of lost rays of the find scenes."""
+    use = find[comparison.frame_scene]
+    of_measured = comparison.measured[comparison.frame_scene]
+    measured = _Side.of(comparison, use & of_measured)
+    simulated = _Side.of(comparison, use & ~of_measured)
+    mostly = RULES.unpaired_hidden_share
+    hidden = (measured.empty.mean(0) > mostly) & (simulated.empty.mean(0) < 1 - mostly)
+    effects = []
+    if hidden.any():
+        scenes = int(find[comparison.measured].sum())
+        effects.append(_sector(np.asarray(comparison.grid.azimuth_rad, float), hidden, scenes=scenes))
+    effects += _packets(measured, simulated, ~hidden)
+    rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
+    if rows.sum() < RULES.unpaired_fewest_rows:
+        note = "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
+        return Losses(tuple(effects), (note,))
+    single, notes = _single_rays(measured, simulated, rows, columns=~hidden)
+    return Losses((*effects, *single), tuple(notes))
 
 
-def _of_scenes(of_frames: np.ndarray, scene: np.ndarray) -> Float[np.ndarray, " s"]:
-    return np.array([of_frames[scene == s].mean() for s in np.unique(scene)])
+def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Loss:
+    """The longest run of hidden columns, known to a column's width; each scene shows it."""
+    step = float(np.abs(np.diff(azimuth_rad)).mean())
+    columns = np.flatnonzero(hidden)
+    run = max(np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1), key=len)
+    middle = float(azimuth_rad[run].mean())
+    width = len(run) * step
+    share = float(hidden.mean())
+    parameters = {
+        "azimuth_rad": Interval(middle, middle - step / 2, middle + step / 2, ""),
+        "width_rad": Interval(width, width - step, width + step, ""),
+    }
+    return Loss(
+        "sector_occlusion",
+        2.0**-scenes,
+        {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()},
+        Interval(share, share, share, "share of rays"),
+    )
 
 
-def _test(measured: np.ndarray, simulated: np.ndarray) -> tuple[float, Interval]:
+def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"]) -> list[Loss]:
+    """Lost packets, if more of these columns are empty than usual."""
+    p, share = _compared(*[side.by_scene(side.empty[:, columns].mean(1)) for side in (measured, simulated)])
+    if p > RULES.unpaired_level or share.value <= RULES.unpaired_usual_losses:
+        return []
+    return [Loss("packet_loss", p, {"probability": _bounded(share, "packet_loss", "probability")}, share)]
+
+
+def _single_rays(
+    measured: _Side, simulated: _Side, rows: Bool[np.ndarray, " r"], *, columns: Bool[np.ndarray, " c"]
+) -> tuple[list[Loss], list[str]]:
+    """Single rays, if more are lost than usual: an effect where they are lost evenly, else notes."""
+    p, share = _compared(*[side.by_scene(side.share(rows, columns)) for side in (measured, simulated)])
+    usual = RULES.unpaired_usual_losses
+    if p > RULES.unpaired_level or share.value <= usual:
+        return [], []
+    row_numbers = np.arange(len(rows))
+    column_numbers = np.arange(len(columns))
+    parts = {
+        "row": [
+            float(np.mean(measured.share(np.isin(row_numbers, part), columns)))
+            for part in np.array_split(np.flatnonzero(rows), ROW_PARTS)
+        ],
+        "azimuth": [
+            float(np.mean(measured.share(rows, columns & np.isin(column_numbers, part))))
+            for part in np.array_split(column_numbers, SECTORS)
+        ],
+    }
+    uneven = {name: shares for name, shares in parts.items() if max(shares) > RULES.unpaired_uneven * min(shares)}
+    if not uneven:
+        # Of what is lost, between none and what is usual is lost anyway.
+        beyond = replace(share, value=share.value - usual / 2, low=share.low - usual)
+        probability = _bounded(beyond, "random_dropout", "probability")
+        return [Loss("random_dropout", p, {"probability": probability}, share)], []
+    notes = []
+    for name, shares in uneven.items():
+        told = ", ".join(f"{100 * part:.2g} %" for part in shares)
+        notes.append(
+            f"rays are lost unevenly along the {name} ({told}): no random_dropout alone; which effect does it "
+            "cannot be told from lost rays unpaired"
+        )
+    return [], notes
+
+
+def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " t"]) -> tuple[float, Interval]:
     """Chance that scenes exchanged at random differ as much, and by how much the measured ones lose more."""
     rng = np.random.default_rng(0)
-    both, n = np.concatenate([measured, simulated]), len(measured)
+    both = np.concatenate([measured, simulated])
+    n = len(measured)
     seen = measured.mean() - simulated.mean()
     drawn = np.array([both[rng.permutation(len(both))] for _ in range(DRAWS)])
-    p = (1 + (drawn[:, :n].mean(1) - drawn[:, n:].mean(1) >= seen - 1e-12).sum()) / (1 + DRAWS)
+    by_chance = drawn[:, :n].mean(1) - drawn[:, n:].mean(1)
+    p = (1 + (by_chance >= seen - 1e-12).sum()) / (1 + DRAWS)
     return float(p), Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
 
 
-def _as(share: Interval, effect: str, parameter: str) -> Interval:
+def _bounded(interval: Interval, effect: str, parameter: str) -> Interval:
+    """The interval within the parameter's bounds, in its unit."""
     p = EFFECTS[effect].parameters[parameter]
-
-    def clip(x: float) -> float:
-        return float(np.clip(x, p.low, p.high))
-
-    return Interval(clip(share.value), clip(share.low), clip(share.high), p.unit)
+    value, low, high = np.clip([interval.value, interval.low, interval.high], p.low, p.high).tolist()
+    return Interval(value, low, high, p.unit)

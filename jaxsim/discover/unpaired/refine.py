@@ -1,8 +1,9 @@
-"""Parameters of effects that were found between different streets: Gauss-Newton steps from the start that won, all
+"""Parameters of effects that were named between different streets: Gauss-Newton steps from the start that won, all
 effects together.
 
-90 % intervals are as wide as a bootstrap over the scenes of both sides has them, or as rays and prior do if that is
-wider, and as far as the prior pulls: what intensities do not tell keeps the width of its prior.
+90 % intervals are as wide as a bootstrap over the scenes of both sides has them (its standard deviation, times
+Student's t for so few scenes: its percentiles would be too narrow), or as rays and prior do if that is wider, and as
+far as the prior pulls: what intensities do not tell keeps the width of its prior.
 """
 
 from __future__ import annotations
@@ -14,19 +15,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.parameters import fitted_parameters
+from jaxsim.discover.add import interval_of
+from jaxsim.discover.model.parameters import fitted_parameters, to_values, to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
-from jaxsim.discover.unpaired.conditional import PATCH_SD, Conditional, own_columns, own_sd
+from jaxsim.discover.unpaired.conditional import Conditional
+from jaxsim.discover.unpaired.effect_columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
-from jaxsim.discover.unpaired.shared import Columns, at, change_of
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
 
 ROUNDS = 12
+"""Gauss-Newton steps at most."""
 SHARES = (1.0, 0.5, 0.25, 0.1)
 """Of a step, tried until the loss falls."""
 DRAWS = 200
+"""Of the bootstrap over scenes, for a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -43,143 +47,158 @@ def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
     """Fits the effects of the chosen columns to the find scenes, from their starts."""
     if not chosen:
         return Refined((), (), np.zeros(len(problem.y)))
-    joint = _Joint(problem, chosen)
+    joint = JointFit(problem, chosen)
     here = joint.fit()
     half = joint.half_widths(here)
-    found = _intervals(joint.effects, joint.values, here.z - half, here.z + half, joint.rows)
-    return Refined(tuple(joint.values), tuple(found), joint.change())
+    low = joint.values_at(here.z - half)
+    high = joint.values_at(here.z + half)
+    intervals = []
+    for effect, values, lows, highs in zip(joint.effects, joint.values, low, high, strict=True):
+        ends: dict[str, Interval | tuple[Interval, ...]] = {}
+        for name, p in fitted_parameters(effect).items():
+            value = np.broadcast_to(values.get(name, p.neutral), p.dims(joint.rows))
+            ends[name] = interval_of(value, lows[name], highs[name], unit=p.unit)
+        intervals.append(ends)
+    return Refined(tuple(joint.values), tuple(intervals), joint.change())
 
 
 @dataclass(frozen=True)
-class _Here:
+class Linear:
     """Effects made linear where they stand."""
 
-    eq: Equations
+    equations: Equations
     block: Block
     z: Float[np.ndarray, " k"]
 
 
-class _Joint:
-    """All effects together, with law and nuisances fitted beside them."""
+class JointFit:
+    """All effects together, with law and nuisances fitted beside them. Its vector z has every fitted parameter, in the
+    order of the effects' columns."""
 
     def __init__(self, problem: Conditional, chosen: Sequence[Columns]):
-        self.problem, self.sensed = problem, problem.streets.measured.astype(float)
-        self.everyone = problem.find.astype(float)
-        self.effects = [one.effect for one in chosen if one.effect is not None]
+        self.problem = problem
+        self.effects: list[Effect] = [one.effect for one in chosen if one.effect is not None]
         self.values: list[dict[str, Any]] = [dict(one.start) for one in chosen]
-        self.changes = [change_of(e, problem.rays, problem.streets.scan, problem.spread) for e in self.effects]
-        self.rows = len(np.asarray(problem.streets.grid.elevation_rad))
+        self.changes = [
+            change_of(effect, problem.rays, problem.comparison.rows, spread=problem.spread) for effect in self.effects
+        ]
+        self.rows = problem.comparison.rows
+
+    @property
+    def z(self) -> Float[np.ndarray, " k"]:
+        """Where the values are."""
+        parts = [
+            z.ravel()
+            for effect, values in zip(self.effects, self.values, strict=True)
+            for z in to_z(effect, values, self.rows, dtype=np.float64).values()
+        ]
+        return np.concatenate(parts)
+
+    def values_at(self, z: Float[np.ndarray, " k"]) -> list[dict[str, Any]]:
+        """The values there, within their bounds."""
+        result = []
+        for effect in self.effects:
+            parameters = fitted_parameters(effect)
+            sizes = [int(np.prod(p.dims(self.rows))) for p in parameters.values()]
+            *parts, z = np.split(z, np.cumsum(sizes))
+            of_z = {n: part.reshape(p.dims(self.rows)) for (n, p), part in zip(parameters.items(), parts, strict=True)}
+            values = to_values(effect, of_z)
+            result.append({name: np.clip(values[name], p.low, p.high) for name, p in parameters.items()})
+        return result
 
     def change(self) -> Float[np.ndarray, " n"]:
-        each = (change(v) for change, v in zip(self.changes, self.values, strict=True))
-        return sum(each, np.zeros(len(self.problem.y)))
+        """Of ln I by all effects."""
+        parts = [change(values) for change, values in zip(self.changes, self.values, strict=True)]
+        return sum(parts, np.zeros(len(self.problem.y)))
 
-    def linear(self) -> _Here:
-        row, near = self.problem.rays.row, self.problem.side[:, self.problem.nuisance.columns]
-        each = zip(self.effects, self.values, self.changes, strict=True)
-        parts = [at(effect, values, change, row, self.rows) for effect, values, change in each]
-        eq = equations_of(self.problem, np.concatenate([near, *(p.columns for p in parts)], axis=1), self.change())
-        precision = np.concatenate([p.precision for p in parts])
+    def linear(self) -> Linear:
+        """The effects at their values."""
+        row = self.problem.rays.row
+        near = self.problem.side[:, self.problem.nuisance.columns]
+        parts = [
+            derivatives(effect, values, change, row=row, rows=self.rows)
+            for effect, values, change in zip(self.effects, self.values, self.changes, strict=True)
+        ]
+        side = np.concatenate([near, *(part.columns for part in parts)], axis=1)
+        precision = np.concatenate([part.precision for part in parts])
         block = Block(near.shape[1] + np.arange(len(precision)), precision)
-        return _Here(eq, block, _z(self.effects, self.values, self.rows))
+        return Linear(equations_without(self.problem, side, self.change()), block, self.z)
 
-    def ahead(self, here: _Here, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
-        """Where the loss would be least if all were linear."""
-        inner, right, _, _ = here.eq.pooled(weight, self.sensed)
+    def ahead(self, here: Linear, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+        """Where the loss of so weighted scenes would be least if all were linear."""
+        pooled = here.equations.pooled(weight, self.problem.measured)
         # The prior pulls the parameter, not the step, to neutral.
-        right[here.block.columns] -= here.block.precision * here.z
-        found, _, _ = solve(inner, right, [self.problem.nuisance, here.block])
-        return here.z + found[len(self.problem.nuisance.columns) :]
+        pooled.right[here.block.columns] -= here.block.precision * here.z
+        side = solve(pooled, [self.problem.nuisance, here.block]).side
+        return here.z + side[len(self.problem.nuisance.columns) :]
 
-    def loss(self, here: _Here) -> float:
+    def loss(self, here: Linear) -> float:
         """With the effects as they are, nats."""
-        nuisance, find = self.problem.nuisance, self.problem.find
-        inner, right, cross, base = here.eq.pooled(self.everyone, self.sensed)
-        side, columns, _ = solve(inner, right, [nuisance])
-        left = here.eq.losses(base - cross[:, columns] @ side, side, columns, self.sensed)[find].sum()
-        return float(left + 0.5 * nuisance.precision @ side**2 + 0.5 * here.block.precision @ here.z**2)
+        nuisance = self.problem.nuisance
+        solution = solve(here.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
+        data = here.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
+        return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * here.block.precision @ here.z**2)
 
-    def fit(self) -> _Here:
+    def fit(self) -> Linear:
         """Gauss-Newton steps, each as long as lets the loss fall: effects are not linear in their parameters."""
         here = self.linear()
         least = self.loss(here)
         for _ in range(ROUNDS):
-            step, before = self.ahead(here, self.everyone) - here.z, [dict(values) for values in self.values]
+            step = self.ahead(here, self.problem.weight) - here.z
+            before = self.values
             for share in SHARES:
-                _put(self.effects, self.values, here.z + share * step, self.rows)
-                there = self.linear()
-                if (now := self.loss(there)) < least:
-                    here, least = there, now
+                self.values = [
+                    old | new for old, new in zip(before, self.values_at(here.z + share * step), strict=True)
+                ]
+                ahead = self.linear()
+                loss = self.loss(ahead)
+                if loss < least:
+                    here = ahead
+                    least = loss
                     break
-                self.values = [dict(values) for values in before]
+                self.values = before
             else:
                 break
         return here
 
-    def half_widths(self, here: _Here) -> Float[np.ndarray, " k"]:
+    def half_widths(self, here: Linear) -> Float[np.ndarray, " k"]:
         """Of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far the prior
         pulls."""
-        rng, found = np.random.default_rng(0), []
-        sides = [np.flatnonzero(self.problem.find & (self.sensed == side)) for side in (0, 1)]
+        rng = np.random.default_rng(0)
+        sides = [np.flatnonzero(self.problem.find & (self.problem.measured == side)) for side in (0, 1)]
+        draws = []
         for _ in range(DRAWS):
-            drawn = np.concatenate([rng.choice(places, len(places)) for places in sides])
-            found.append(self.ahead(here, np.bincount(drawn, minlength=len(self.sensed)).astype(float)))
-        inner, nuisance = here.eq.pooled(self.everyone, self.sensed)[0], self.problem.nuisance
-        columns = np.concatenate([nuisance.columns, here.block.columns])
-        held = np.diag(np.concatenate([nuisance.precision, here.block.precision]))
-        each = (np.linalg.inv(k * inner[np.ix_(columns, columns)] + held) for k in (1.0, self.problem.inflation))
-        ours, of_rays = (inverse[-len(here.z) :, -len(here.z) :] for inverse in each)
-        fewest = min(len(places) for places in sides)
+            drawn = np.concatenate([rng.choice(scenes, len(scenes)) for scenes in sides])
+            draws.append(self.ahead(here, np.bincount(drawn, minlength=len(self.problem.find)).astype(float)))
+        # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.
+        fewest = min(len(scenes) for scenes in sides)
         reach = RULES.interval_widening * np.sqrt(fewest / (fewest - 1)) * student_reach(fewest)
-        pull = np.abs(ours @ (here.block.precision * here.z))
-        return reach * np.sqrt(np.maximum(np.var(found, axis=0), np.diag(of_rays))) + pull
+        pull = np.abs(self._covariance(here, 1.0) @ (here.block.precision * here.z))
+        of_rays = self._covariance(here, self.problem.inflation)
+        return reach * np.sqrt(np.maximum(np.var(draws, axis=0), np.diag(of_rays))) + pull
+
+    def _covariance(self, here: Linear, information: float) -> Float[np.ndarray, "k k"]:
+        """Of z by rays and prior, the rays' information multiplied."""
+        inner = here.equations.pooled(self.problem.weight, self.problem.measured).inner
+        nuisance = self.problem.nuisance
+        columns = np.concatenate([nuisance.columns, here.block.columns])
+        precision = np.diag(np.concatenate([nuisance.precision, here.block.precision]))
+        inverse = np.linalg.inv(information * inner[np.ix_(columns, columns)] + precision)
+        return inverse[-len(here.z) :, -len(here.z) :]
 
 
-def equations_of(problem: Conditional, side: np.ndarray, change: Float[np.ndarray, " n"]) -> Equations:
+def equations_without(
+    problem: Conditional, side: Float[np.ndarray, "n k"], change: Float[np.ndarray, " n"]
+) -> Equations:
     """Of the readings with `change` taken off the measured ones, in the problem's units."""
-    streets = problem.streets
-    y = problem.y - np.where(streets.measured[streets.scene], change, 0)
-    own = own_columns(streets, problem.kind)
+    comparison = problem.comparison
     eq = equations(
-        problem.law, side, own, own_sd(), PATCH_SD, y, streets.scene, problem.patch,
-        scenes=len(streets.scenes), variance=problem.variance,
-    )  # fmt: skip
-    k = problem.inflation
-    return Equations(eq.gram / k, eq.right / k, eq.square / k, eq.law)
-
-
-def _z(effects: Sequence[Effect], values: Sequence[dict[str, Any]], rows: int) -> Float[np.ndarray, " k"]:
-    """Every fitted parameter less its neutral value, in units of its scale, in the order of the columns."""
-    parts = [
-        np.broadcast_to((np.asarray(v.get(name, p.neutral), float) - p.neutral) / p.scale, p.dims(rows) or (1,))
-        for e, v in zip(effects, values, strict=True)
-        for name, p in fitted_parameters(e).items()
-    ]
-    return np.concatenate(parts)
-
-
-def _put(effects: Sequence[Effect], values: list[dict[str, Any]], z: np.ndarray, rows: int) -> None:
-    start = 0
-    for effect, value in zip(effects, values, strict=True):
-        for name, p in fitted_parameters(effect).items():
-            size = int(np.prod(p.dims(rows)))
-            new = np.clip(p.neutral + p.scale * z[start : start + size], p.low, p.high)
-            value[name] = new if p.dims(rows) else float(new[0])
-            start += size
-
-
-def _intervals(
-    effects: Sequence[Effect], values: Sequence[dict[str, Any]], low: np.ndarray, high: np.ndarray, rows: int
-) -> list[dict[str, Any]]:
-    start, result = 0, []
-    for effect, value in zip(effects, values, strict=True):
-        found: dict[str, Any] = {}
-        for name, p in fitted_parameters(effect).items():
-            size = int(np.prod(p.dims(rows)))
-            ends = [np.clip(p.neutral + p.scale * x[start : start + size], p.low, p.high) for x in (low, high)]
-            middle = np.atleast_1d(value[name])
-            entries = [Interval(float(v), float(a), float(b), p.unit) for v, a, b in zip(middle, *ends, strict=True)]
-            found[name] = tuple(entries) if p.dims(rows) else entries[0]
-            start += size
-        result.append(found)
-    return result
+        problem.y - np.where(comparison.measured[comparison.scene], change, 0),
+        problem.law,
+        side,
+        random=problem.random,
+        scene=comparison.scene,
+        scenes=len(comparison.scenes),
+        variance=problem.variance,
+    )
+    return eq.scaled(problem.inflation)

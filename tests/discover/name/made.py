@@ -8,7 +8,7 @@ import numpy as np
 from jaxsim.discover.model.fit import Fit, Problem
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Step
+from jaxsim.discover.name.select import FittedStep
 from jaxsim.effects import EFFECTS
 
 CHANNEL = {"intensity": 0, "range": 1, "drop": 2}
@@ -29,8 +29,8 @@ def candidate(name: str, each, channel: str = "intensity", *, slope=None, scenes
     return Candidate(effect, gain, (fitted(numbers),), slope)
 
 
-def step(chosen: Candidate, *alike: Candidate, ranking=()) -> Step:
-    return Step(chosen, alike, tuple(ranking), fitted())
+def step(chosen: Candidate, *alike: Candidate, ranking=()) -> FittedStep:
+    return FittedStep(chosen, alike, tuple(ranking), fitted())
 
 
 def problem(**fields: Any) -> Problem:

@@ -7,7 +7,8 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
-from jaxsim.discover.name.select import Bars, Choice, choose, look_back, padded, runner_up, worse
+from jaxsim.discover.name.select import Bars, choose, look_back, padded
+from jaxsim.discover.name.steps import runner_up, worse
 from tests.discover.name.made import candidate, problem, step
 
 
@@ -59,5 +60,5 @@ def test_the_placebo_is_named_nowhere():
     haze = candidate("atmospheric_extinction", 6)
     gamma = candidate("gamma_response", 5)
     first = step(gain, ranking=(gain, fall, haze, gamma))
-    assert runner_up(Choice((first, step(fall, haze)), problem(), ())) is gamma
-    assert runner_up(Choice((), problem(), (gain, fall))) is None
+    assert runner_up((first, step(fall, haze))) is gamma
+    assert runner_up(()) is None

@@ -1,4 +1,5 @@
-"""Which effects of the catalogue act through covariates that two sets of streets share, and their columns.
+"""Effects as columns of the measured side: which of the catalogue act through covariates that two sets of streets
+share, and what they change in ln I.
 
 An effect is applied to rays whose geometry is that of the range image and whose intensity is what the law gives,
 spread as the simulator's readings are spread about it; the mean change of ln I is the effect's column. One that can
@@ -15,11 +16,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.effects import EFFECTS, Effect
-from jaxsim.effects.rays import Rays, Scan
+from jaxsim.effects.rays import Array, Rays
 
 OF_INTENSITY = (
     "incidence_cosine",
@@ -41,13 +42,13 @@ OF_LOSS = ("random_dropout", "sector_occlusion", "packet_loss")
 OF_READINGS = ("intensity_quantization", "range_quantization")
 """Read off the values themselves."""
 STEP = 0.25
-"""Of a parameter's scale, for derivatives."""
+"""Part of a parameter's scale over which derivatives are taken."""
 FREE = 1e-4
-"""Precision of the size of a start's column."""
+"""Precision of the size of a start's column: next to free."""
 
 
-def untold(classes: bool) -> tuple[str, ...]:
-    """Effects that cannot be told where the streets differ."""
+def untold(*, classes: bool) -> tuple[str, ...]:
+    """Effects that cannot be told where the streets differ; `classes`: whether both sides know them."""
     told = {*OF_INTENSITY, *OF_LOSS, *OF_READINGS, *(OF_CLASSES if classes else ())}
     return tuple(name for name in EFFECTS if name not in told)
 
@@ -62,18 +63,22 @@ class Columns:
     """Values of the parameters at which the columns were taken; empty for neutral."""
     columns: Float[np.ndarray, "n c"]
     precision: Float[np.ndarray, " c"]
+    """Of the coefficients' prior about 0."""
     sign: int = 0
+    """That the first coefficient must have; 0: any."""
 
 
-def change_of(
-    effect: Effect, rays: Rays, scan: Scan, spread: Float[np.ndarray, " q"]
-) -> Callable[[dict[str, Any]], Float[np.ndarray, " n"]]:
-    """The function from values of the parameters to the mean change of ln I of every ray."""
-    rows = len(np.asarray(scan.grid.elevation_rad))
+Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
+"""From values of an effect's parameters to the change of ln I that they make on every ray."""
+
+
+def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> Change:
+    """The function from values of the parameters (in their units, others neutral) to the mean change of ln I of every
+    ray of a sensor with so many beams, over readings that lie `spread` nats about the rays' own."""
     on_device = jax.tree.map(jnp.asarray, rays)
 
     @jax.jit
-    def mean(values: dict[str, Any]) -> Any:
+    def mean(values: dict[str, Any]) -> Array:
         total = jnp.zeros_like(on_device.range_m)
         for off in spread:
             moved = replace(on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off)
@@ -83,43 +88,45 @@ def change_of(
     return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
 
 
-def columns_of(effect: Effect, change: Callable[..., np.ndarray], row: np.ndarray, rows: int) -> list[Columns]:
-    """The effect's columns at neutral, or at each of its starts."""
+def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], rows: int) -> list[Columns]:
+    """The effect's columns at neutral, or at each of its starts: the change that the start makes, whose size is free,
+    and beside it the derivatives in the parameters of beams."""
     if not effect.starts:
-        return [at(effect, {}, change, row, rows)]
+        return [derivatives(effect, {}, change, row=row, rows=rows)]
     result = []
     for start in effect.starts:
-        whole = change(start)
         of_rows = [name for name, p in fitted_parameters(effect).items() if p.shape == "row"]
-        more = at(effect, start, change, row, rows, names=of_rows)
-        columns = np.concatenate([whole[:, None].astype(np.float32), more.columns], axis=1)
-        result.append(Columns(effect, start, columns, np.concatenate([[FREE], more.precision]), 1))
+        of_beams = derivatives(effect, start, change, row=row, rows=rows, names=of_rows)
+        columns = np.concatenate([change(start)[:, None].astype(np.float32), of_beams.columns], axis=1)
+        result.append(Columns(effect, start, columns, np.concatenate([[FREE], of_beams.precision]), 1))
     return result
 
 
-def at(
+def derivatives(
     effect: Effect,
     values: dict[str, Any],
-    change: Callable[..., np.ndarray],
-    row: np.ndarray,
-    rows: int,
+    change: Change,
     *,
+    row: Int[np.ndarray, " n"],
+    rows: int,
     names: list[str] | None = None,
 ) -> Columns:
     """Derivatives in the named parameters (all that are fitted) at `values`, per scale of each; one column a beam
-    for those of beams."""
-    parts, held = [np.zeros((len(row), 0), np.float32)], [np.zeros(0)]
+    for those of beams, held to neutral by their prior."""
+    parts = [np.zeros((len(row), 0), np.float32)]
+    precision = [np.zeros(0)]
     here = change(values)
     for name, p in fitted_parameters(effect).items():
         if names is not None and name not in names:
             continue
         now = np.asarray(values.get(name, p.neutral), float)
+        # One-sided, and towards the inside at the upper bound: beyond a bound an effect need not make sense.
         step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
         slope = (change({**values, name: now + step}) - here) / (step[row] if step.ndim else step) * p.scale
         if p.shape == "row":
             parts.append((slope[:, None] * (row[:, None] == np.arange(rows))).astype(np.float32))
-            held.append(np.ones(rows))
+            precision.append(np.ones(rows))
         else:
             parts.append(slope[:, None].astype(np.float32))
-            held.append(np.full(1, 1 / LOOSE**2))
-    return Columns(effect, values, np.concatenate(parts, axis=1), np.concatenate(held))
+            precision.append(np.full(1, 1 / LOOSE**2))
+    return Columns(effect, values, np.concatenate(parts, axis=1), np.concatenate(precision))

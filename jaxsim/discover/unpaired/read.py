@@ -1,7 +1,7 @@
 """Two folders that show different streets: the rays of each, with the covariates that a range image alone gives.
 
-Letters: n rays (of both sides, thinned), s scenes. Measured ranges are noisy and simulated ones are not; angles
-and heights are taken from both range images after the simulated one was given the noise of the measured one, or
+Letters: n rays (of both sides, thinned), s scenes, f frames. Measured ranges are noisy and simulated ones are not;
+angles and heights are taken from both range images after the simulated one was given the noise of the measured one, or
 the noise itself would look like an effect of the angle.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -19,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.discover.model.lattice import FINEST, lattice_step
 from jaxsim.discover.read import plausible, same_grid
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
@@ -29,31 +29,47 @@ PER_SCENE = 4000
 """Rays of a scene that are looked at."""
 STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
+COARSER = 1.5
+"""Factor by which the measured readings' lattice must be coarser than the simulated ones' to be an effect."""
+FLAT_RISE = 0.9
+"""Vertical part of the normal above which a surface is level; the median height of those under the sensor is the
+ground's."""
 BEND = 0.03
 """A ray whose neighbours' mean of 1 / range is off by more than this share does not lie on one smooth surface."""
-SAME_M, SAME_SHARE = 0.3, 0.5
-"""Frames of one name whose ranges agree this well at so many rays show the same street."""
 
 
 @dataclass(frozen=True)
-class Side:
-    """Frames of one folder (f, r, c) with what their range images say."""
+class Folder:
+    """The frames of one side."""
 
     names: tuple[str, ...]
     scenes: tuple[str, ...]
+    """`simulated/NAME` or `measured/NAME` of each frame."""
     images: tuple[PolarImage, ...]
     semantic: Int[np.ndarray, "f r c"] | None
+    """Cityscapes ids."""
+
+    def readings(self, field: str) -> np.ndarray:
+        """A field of the images, of all rays that returned."""
+        return np.concatenate([np.asarray(getattr(image, field))[image.valid] for image in self.images])
+
+    @property
+    def roughness_m(self) -> float:
+        """Standard deviation of the range noise on planes, m."""
+        ranges = np.stack([image.range_m for image in self.images])
+        return roughness_m(ranges, np.stack([image.valid for image in self.images]))
 
 
 @dataclass(frozen=True)
-class Streets:
-    """Thinned rays of both folders; rays that can be compared alone."""
+class UnpairedComparison:
+    """Two folders that show different streets, simulated frames first: their rays that lie on smooth surfaces, thinned,
+    with the covariates that a range image gives; and of all rays which were lost."""
 
     grid: PolarGrid
     scan: Scan
     """Of all frames, as if each range image were ideal geometry; intensities as read."""
     rays: Rays
-    """(n,), host."""
+    """Of n rays, on the host."""
     log_intensity: Float[np.ndarray, " n"]
     height_m: Float[np.ndarray, " n"]
     """Above the ground."""
@@ -65,6 +81,7 @@ class Streets:
     """Classes, where both folders give them; else of simulated rays alone."""
     shared_classes: bool
     scene: Int[np.ndarray, " n"]
+    """Index into `scenes`."""
     scenes: tuple[str, ...]
     """`simulated/NAME` and `measured/NAME`."""
     measured: Bool[np.ndarray, " s"]
@@ -76,19 +93,35 @@ class Streets:
     steps: dict[str, float]
     """Of the lattices on which measured readings lie and simulated ones do not, by the effect that makes them."""
     noise_m: float
-    """Given to the simulated ranges."""
+    """Standard deviation of the noise that was given to the simulated ranges."""
     notes: tuple[str, ...] = ()
 
+    @property
+    def covariates(self) -> dict[str, Float[np.ndarray, " n"]]:
+        """Of every ray, those that both sides have, as verdicts compare them: range as its ln."""
+        return {
+            "range": np.log(self.rays.range_m).astype(float),
+            "incidence": np.asarray(self.rays.incidence_rad, float),
+            "azimuth": np.asarray(self.rays.azimuth_rad, float),
+            "row": np.asarray(self.rays.row, float),
+        }
 
-def read_side(folder: Path, word: str) -> tuple[PolarGrid, Side]:
-    """One folder. Raises ValueError as `read_comparison` does."""
+    @property
+    def rows(self) -> int:
+        """Beams of the grid."""
+        return len(np.asarray(self.grid.elevation_rad))
+
+
+def read_folder(folder: Path, word: str) -> tuple[PolarGrid, Folder]:
+    """One folder; `word` (simulated, measured) is for its scenes and errors. Raises ValueError as `read_comparison`
+    does."""
     grid, about = read_grid(folder)
     names = frame_names(folder)
     if not names:
         raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
     images, labels = [], []
     for name in names:
-        image, more = read_frame(folder, name)
+        image, rasters = read_frame(folder, name)
         if image.valid.shape != (len(grid.elevation_rad), len(grid.azimuth_rad)):
             raise ValueError(
                 f"discover: {word} frame {name} is {image.valid.shape}; the grid has {len(grid.elevation_rad)} rows "
@@ -96,16 +129,16 @@ def read_side(folder: Path, word: str) -> tuple[PolarGrid, Side]:
             )
         plausible(name, image, word)
         images.append(image)
-        labels.append(more.get("semantic"))
+        labels.append(rasters.get("semantic"))
     semantic = _all_or_none(folder, "semantic", labels)
     scenes = tuple(f"{word}/{about.get(name, {}).get('scene', name)}" for name in names)
-    return grid, Side(tuple(names), scenes, tuple(images), semantic)
+    return grid, Folder(tuple(names), scenes, tuple(images), semantic)
 
 
 def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float[np.ndarray, "r c"]:
     range_m, valid = np.asarray(image.range_m), np.asarray(image.valid)
-    moved = np.maximum(range_m + rng.normal(0, noise_m, range_m.shape), 0.01)
-    return np.where(valid, moved if noise_m else range_m, 0).astype(np.float32)
+    noisy = np.maximum(range_m + rng.normal(0, noise_m, range_m.shape), 0.01)
+    return np.where(valid, noisy if noise_m else range_m, 0).astype(np.float32)
 
 
 def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) -> np.ndarray | None:
@@ -115,15 +148,15 @@ def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) 
     return np.stack(given).astype(np.int32) if given else None
 
 
-def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, seed: int = 0) -> Streets:
-    """Reads two folders of polar frames that need share no street and no names.
+def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, seed: int = 0) -> UnpairedComparison:
+    """Two folders of polar frames that need share no street and no names; `per_scene` rays of each scene are kept.
 
     Raises ValueError where grids differ, values have wrong units, frames are empty, or both folders hold a frame of
     the same readings.
     """
     simulated, measured = Path(simulated), Path(measured)
-    grid, ours = read_side(simulated, "simulated")
-    other, theirs = read_side(measured, "measured")
+    grid, ours = read_folder(simulated, "simulated")
+    other, theirs = read_folder(measured, "measured")
     same_grid(grid, other, simulated, measured)
     _no_copy(ours, theirs, simulated, measured)
     noise_m = _extra_noise(ours, theirs)
@@ -132,16 +165,15 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
         replace(image, range_m=_noisy(image, noise_m if k < len(ours.names) else 0.0, rng))
         for k, image in enumerate((*ours.images, *theirs.images))
     ]
-    kinds = [side.semantic for side in (ours, theirs)]
     shape = images[0].valid.shape
-    filled = [
-        np.zeros((len(side.names), *shape), np.int32) if k is None else k
-        for side, k in zip((ours, theirs), kinds, strict=True)
+    labels = [
+        np.zeros((len(side.names), *shape), np.int32) if side.semantic is None else side.semantic
+        for side in (ours, theirs)
     ]
-    semantic = np.concatenate(filled)
-    both = all(k is not None for k in kinds)
+    semantic = np.concatenate(labels)
+    both = ours.semantic is not None and theirs.semantic is not None
     # Effects of classes act where both sides know them.
-    scan = scan_of(grid, images, [{"semantic": k if both else np.zeros_like(k)} for k in semantic])
+    scan = scan_of(grid, images, [{"semantic": frame if both else np.zeros_like(frame)} for frame in semantic])
     scenes = tuple(dict.fromkeys((*ours.scenes, *theirs.scenes)))
     frame_scene = np.array([scenes.index(name) for name in (*ours.scenes, *theirs.scenes)])
     height, rise, bend, smooth = _surface(scan, len(ours.names))
@@ -149,7 +181,7 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
     good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
     at = _thinned(good, frame_scene, per_scene, rng)
     rays = jax.tree.map(np.asarray, rays_at(scan, *(part.astype(np.int32) for part in at)))
-    return Streets(
+    return UnpairedComparison(
         grid=grid,
         scan=scan,
         rays=rays,
@@ -157,7 +189,7 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
         height_m=height[at],
         rise=rise[at],
         bend=bend[at],
-        semantic=None if kinds[0] is None else semantic[at],
+        semantic=None if ours.semantic is None else semantic[at],
         shared_classes=both,
         scene=frame_scene[at[0]],
         scenes=scenes,
@@ -171,7 +203,7 @@ def read_streets(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE,
     )
 
 
-def _no_copy(ours: Side, theirs: Side, simulated: Path, measured: Path) -> None:
+def _no_copy(ours: Folder, theirs: Folder, simulated: Path, measured: Path) -> None:
     seen = {
         (image.range_m.tobytes(), image.intensity.tobytes()): name
         for name, image in zip(ours.names, ours.images, strict=True)
@@ -185,14 +217,15 @@ def _no_copy(ours: Side, theirs: Side, simulated: Path, measured: Path) -> None:
             )
 
 
-def _same_streets(ours: Side, theirs: Side) -> tuple[str, ...]:
+def _same_streets(ours: Folder, theirs: Folder) -> tuple[str, ...]:
     common = [name for name in ours.names if name in theirs.names]
     agree = []
     for name in common[:8]:
-        a, b = ours.images[ours.names.index(name)], theirs.images[theirs.names.index(name)]
+        a = ours.images[ours.names.index(name)]
+        b = theirs.images[theirs.names.index(name)]
         both = a.valid & b.valid
-        agree.append(np.mean(np.abs(a.range_m - b.range_m)[both] < SAME_M) if both.any() else 0.0)
-    if agree and np.mean(agree) > SAME_SHARE:
+        agree.append(np.mean(np.abs(a.range_m - b.range_m)[both] < RULES.unpaired_same_m) if both.any() else 0.0)
+    if agree and np.mean(agree) > RULES.unpaired_same_share:
         return (
             f"{len(common)} frames of the same name show the same street on both sides: without --unpaired they are "
             "compared ray by ray, which tells many more effects apart",
@@ -209,58 +242,58 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         off = ((1 / r[..., :-2] + 1 / r[..., 2:]) / 2 * r[..., 1:-1] - 1) * r[..., 1:-1]
     near = np.abs(off) < BEND * r[..., 1:-1]
+    # 1.4826: from a median absolute deviation to a normal's standard deviation.
     return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
 
 
-def _extra_noise(ours: Side, theirs: Side) -> float:
+def _extra_noise(ours: Folder, theirs: Folder) -> float:
     """What the simulated ranges lack of the measured ones' noise, m."""
-    of = [
-        roughness_m(*(np.stack([getattr(i, n) for i in side.images]) for n in ("range_m", "valid")))
-        for side in (ours, theirs)
-    ]
-    return float(np.sqrt(max(of[1] ** 2 - of[0] ** 2, 0.0)))
+    return float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
 
 
-def _steps(ours: Side, theirs: Side) -> dict[str, float]:
-    found = {}
-    for name, what in (("intensity_quantization", "intensity"), ("range_quantization", "range_m")):
-        simulated, measured = (
-            np.concatenate([np.asarray(getattr(i, what))[i.valid] for i in side.images]) for side in (ours, theirs)
-        )
-        step = lattice_step(measured, finest=FINEST[name])
-        if step > 1.5 * lattice_step(simulated, finest=FINEST[name]):
-            found[name] = step
-    return found
+def _steps(ours: Folder, theirs: Folder) -> dict[str, float]:
+    """Steps of the measured readings' lattices that are clearly coarser than the simulated ones'."""
+    steps = {}
+    for name, field in (("intensity_quantization", "intensity"), ("range_quantization", "range_m")):
+        step = lattice_step(theirs.readings(field), finest=FINEST[name])
+        if step > COARSER * lattice_step(ours.readings(field), finest=FINEST[name]):
+            steps[name] = step
+    return steps
 
 
 def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Height above the ground, vertical part of the normal, bend, and where a ray meets a smooth surface."""
     grid = scan.grid
     height = scan.range_m * np.asarray(directions(grid))[..., 2] + np.asarray(grid.origin_m)[:, None]
-    rise, known = np.zeros_like(height), np.zeros(height.shape, bool)
+    rise = np.zeros_like(height)
+    known = np.zeros(height.shape, bool)
     for k in range(len(height)):
-        normal, sure = (np.asarray(x) for x in normals(scan.range_m[k], scan.hit[k], grid))
-        rise[k], known[k] = np.abs(normal[..., 2]), sure
+        normal, sure = normals(scan.range_m[k], scan.hit[k], grid)
+        rise[k] = np.abs(np.asarray(normal)[..., 2])
+        known[k] = np.asarray(sure)
     for side in (slice(None, simulated), slice(simulated, None)):
-        flat = known[side] & (rise[side] > 0.9) & (height[side] < -0.3)
-        if flat.any():
-            height[side] -= np.median(height[side][flat])
+        level = known[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
+        if level.any():
+            height[side] -= np.median(height[side][level])
+    # On a plane 1 / range is straight along rows and columns.
     r = np.where(scan.hit, scan.range_m, np.nan).astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        along, down = (1 / np.roll(r, 1, axis) + 1 / np.roll(r, -1, axis) for axis in (2, 1))
-        sides, stack = np.abs(along / 2 * r - 1), np.abs(down / 2 * r - 1)
-    sides[..., [0, -1]] = np.nan
-    smooth = known & scan.hit & (sides < BEND)
-    return height, rise, np.nan_to_num(np.minimum(stack, 1.0), nan=1.0), smooth
+        along_row = np.abs((1 / np.roll(r, 1, 2) + 1 / np.roll(r, -1, 2)) / 2 * r - 1)
+        along_column = np.abs((1 / np.roll(r, 1, 1) + 1 / np.roll(r, -1, 1)) / 2 * r - 1)
+    along_row[..., [0, -1]] = np.nan
+    smooth = known & scan.hit & (along_row < BEND)
+    return height, rise, np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0), smooth
 
 
-def _thinned(good: np.ndarray, frame_scene: np.ndarray, per_scene: int, rng: Any) -> tuple[np.ndarray, ...]:
-    """Places of at most `per_scene` rays of each scene."""
+def _thinned(
+    good: np.ndarray, frame_scene: np.ndarray, per_scene: int, rng: np.random.Generator
+) -> tuple[np.ndarray, ...]:
+    """Frame, row and column of at most `per_scene` rays of each scene."""
     frame, row, column = np.nonzero(good)
     scene = frame_scene[frame]
-    keep: list[np.ndarray] = []
+    kept: list[np.ndarray] = []
     for s in np.unique(scene):
-        own = np.flatnonzero(scene == s)
-        keep.append(own if len(own) <= per_scene else np.sort(rng.choice(own, per_scene, replace=False)))
-    chosen = np.concatenate(keep)
+        rays = np.flatnonzero(scene == s)
+        kept.append(rays if len(rays) <= per_scene else np.sort(rng.choice(rays, per_scene, replace=False)))
+    chosen = np.concatenate(kept)
     return frame[chosen], row[chosen], column[chosen]

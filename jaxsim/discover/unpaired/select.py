@@ -1,0 +1,165 @@
+"""Which effect the measured side has: forward selection, calibrated by exchanging sides between scenes.
+
+If nothing but the streets differed, any scene could as well have been of the other side. A candidate is accepted
+where it lowers the loss by more than it does, with any candidate, when scenes are exchanged at random (max-T, Westfall
+& Young 1993), and where it gains on scenes that its fit has not seen.
+
+Letters: d draws of which scenes count as measured, the true one first; f find scenes; t terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.name.steps import Step, worse
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped, p_value
+from jaxsim.discover.unpaired.conditional import Conditional, Term
+from jaxsim.discover.unpaired.law import Block, Solution, lowered, solve
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A term with what the tests say of it."""
+
+    term: Term
+    score: float
+    """Standard deviations above exchanged scenes, of the root of the loss."""
+    chance: float
+    """Probability that exchanged scenes reach as much with any candidate."""
+    by_scene: Float[np.ndarray, " f"]
+    """Held-out nats of each find scene."""
+
+    @property
+    def effect(self) -> Any:
+        """The effect; None of a free curve."""
+        return self.term.effect
+
+    @property
+    def name(self) -> str:
+        """The effect's, or the free curve's covariate."""
+        return self.term.name
+
+    @property
+    def total(self) -> float:
+        """Gain of all scenes, none of which decides alone."""
+        return float(clipped(self.by_scene).sum())
+
+    @property
+    def agreement(self) -> float:
+        """Probability that held-out scenes agree so well by chance."""
+        return p_value(clipped(self.by_scene))
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it passes both tests."""
+        return (
+            self.chance <= RULES.unpaired_level and self.total > 0 and self.agreement <= RULES.unpaired_agreement_level
+        )
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The effects added."""
+
+    steps: tuple[Step[Candidate], ...]
+    last: tuple[Candidate, ...]
+    """The candidates of the step that added nothing more."""
+
+    @property
+    def first_ranking(self) -> tuple[Candidate, ...]:
+        """All candidates of the first step, best first."""
+        return self.steps[0].ranking if self.steps else self.last
+
+
+def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
+    """Adds the best accepted effect, and again, until none is accepted."""
+    steps: list[Step[Candidate]] = []
+    rest = list(problem.terms)
+    while True:
+        ranking = rank_terms(problem, rest, draws, added=[step.chosen.term.block for step in steps])
+        good = [candidate for candidate in ranking if candidate.accepted]
+        if not good or len(steps) == RULES.unpaired_most_effects:
+            return Choice(tuple(steps), tuple(ranking))
+        best = good[0]
+        alike = tuple(one for one in ranking if one is not best and _alike(one, best))
+        steps.append(Step(best, alike, tuple(ranking)))
+        rest = [term for term in rest if term.name != best.name]
+
+
+def _alike(candidate: Candidate, best: Candidate) -> bool:
+    """Whether the scenes do not tell it from the best; it need not be accepted itself."""
+    share = RULES.unpaired_alike_share
+    if candidate.chance > RULES.unpaired_agreement_level or candidate.total < share * best.total:
+        return False
+    return not worse(candidate, best, share=share, nats=0.0)
+
+
+def rank_terms(
+    problem: Conditional, terms: Sequence[Term], draws: Float[np.ndarray, "d s"], *, added: Sequence[Block] = ()
+) -> list[Candidate]:
+    """Every term tested on the find scenes with `added` blocks in place; largest held-out gain first. Of an effect with
+    several starts the best is kept."""
+    near = _joined([problem.nuisance, *added])
+    blocks = [term.block for term in terms]
+    drops = lowered(problem.equations, draws, blocks, weight=problem.weight, nuisance=near)
+    # The root of the loss is near normal, so that terms of more and fewer columns can be held against each other.
+    root = np.sqrt(np.maximum(drops, 0))
+    spread = np.maximum(root[1:].std(0), 1e-3)
+    score = (root - root[1:].mean(0)) / spread
+    highest = score[1:].max(1)
+    gains = held_out(problem, near, blocks)
+    best: dict[str, Candidate] = {}
+    for k, term in enumerate(terms):
+        chance = float((1 + (highest >= score[0, k]).sum()) / len(draws))
+        candidate = Candidate(term, float(score[0, k]), chance if gains[k].any() else 1.0, gains[k])
+        if term.name not in best or _order(candidate) > _order(best[term.name]):
+            best[term.name] = candidate
+    return sorted(best.values(), key=lambda one: -one.total)
+
+
+def _order(candidate: Candidate) -> tuple[bool, float]:
+    return candidate.accepted, candidate.total
+
+
+def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:
+    """Gain of each find scene, nats, by fits on the others with `near` in place; 0 where a coefficient has the wrong
+    sign."""
+    index = np.flatnonzero(problem.find)
+    fold = _folds(problem.comparison.measured[index])
+    gains = np.zeros((len(blocks), len(index)))
+    wrong = np.zeros(len(blocks), bool)
+    for k in range(RULES.unpaired_folds):
+        weight = np.zeros(len(problem.find))
+        weight[index[fold != k]] = 1
+        pooled = problem.equations.pooled(weight, problem.measured)
+
+        def held_losses(solution: Solution, k: int = k) -> Float[np.ndarray, " h"]:
+            return problem.equations.losses(solution, problem.measured)[index[fold == k]]
+
+        before = held_losses(solve(pooled, [near]))
+        for b, block in enumerate(blocks):
+            solution = solve(pooled, [near, block])
+            wrong[b] |= bool(block.sign) and solution.side[len(near.columns)] * block.sign <= 0
+            gains[b, fold == k] = before - held_losses(solution)
+    gains[wrong] = 0
+    return gains
+
+
+def _folds(measured: np.ndarray) -> np.ndarray:
+    """The fold of each scene: scenes of either side are dealt in turn."""
+    fold = np.zeros(len(measured), int)
+    for side in (False, True):
+        fold[measured == side] = np.arange((measured == side).sum()) % RULES.unpaired_folds
+    return fold
+
+
+def _joined(blocks: Sequence[Block]) -> Block:
+    return Block(
+        np.concatenate([block.columns for block in blocks]), np.concatenate([block.precision for block in blocks])
+    )

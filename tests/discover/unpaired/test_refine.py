@@ -1,0 +1,56 @@
+"""Fits of several parameters, from a start to the hidden truth."""
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.hidden.streets import make_unpaired
+from jaxsim.discover.unpaired.conditional import compare
+from jaxsim.discover.unpaired.law import exchanged
+from jaxsim.discover.unpaired.read import read_unpaired
+from jaxsim.discover.unpaired.refine import JointFit, refine
+from jaxsim.discover.unpaired.workflow import divide
+from tests.discover.unpaired.made import RAYS, SMALL
+
+
+@pytest.fixture(scope="module")
+def dirty(tmp_path_factory, standard_promotion):
+    """A dirty window, and the comparison's candidates of that name."""
+    folder = tmp_path_factory.mktemp("dirty") / "case"
+    key = make_unpaired(folder, effect="window_contamination", severity=8.0, seed=3, **SMALL)
+    comparison = read_unpaired(folder / "simulated", folder / "measured", per_scene=RAYS)
+    _, find = divide(comparison)
+    draws = np.zeros((50, len(find)))
+    draws[:, find] = exchanged(comparison.measured[find], 50)
+    problem = compare(comparison, find, draws)
+    return key, problem, [c for c in problem.terms if c.name == "window_contamination"]
+
+
+def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_tell(dirty):
+    key, problem, starts = dirty
+    truth = key.effects[0]["parameters"]
+    near = min(
+        starts, key=lambda c: abs(np.angle(np.exp(1j * (c.columns.start["azimuth_rad"] - truth["azimuth_rad"]))))
+    )
+    found = refine(problem, [near.columns])
+    values, said = found.values[0], found.intervals[0]
+    assert np.angle(np.exp(1j * (values["azimuth_rad"] - truth["azimuth_rad"]))) == pytest.approx(0, abs=0.2)
+    assert values["loss"] == pytest.approx(truth["loss"], abs=0.25)
+    assert said["loss"].low > 0
+    assert (said["drop"].low, said["drop"].high) == (0.0, 1.0)
+
+
+def test_no_step_of_a_fit_raises_the_loss(dirty):
+    _, problem, starts = dirty
+    for start in starts[::4]:
+        joint = JointFit(problem, [start.columns])
+        before = joint.loss(joint.linear())
+        after = joint.loss(joint.fit())
+        assert after <= before
+
+
+def test_values_come_back_from_z(dirty):
+    _, problem, starts = dirty
+    joint = JointFit(problem, [starts[0].columns])
+    [again] = joint.values_at(joint.z)
+    for name, value in starts[0].columns.start.items():
+        np.testing.assert_allclose(again[name], value)
