@@ -1,5 +1,6 @@
 """Pages for people: their links lead somewhere, and the commands that they show exist."""
 
+import importlib
 import importlib.util
 import re
 from pathlib import Path
@@ -70,6 +71,23 @@ def test_every_command_exists(page):
     assert not unknown
 
 
+@pytest.mark.parametrize("page", TODAY, ids=names(TODAY))
+def test_every_file_and_module_of_the_code_that_is_named_exists(page):
+    code = re.findall(r"`([^`\s]+)`", prose(page))
+    files = [name for name in code if re.fullmatch(r"(jaxsim|tests|benchmarks|configs)/[\w/.]+", name)]
+    modules = [name for name in code if re.fullmatch(r"jaxsim(\.[a-z_0-9]+)+", name)]
+    assert not [name for name in files if not (ROOT / name).exists()]
+    assert not [name for name in modules if not is_module_or_member(name)]
+
+
+def is_module_or_member(name: str) -> bool:
+    parent, _, last = name.rpartition(".")
+    try:
+        return importlib.util.find_spec(name) is not None or hasattr(importlib.import_module(parent), last)
+    except ModuleNotFoundError:
+        return hasattr(importlib.import_module(parent), last)
+
+
 def exists(words: list[str]) -> bool:
     """Whether what a command line starts is there; True for what is no command of ours."""
     program, *rest = [word.removeprefix(".venv/bin/") for word in words]
@@ -80,6 +98,8 @@ def exists(words: list[str]) -> bool:
         return command.startswith("-") or is_placeholder(command) or command in COMMANDS
     if program == "make" and rest and re.fullmatch(r"[a-z-]+", rest[0]):
         return re.search(rf"^{rest[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE) is not None
+    if program == "pytest":
+        return all((ROOT / word.split("::")[0]).exists() for word in rest if not word.startswith("-"))
     if program != "python" or not rest:
         return True
     if rest[0] == "-m":
