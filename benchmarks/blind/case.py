@@ -17,7 +17,7 @@ from benchmarks.blind.plan import Job, Settings
 from benchmarks.blind.rivals import rival_answers
 from benchmarks.blind.rows import code_version
 from jaxsim.discover import Comparison, discover, judge_known, read_comparison
-from jaxsim.discover.model.columns import blocks
+from jaxsim.discover.model.cast import blocks
 from jaxsim.effects import EFFECTS, get_effect
 
 

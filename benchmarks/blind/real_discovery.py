@@ -28,7 +28,7 @@ from jaxsim.cli import enable_compilation_cache
 from jaxsim.data import open_dataset, read_pcap
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders
-from jaxsim.discover.model.columns import blocks
+from jaxsim.discover.model.cast import blocks
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.null import fit_null
@@ -165,7 +165,7 @@ def _problem(compared: Comparison) -> tuple[Problem, np.ndarray, np.ndarray]:
     scan = with_planes(given)
     chosen = blocks(compared.scenes, *compared.scan.range_m.shape[1:])
     unit = np.unique(chosen.unit, return_inverse=True)[1]
-    ev = gather(scan, measured, chosen.frame, chosen.column, unit, given_rad=given.incidence_rad)
+    ev = gather(scan, measured, frame=chosen.frame, column=chosen.column, unit=unit, given_rad=given.incidence_rad)
     return fit_null(scan, ev, np.ones(len(unit), np.float32))[0], chosen.frame, unit
 
 

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import t as student
 
-from jaxsim.discover.model.echo_power import as_implied
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.parameters import fitted_parameters, flat, restorer, to_values
+from jaxsim.discover.model.null import as_implied, fit_null
+from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, Effect
 
@@ -69,7 +68,7 @@ def covariance(effect: Effect, problem: Problem, found: Fit) -> np.ndarray:
     """Variance of every z, in the raveled order."""
     unit = np.asarray(problem.ev.unit)
     objective = Objective(effect, problem, np.ones(len(unit), np.float32))
-    x = flat((found.z, found.noise))
+    x = ravel((found.z, found.noise))
     hessian = np.diag(1 / objective.sd**2)
     for k in range(len(x)):
         step = np.zeros(len(x))
@@ -123,5 +122,5 @@ def fit_to_implied(effect: Effect, problem: Problem, found: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
     ev, everyone = problem.ev, np.ones(len(problem.ev.unit), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, found.z).items()}
-    implied = replace(problem, ev=as_implied(ev, problem.noise, problem.weights))
+    implied = replace(problem, ev=as_implied(ev, problem.noise, problem.equations))
     return fit(effect, implied, everyone, starts=(start,), steps=80)

@@ -80,7 +80,7 @@ def moved(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> di
     names = null.noise.__dataclass_fields__
     found = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     everyone = np.ones(len(null.ev.unit), np.float32)
-    levels = [np.asarray(gain_and_classes(one.ev, one.weights, everyone)).tolist() for one in problems]
+    levels = [np.asarray(gain_and_classes(one.ev, one.equations, everyone)).tolist() for one in problems]
     classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
     found |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
     if len(choice.steps) > 1:

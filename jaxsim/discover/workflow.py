@@ -17,8 +17,7 @@ from jaxsim.discover import explain as account
 from jaxsim.discover.add import in_place, intervals, parameters_of, refit
 from jaxsim.discover.find.interactions import interactions, spelled
 from jaxsim.discover.find.localise import CHANCE, NAMED, Place, localise, reported
-from jaxsim.discover.model.cast import Cast, cast
-from jaxsim.discover.model.columns import Blocks, blocks
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
 from jaxsim.discover.model.evidence import Evidence, gather
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
@@ -204,5 +203,5 @@ class _Scenes:
         unit = np.array([order[name] for name, kept in zip(self.chosen.unit, keep, strict=True) if kept])
         frame, column = self.chosen.frame[keep], self.chosen.column[keep]
         rays, given_rad = self.rays.part(keep), self.given.incidence_rad
-        ev = gather(self.scan, self.measured, frame, column, unit, given_rad=given_rad, rays=rays)
+        ev = gather(self.scan, self.measured, frame=frame, column=column, unit=unit, given_rad=given_rad, rays=rays)
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects else ev), unit

@@ -83,7 +83,7 @@ NUISANCES = {
     "false": ("returns where the simulated ray hits nothing", ""),
     "false_edge": ("the same, beside a surface", ""),
 }
-"""Meaning and unit of jaxsim.discover.model.nuisance.Noise: logarithms of scales, or log odds of rates (no unit)."""
+"""Meaning and unit of jaxsim.discover.model.noise.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
 def nuisance(name: str, value: float) -> str:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.add import WIDER, intervals
-from jaxsim.discover.model.echo_power import implied_level
 from jaxsim.discover.model.evidence import Measured, gather
 from jaxsim.discover.model.fit import fit
-from jaxsim.discover.model.nuisance import MOST
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.noise import MOST
+from jaxsim.discover.model.null import fit_null, implied_level
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.conftest import device, toy
@@ -21,7 +20,7 @@ FRAMES = np.arange(8)
 
 def fitted(effect: str, scan, measured):
     scan, measured = device(scan, measured)
-    ev = gather(scan, measured, FRAMES, np.broadcast_to(np.arange(0, 60, 2), (8, 30)), FRAMES)
+    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), unit=FRAMES)
     everyone = np.ones(8, np.float32)
     problem, _ = fit_null(scan, ev, everyone)
     return problem, fit(EFFECTS[effect], problem, everyone, steps=80)
@@ -74,7 +73,7 @@ def test_a_surface_is_as_bright_as_its_rays_say_also_where_rays_are_lost():
     lost = np.random.default_rng(12).random(road.shape) < 0.5
     valid = measured.valid & ~lost
     problem, _ = fitted("random_dropout", scan, Measured(measured.range_m, light.astype(np.float32), valid))
-    level, hit = implied_level(problem.ev, problem.weights), np.asarray(problem.ev.rays.hit)
+    level, hit = implied_level(problem.ev, problem.equations), np.asarray(problem.ev.rays.hit)
     kind = np.asarray(problem.ev.rays.semantic)
     gone = hit & ~np.asarray(problem.ev.returned)
     assert np.mean(level[gone & (kind == 7)]) == pytest.approx(-0.3, abs=0.05)

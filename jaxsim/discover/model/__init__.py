@@ -1,1 +1,70 @@
-"""The statistical model: what a sensor is expected to say of simulated rays, and how likely what it said is."""
+"""The statistical model: what a sensor is expected to say of simulated rays, and how likely what it said is.
+
+Letters
+    b, c, r   block (a frame, or a sector of one), column, row; i a ray, R_i its simulated `Rays` after all effects
+    y_i       measured ln intensity; ln I_i the simulated one; d_i measured range, m; r_i the expected reading, m
+    z         an effect's parameters, (value - neutral) / scale (`parameters`)
+    n         noise: logarithms of scales s_, log odds of rates q_ (`noise.Noise`); one for all frames
+    u         random effects: levels of reflectance and poses (`random_effects`); they follow from z and n
+
+What a fit climbs, in z and n (`fit.Objective`; derivatives in `gradients`)
+
+    L(z, n) = sum over fitted blocks (intensity_b + range_b + drop_b) - |z / sd_z|^2 / 2 - |n - n_0|^2 / 2 sd_n^2
+
+Intensity (`likelihood.intensity_terms`), over rays that are compared (`evidence.Evidence.compared`)
+
+    intensity_b = sum_i ln p(y_i) - cost(u_b)        e_i = y_i - ln I_i - level_i(u)
+    p(y_i) = t4(e_i; v_i)                            Student-t, 4 degrees of freedom, squared scale v_i
+             P(t4 below the weakest reading)         where the sensor reads 0
+             sigmoid(1.6 e / sqrt v) / width         at a top that cuts readings off: all that is brighter piles up
+    v_i = s_intensity^2 + s_normals^2 tan^2(incidence) + step^2 / 12 I^2              sensor, normals, rounding
+
+Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `of_columns`)
+
+    p(column) = (1 - g) prod_i p(ray_i) + g [no ray of it returned]                   column lost whole: g
+    p(d_i)    = C clutter(d_i) + (1 - C) { G ghost(d_i) + (1 - G) K_i h(d_i) }        of a ray that returned
+    p(none)   = (1 - C) (1 - G) (1 - K_i)
+    K_i       = keep_i (1 - q_drop)                  surface's echo is reported; q_drop: smooth, edge, beside the sky
+                q_false                              where the simulated ray hits nothing; another at edges
+    h(d)      = (1 - M) surface(d) + M between(d)    M mixed pixels: even between the surface and the one beside it
+                near(d) / 2 + 1 / 200 m              where the simulated ray hits nothing
+    surface(d) = (1 - q_wide - q_switch) t4(d - r_i - shift_i(u); V_i)                 core
+               + q_wide Cauchy(d - r_i - shift_i(u); 1 m)                              wide: far off
+               + q_switch near(d)                                                      at edges: a neighbour's echo
+    near(d)   = mean over 4 neighbours of N(d; range beside, 0.05 m + 2 %)
+    V_i       = s_range^2 + s_aim^2 |d r / d rotation|^2 + s_edge^2 [edge] + scatter and rounding of effects
+    ghost     = N(d; ghost range, s_range + 0.1 m);  clutter(d) ~ d^a exp(-d / scale) before the surface
+    drop_b    = the same with every density of a range 1: which rays returned;  range_b = the rest - cost(pose_b)
+
+g, C, G, M, keep, r, scatter come from effects (fields of `Rays`); without effects g = C = G = M = 0, keep = 1.
+
+Random effects in closed form (`random_effects`; Laird & Ware 1982)
+
+    level_i = x_i (beta + street_b) + surface_s(i) + strip_t(i)
+    x_i     = 1 (gain), class indicators, sec^2(incidence) / 2, three disagreements of normals (`Evidence.features`)
+    shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
+    beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
+    cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
+    At given weights the best u with its cost is, up to a constant, the marginal likelihood of a normal model: what
+    acts like a pose or a level is not free.
+
+Rounding (`lattice`, `rounding`): readings on a lattice gain ln(0.995 step / finest) each, others lose ln 0.005.
+Power of echoes (`null`): ln power is uncertain by sqrt v_i and by what surfaces differ by (`log_power_sd`).
+
+Alternation (`null.fit_null`): robust weights of the closed forms at the residuals (w = 5 / (4 + e^2 / v) / v), then
+noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects that are held against this null.
+
+Priors and bounds, and where they are set
+    z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
+    n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
+    beta    classes 0.3 nats, at most 0.7; curvature; normals; gain free           evidence, random_effects.CLASS_MOST
+    street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     surfaces.STREET_SD, OBJECT_SD ...
+    pose    2 cm, 1 mrad an axis; at most 15 % of a range                          evidence.POSE_SD, POSE_MOST
+    tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
+    which rays are compared; edges; planes                                         evidence, surfaces
+    which columns of which frames                                                  cast.RAYS, SECTORS
+    rounding                                                                       lattice.FINEST, SHARE, NEAR
+
+Order of imports: cast < surfaces, lattice < evidence < noise < random_effects < likelihood < gradients < fit < null,
+residuals, rounding.
+"""

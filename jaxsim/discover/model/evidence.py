@@ -7,7 +7,6 @@ is what statistics count: a scene (drive), or a sector. Whole columns are kept, 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,27 +14,35 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import Cast, cast, places
+from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.model.surfaces import edges, surfaces_of
+from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan
 from jaxsim.frame import Array
 
 CLASS_SD = 0.3
-"""Of a class's reflectance about the simulator's table, nats."""
+"""Standard deviation of a class's reflectance about the simulator's table, nats."""
 CURVATURE_SD = 0.002
 """Of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals leaves."""
+NORMALS_SD = 1.0
+"""Of the share of the disagreement between given and fitted normals that the measured intensity follows."""
+GAIN_PRECISION = 1e-6
+"""1 / variance of ln of the overall gain: any gain is possible."""
 STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
-GROUND, TERRAIN = (6, 7, 8, 9, 10), (22,)
-"""Cityscapes ids of flat surfaces, whose normals a range image gives best, and of those that roll."""
+GROUND = (6, 7, 8, 9, 10)
+"""Cityscapes ids of flat surfaces, whose normals a range image gives best."""
+TERRAIN = (22,)
+"""Cityscapes ids of ground that rolls."""
 BLURRED = 3.0
 """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
-"""Of a frame's pose: m along x, y, z and rad about them."""
+"""Standard deviation of a frame's pose: m along x, y, z and rad about them."""
+AFTER_CLASSES = 4
+"""Features behind the classes: curvature and the three of disagreeing normals."""
 
 
 @struct.dataclass
@@ -69,21 +76,25 @@ class Evidence:
     pose: Float[Array, "b c r 6"]
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
-    """Of the reflectance nuisance: 1, class indicators, curvature in the incidence, and how much brighter the surface
-    would be with the normal of the simulator's own range image, on flat ground, on terrain and elsewhere (the
-    simulator's normals may be noisy)."""
+    """Columns of the design matrix of ln I, 0 where not `compared`: 1 (the gain), class indicators, curvature in the
+    incidence, and how much brighter the surface would be with the normal of the simulator's own range image, on flat
+    ground, on terrain and elsewhere (the simulator's normals may be noisy)."""
     ridge: Float[Array, " p"]
+    """1 / prior variance of each feature's coefficient in all scenes."""
     strip: Int[Array, "b c r"]
-    """The part of a surface that one column sees, which is alike: numbered through all frames, 0 none."""
+    """As in `Surfaces`, and the next two."""
     surface: Int[Array, " t"]
-    """That each strip belongs to: an object, or a patch of what is no object; 0 none."""
-    hold: Float[Array, " s"]
-    """1 / variance of each surface's reflectance about its class, 1/nats^2."""
+    precision: Float[Array, " s"]
     unit: Int[Array, " b"]
     units: int = struct.field(pytree_node=False, default=0)
 
+    @property
+    def smooth(self) -> Bool[Array, "b c r"]:
+        """Whether the range is compared: both sides hit something, and at no edge."""
+        return self.rays.hit & self.returned & ~self.edge
 
-def near_enough(measured_m: Array, predicted_m: Array) -> Array:
+
+def near_enough(measured_m: Float[Array, "*n"], predicted_m: Float[Array, "*n"]) -> Bool[Array, "*n"]:
     """Whether a reading is of the predicted surface, or close by."""
     return jnp.abs(measured_m - predicted_m) < jnp.maximum(0.5, 0.05 * predicted_m)
 
@@ -91,33 +102,33 @@ def near_enough(measured_m: Array, predicted_m: Array) -> Array:
 def gather(
     scan: Scan,
     measured: Measured,
-    frame: np.ndarray,
-    column: np.ndarray,
-    unit: np.ndarray,
     *,
-    given_rad: Array | None = None,
+    frame: Int[np.ndarray, " b"],
+    column: Int[np.ndarray, "b c"],
+    unit: Int[np.ndarray, " b"],
+    given_rad: Float[Array, "f r c"] | None = None,
     rays: Cast | None = None,
 ) -> Evidence:
-    """The evidence of chosen columns: `frame` (b,), `column` (b, c), `unit` (b,) of each block.
+    """The evidence of chosen columns: `frame`, `column` and `unit` of each block.
 
-    `given_rad` (f, r, c) are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
+    `given_rad` are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
     `rays` what `cast` gives for these columns, where it was asked before.
     """
-    at = places(scan, frame, column)
-    strip, surface, hold = surfaces_of(scan, at)
-    values, seen = np.asarray(measured.intensity)[at], np.asarray(measured.valid)[at]
-    step = lattice_step(values[seen], finest=FINEST["intensity_quantization"])
-    classes = np.unique(np.asarray(scan.semantic)[at])
-    lowest = np.log(np.min(values, where=seen & (values > FLOOR), initial=1.0))
+    index = ray_index(scan, frame, column)
+    values = np.asarray(measured.intensity)[index]
+    valid = np.asarray(measured.valid)[index]
+    step = lattice_step(values[valid], finest=FINEST["intensity_quantization"])
+    classes = np.unique(np.asarray(scan.semantic)[index])
     return _gather(
         scan,
         measured,
-        scan.incidence_rad if given_rad is None else given_rad,
-        at,
         rays or cast(scan, frame, column),
-        (strip, surface, hold),
-        unit.astype(np.int32),
-        (np.float32(BLURRED * step), np.float32(lowest)),
+        index=index,
+        given_rad=scan.incidence_rad if given_rad is None else given_rad,
+        surfaces=surfaces_of(scan, index),
+        unit=unit.astype(np.int32),
+        darkest=np.float32(BLURRED * step),
+        lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
     )
@@ -127,40 +138,35 @@ def gather(
 def _gather(
     scan: Scan,
     measured: Measured,
-    given_rad: Array,
-    at: Any,
     simulated: Cast,
-    surfaces: Any,
-    unit: Any,
-    limits: Any,
     *,
-    classes: Any,
+    index: RayIndex,
+    given_rad: Float[Array, "f r c"],
+    surfaces: Surfaces,
+    unit: Int[Array, " b"],
+    darkest: Float[Array, ""],
+    lowest: Float[Array, ""],
+    classes: tuple[int, ...],
     units: int,
 ) -> Evidence:
-    rays, pose, (least, lowest) = simulated.rays, simulated.pose, limits
-    returned, range_m = measured.valid[at], measured.range_m[at]
+    rays, pose = simulated.rays, simulated.pose
+    returned, range_m = measured.valid[index], measured.range_m[index]
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
     step = rays.hit & at_edge(rays)
     near = near_enough(range_m, rays.range_m)
-    given = given_rad[at]
+    given = given_rad[index]
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
     # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
-    clear = rays.log_intensity > jnp.log(jnp.maximum(least, FLOOR))
+    clear = rays.log_intensity > jnp.log(jnp.maximum(darkest, FLOOR))
     compared = rays.hit & returned & near & ~edge & moderate & clear
-    steep, better = (jnp.minimum(angle, STEEPEST_RAD) for angle in (given, rays.incidence_rad))
-    one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
-    disagree = jnp.clip(jnp.log(jnp.cos(better)) - jnp.log(jnp.cos(steep)), -1.5, 1.5)
-    flat, rolling = (jnp.isin(rays.semantic, jnp.asarray(ids)) for ids in (GROUND, TERRAIN))
-    apart = [jnp.where(kind, disagree, 0) for kind in (flat, rolling, ~flat & ~rolling)]
-    features = jnp.stack([jnp.ones_like(steep), *one_hot, 0.5 / jnp.cos(steep) ** 2, *apart], axis=-1)
-    ridge = np.array([1e-6, *[1 / CLASS_SD**2] * len(classes), 1 / CURVATURE_SD**2, 1.0, 1.0, 1.0], np.float32)
+    features = _features(rays, given, classes)
     return Evidence(
         rays=rays,
         returned=returned,
         range_m=range_m,
-        log_intensity=jnp.log(jnp.maximum(measured.intensity[at], FLOOR)),
+        log_intensity=jnp.log(jnp.maximum(measured.intensity[index], FLOOR)),
         lowest=lowest,
         given_rad=given,
         compared=compared,
@@ -168,10 +174,30 @@ def _gather(
         step=step,
         pose=jnp.where(steady[..., None], pose, 0),
         features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
-        ridge=ridge,
-        strip=surfaces[0],
-        surface=surfaces[1],
-        hold=surfaces[2],
+        ridge=_ridge(len(classes)),
+        strip=surfaces.strip,
+        surface=surfaces.surface,
+        precision=surfaces.precision,
         unit=unit,
         units=units,
     )
+
+
+def _features(rays: Rays, given_rad: Float[Array, "b c r"], classes: tuple[int, ...]) -> Float[Array, "b c r p"]:
+    """`Evidence.features`, of all rays."""
+    given = jnp.minimum(given_rad, STEEPEST_RAD)
+    fitted = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
+    disagreement = jnp.clip(jnp.log(jnp.cos(fitted)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
+    ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
+    terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))
+    # Apart, since a range image gives the normals of ground better than those of hedges.
+    disagreements = [jnp.where(kind, disagreement, 0) for kind in (ground, terrain, ~ground & ~terrain)]
+    # E ln cos(angle + noise) is below ln cos(angle) by half the variance times sec^2.
+    return jnp.stack([jnp.ones_like(given), *one_hot, 0.5 / jnp.cos(given) ** 2, *disagreements], axis=-1)
+
+
+def _ridge(classes: int) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many classes."""
+    others = [1 / CURVATURE_SD**2, *[1 / NORMALS_SD**2] * 3]
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * classes, *others], np.float32)

@@ -1,6 +1,7 @@
-"""Fits an effect together with the nuisances.
+"""Fits an effect together with the noise: the penalised likelihood of z and noise, climbed by L-BFGS-B.
 
-The likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them.
+The likelihood is compiled once for all effects: each effect's own function is small, and the chain rule joins them
+(`gradients`). Levels and poses follow in closed form at every step (`random_effects`).
 """
 
 from __future__ import annotations
@@ -16,21 +17,38 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.gradients import Back, placed, seen_through, slopes_back, value_and_slopes
+from jaxsim.discover.model.gradients import (
+    EffectGradient,
+    Fields,
+    Gradient,
+    effect_with_gradient,
+    gradient_in_z,
+    value_and_gradient,
+    with_effect,
+)
 from jaxsim.discover.model.likelihood import CHANNELS
-from jaxsim.discover.model.nuisance import LEAST, MOST, Noise, Weights
-from jaxsim.discover.model.parameters import flat, prior, restorer, to_z
+from jaxsim.discover.model.noise import LEAST, MOST, NOISE_SD, Noise
+from jaxsim.discover.model.parameters import prior, ravel, restorer, to_z
+from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.discover.scenes import folds
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
-NOISE_SD = 2.0
-"""Prior of the noise scales and rates about where they start."""
 ENOUGH = 0.05
 """Nats of a step below which a fit is done."""
+NULL_STEPS = 100
+"""Steps that a fit of the null may take."""
+NULL_ENOUGH = 1e-3
+"""As ENOUGH, of the null: every effect's gain is counted from it."""
+CORRECTIONS = 12
+"""Pairs of steps and gradients from which L-BFGS knows the curvature: about as many as there are noise scales."""
+NO_LOSS = 1e12
+"""Loss where a fit has gone to no number: the line search turns back."""
 CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
+"""Effects that put false returns before surfaces: the mixture has that component for them alone."""
 NOTHING = Effect("nothing", "surface", "", "", {}, CHANNELS, "", (), {}, "", lambda p, rays, scan: rays)
+"""The effect of the null."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +57,7 @@ class Problem:
 
     scan: Scan
     ev: Evidence
-    weights: Weights
+    equations: NormalEquations
     noise: Noise
     clutter: bool = False
     """Rays already carry clutter."""
@@ -49,7 +67,7 @@ class Problem:
     @cached_property
     def null_fits(self) -> list[Fit]:
         """The null on each fold (`folds`)."""
-        return [fit(NOTHING, self, fitted, steps=100, enough=1e-3) for fitted in folds(np.asarray(self.ev.unit))]
+        return [fit_noise(self, fitted) for fitted in folds(np.asarray(self.ev.unit))]
 
 
 @dataclass(frozen=True)
@@ -78,53 +96,69 @@ def rays_for(effect: Effect, ev: Evidence) -> Rays:
 
 
 class Objective:
-    """Minus the log-likelihood of an effect's z and of the noise, as one vector x, with their priors."""
+    """Minus the log-likelihood of an effect's z and of the noise, as one vector x = ravel((z, noise)), with their
+    priors."""
 
-    def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], noise: Noise | None = None):
+    def __init__(self, effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"]):
         self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
         self.rays = rays_for(effect, problem.ev)
         self.fitted = jnp.asarray(fitted, jnp.float32)
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
-        level = noise or problem.noise
-        neutral = (to_z(effect, {}, self.rows), level)
-        self.first, self.restore = flat(neutral), restorer(neutral)
-        self.own = len(self.first) - len(jax.tree.leaves(level))
-        sd, low, high = prior(effect, self.rows)
-        self.sd = np.concatenate([sd, np.full(len(self.first) - self.own, NOISE_SD)])
-        self.bounds = [
-            *zip(low, high, strict=True),
-            *[(LEAST.get(name), MOST.get(name)) for name in level.__dataclass_fields__],
-        ]
+        neutral = (to_z(effect, {}, self.rows), problem.noise)
+        self.first, self.restore = ravel(neutral), restorer(neutral)
+        self.own = len(self.first) - len(jax.tree.leaves(problem.noise))
+        """Entries of x that are the effect's; the others are the noise's."""
+        of_z = prior(effect, self.rows)
+        self.sd = np.concatenate([of_z.sd, np.full(len(self.first) - self.own, NOISE_SD)])
+        of_noise = [(LEAST.get(name), MOST.get(name)) for name in problem.noise.__dataclass_fields__]
+        self.bounds = [*zip(of_z.low, of_z.high, strict=True), *of_noise]
+        # z is held to neutral, noise to where the null left it.
         self.centre = np.concatenate([np.zeros(self.own), self.first[self.own :]])
 
-    def start(self, values: dict[str, Any]) -> np.ndarray:
-        return np.concatenate([flat(to_z(self.effect, values, self.rows)), self.first[self.own :]])
+    def start(self, values: dict[str, Any]) -> Float[np.ndarray, " n"]:
+        """The vector of an effect's values, in their units, and the null's noise."""
+        return np.concatenate([ravel(to_z(self.effect, values, self.rows)), self.first[self.own :]])
 
-    def blocks(self, x: np.ndarray, counted: Array | None = None) -> tuple[Any, Noise, Any, Back]:
-        z, level = self.restore(x)
-        seen, taken, back = seen_through(self.effect, z, self.rays, self.problem.scan)
-        return z, level, self.blocks_of(seen, taken, level, counted), back
+    def gradient(
+        self, x: Float[np.ndarray, " n"], counted: Float[Array, " b"] | None = None
+    ) -> tuple[EffectGradient, Gradient]:
+        """The effect's rays at x, and the likelihood of the counted blocks (by default the fitted ones)."""
+        z, noise = self.restore(x)
+        rays = effect_with_gradient(self.effect, z, self.rays, scan=self.problem.scan)
+        return rays, self.gradient_at(rays.fields, rays.constant, noise, counted=counted)
 
-    def blocks_of(
-        self, seen: dict[str, Array], taken: dict[str, Array], level: Noise, counted: Array | None = None
-    ) -> Any:
-        """Of rays as an effect leaves them."""
-        p, counted = self.problem, self.fitted if counted is None else counted
-        return value_and_slopes(
-            seen, taken, p.ev, level, p.weights, self.fitted, counted, channels=self.channels, clutter=self.clutter
+    def gradient_at(
+        self, fields: Fields, constant: Fields, noise: Noise, *, counted: Float[Array, " b"] | None = None
+    ) -> Gradient:
+        """The likelihood of rays as an effect leaves them."""
+        return value_and_gradient(
+            fields,
+            constant,
+            self.problem.ev,
+            noise=noise,
+            equations=self.problem.equations,
+            fitted=self.fitted,
+            counted=self.fitted if counted is None else counted,
+            channels=self.channels,
+            clutter=self.clutter,
         )
 
-    def data(self, x: np.ndarray, counted: Array | None = None) -> tuple[float, np.ndarray]:
-        """Value and slope without the priors."""
-        z, _, (value, _, by_seen, by_noise), back = self.blocks(x, counted)
-        by_z = slopes_back(back, by_seen) if self.own else z
-        return float(value), flat((by_z, by_noise))
+    def data(
+        self, x: Float[np.ndarray, " n"], counted: Float[Array, " b"] | None = None
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Value and gradient without the priors."""
+        rays, likelihood = self.gradient(x, counted)
+        by_z = gradient_in_z(rays.pullbacks, likelihood.by_fields) if self.own else {}
+        return float(likelihood.value), ravel((by_z, likelihood.by_noise))
 
-    def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = self.data(x)
+    def __call__(self, x: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Value and gradient with the normal priors: what the fit lowers."""
+        value, gradient = self.data(x)
         away = (x - self.centre) / self.sd
-        value, slope = value + 0.5 * float(away @ away), slope + away / self.sd
-        return (value, slope) if np.isfinite(value) and np.isfinite(slope).all() else (1e12, np.zeros_like(x))
+        value = value + 0.5 * float(away @ away)
+        gradient = gradient + away / self.sd
+        finite = np.isfinite(value) and np.isfinite(gradient).all()
+        return (value, gradient) if finite else (NO_LOSS, np.zeros_like(x))
 
 
 def fit(
@@ -144,26 +178,33 @@ def fit(
     objective = Objective(effect, problem, fitted)
     begin = [objective.start(start) for start in (({}, *effect.starts) if starts is None else starts)]
     if len(begin) > 1:
-        begin = [min(begin, key=lambda x: float(objective.blocks(x)[2][0]))]
-    held = [(v, v) for v in begin[0][: objective.own]]
-    bounds = [*held, *objective.bounds[objective.own :]] if fixed else objective.bounds
+        begin = [min(begin, key=lambda x: float(objective.gradient(x)[1].value))]
+    bounds = objective.bounds
+    if fixed:
+        bounds = [*[(v, v) for v in begin[0][: objective.own]], *bounds[objective.own :]]
     # Stop where a step gains less than ENOUGH nats; SciPy asks for it as a fraction of the loss.
-    options = {"maxiter": steps, "ftol": enough / max(abs(problem.loss), 1.0), "maxcor": 12}
-    found = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    z, level, (_, blocks, _, _), _ = objective.blocks(found.x)
-    return Fit(jax.tree.map(np.asarray, z), level, np.asarray(blocks), float(found.fun))
+    options = {"maxiter": steps, "ftol": enough / max(abs(problem.loss), 1.0), "maxcor": CORRECTIONS}
+    best = minimize(objective, begin[0], jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    z, noise = objective.restore(best.x)
+    _, likelihood = objective.gradient(best.x)
+    return Fit(jax.tree.map(np.asarray, z), noise, np.asarray(likelihood.blocks), float(best.fun))
+
+
+def fit_noise(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Fit:
+    """Fits the noise alone: the null, on the blocks with `fitted` 1."""
+    return fit(NOTHING, problem, fitted, steps=NULL_STEPS, enough=NULL_ENOUGH)
 
 
 def score_at(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], z: dict[str, np.ndarray], noise: Noise
+    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], *, z: dict[str, np.ndarray], noise: Noise
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at given values, nothing fitted."""
-    objective = Objective(effect, problem, fitted)
-    return np.asarray(objective.blocks(flat((z, noise)))[2][1])
+    _, likelihood = Objective(effect, problem, fitted).gradient(ravel((z, noise)))
+    return np.asarray(likelihood.blocks)
 
 
 def partway(
-    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], found: Fit, share: float
+    effect: Effect, problem: Problem, fitted: Float[np.ndarray, " b"], *, fit: Fit, share: float
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel at `share` of the way from `problem`'s null to a fit.
 
@@ -171,29 +212,30 @@ def partway(
     threshold may do nothing at all.
     """
     objective = Objective(effect, problem, fitted)
-    null, _ = objective.restore(objective.start({}))
-    rays, scan = objective.rays, problem.scan
-    before, after = (
-        (*seen_through(effect, z, rays, scan)[:2], noise)
-        for z, noise in ((null, problem.noise), (found.z, found.noise))
-    )
-    return np.asarray(objective.blocks_of(*_between(before, after, jnp.float32(share)))[1])
+    neutral, _ = objective.restore(objective.first)
+    before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
+    after = effect_with_gradient(effect, fit.z, objective.rays, scan=problem.scan)
+    stages = (before.fields, before.constant, problem.noise), (after.fields, after.constant, fit.noise)
+    return np.asarray(objective.gradient_at(*_between(*stages, jnp.float32(share))).blocks)
 
 
-Stage = tuple[dict[str, Array], dict[str, Array], Noise]
+Stage = tuple[Fields, Fields, Noise]
+"""Fields of the rays, differentiated and constant, and the noise."""
 
 
 @jax.jit
-def _between(before: Stage, after: Stage, share: Array) -> Stage:
+def _between(before: Stage, after: Stage, share: Float[Array, ""]) -> Stage:
     """Rays and noise at `share` of the way; rays that hit where they did not before, or the reverse, stay."""
-    (old, taken, noise), (new, hits, changed) = before, after
-    same = taken["hit"] == hits["hit"]
+    fields_before, constant_before, noise_before = before
+    fields_after, constant_after, noise_after = after
+    same = constant_before["hit"] == constant_after["hit"]
 
     def mix(a: Array, b: Array) -> Array:
         mixed = a + share * (b - a)
         return jnp.where(same & jnp.isfinite(mixed), mixed, a) if a.ndim else mixed
 
-    return {name: mix(old[name], new[name]) for name in old}, taken, jax.tree.map(mix, noise, changed)
+    fields = {name: mix(fields_before[name], fields_after[name]) for name in fields_before}
+    return fields, constant_before, jax.tree.map(mix, noise_before, noise_after)
 
 
 def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simulated: bool = False) -> Problem:
@@ -201,7 +243,7 @@ def on_top(effect: Effect, problem: Problem, z: dict[str, np.ndarray], *, simula
     reported intensities."""
     ev = problem.ev
     given = ev.rays if simulated else rays_for(effect, ev)
-    rays = placed(effect, z, given, problem.scan)
+    rays = with_effect(effect, z, given, scan=problem.scan)
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)

@@ -1,6 +1,12 @@
-"""The likelihood with its derivatives in what effects do to rays, and in the noise: what fits climb.
+"""The likelihood with its derivatives in an effect's z and in the noise: what fits climb.
 
-Intensities and returns share neither fields nor noise: each is a program of its own, compiled once for all effects.
+The chain rule in two parts, so that the large one is compiled once for all effects and the small one for each:
+
+    z --effect--> fields of the rays --likelihood--> value        d value / dz = (d fields / dz)^T (d value / d fields)
+
+`effect_with_gradient` gives the fields and a pullback, `value_and_gradient` the value and its gradient in the fields,
+`gradient_in_z` pulls that back to z. Effects of geometry share a third program, the recast, between z and fields.
+Intensities and returns share neither fields nor noise: each is a program of its own.
 """
 
 from __future__ import annotations
@@ -8,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,153 +22,198 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.likelihood import CHANNELS, intensity_by_block, returns_by_block
-from jaxsim.discover.model.nuisance import Noise, Weights
+from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.recast import Displaced, Displacement, recast
 from jaxsim.frame import Array
 
 OF_INTENSITY = ("log_intensity", "intensity_step", "intensity_top")
-SEEN = (*OF_INTENSITY, "range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m")
-SEEN += ("ghost", "ghost_m", "clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m")
-"""Fields of rays that the likelihood is differentiated in; the first three matter to intensities, the others to
-returns."""
-TAKEN = ("hit", "beside_m")
-"""Fields that it takes as they are."""
+"""Fields of rays that the likelihood of intensities is differentiated in."""
+OF_RETURNS = (
+    *("range_m", "log_keep", "column_loss", "reading_m", "noise_m", "between", "between_m", "ghost", "ghost_m"),
+    *("clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "range_step_m"),
+)
+"""Fields that the likelihood of ranges and of what returned is differentiated in."""
+DIFFERENTIATED = (*OF_INTENSITY, *OF_RETURNS)
+CONSTANT = ("hit", "beside_m")
+"""Fields that it takes as they are: which surface is met has no derivative."""
+
+Z = dict[str, Array]
+"""An effect's parameters as they are fitted (`parameters`)."""
 Fields = dict[str, Array]
-Slopes = tuple[Array, Array, Fields, Noise]
+"""Fields of rays by name."""
+Pullback = Callable[[Any], Any]
+"""What `jax.vjp` gives: a tree of arrays as well as a function."""
 
 
-def value_and_slopes(
-    seen: Fields,
-    taken: Fields,
+class Gradient(NamedTuple):
+    """The likelihood and its derivatives."""
+
+    value: Float[Array, ""]
+    """Minus the log-likelihood of the counted blocks."""
+    blocks: Float[Array, "b 3"]
+    """Log-likelihood of all blocks by channel (intensity, range, drop); 0 in channels that are not asked for."""
+    by_fields: Fields
+    """Derivatives of `value` in the rays' fields."""
+    by_noise: Noise
+
+
+class EffectGradient(NamedTuple):
+    """An effect's rays, as the likelihood takes them, and the way back to its z."""
+
+    fields: Fields
+    """Of DIFFERENTIATED."""
+    constant: Fields
+    """Of CONSTANT."""
+    pullbacks: tuple[Pullback, ...]
+    """From derivatives in the fields to those in z, last step first."""
+
+
+def value_and_gradient(
+    fields: Fields,
+    constant: Fields,
     ev: Evidence,
+    *,
     noise: Noise,
-    w: Weights,
+    equations: NormalEquations,
     fitted: Float[Array, " b"],
     counted: Float[Array, " b"],
-    *,
     channels: tuple[str, ...] = CHANNELS,
     clutter: bool = False,
-) -> Slopes:
-    """Minus the log-likelihood of the counted blocks; that of all by block and channel (b, 3: intensity, range, drop),
-    0 in channels that are not asked for; and the derivatives of the first in the rays' fields and in the noise.
-    Nuisances shared by frames follow from the blocks with `fitted` > 0.
-    """
-    parts: list[Slopes] = []
+) -> Gradient:
+    """The likelihood of `ev` with its rays' fields replaced. Levels that frames share follow from the blocks with
+    `fitted` > 0; `value` counts those with `counted` > 0."""
+    parts: list[Gradient] = []
     if "intensity" in channels:
-        parts.append(_of_intensity(seen, taken, ev, noise, w, fitted, counted))
+        parts.append(_of_intensity(fields, constant, ev, noise, equations, fitted, counted))
     if {"range", "drop"} & set(channels):
-        parts.append(_of_returns(seen, taken, ev, noise, w, counted, clutter=clutter))
+        parts.append(_of_returns(fields, constant, ev, noise, equations, counted, clutter=clutter))
     if len(parts) == 1:
         return parts[0]
-    (value, blocks, by_seen, by_noise), (*more, by_returns, by_others) = parts
-    value, blocks, by_noise = _sum((value, blocks, by_noise), (*more, by_others))
-    return value, blocks, by_returns | {name: by_seen[name] for name in OF_INTENSITY}, by_noise
+    intensity, returns = parts
+    value, blocks, by_noise = _sum(
+        (intensity.value, intensity.blocks, intensity.by_noise), (returns.value, returns.blocks, returns.by_noise)
+    )
+    by_fields = returns.by_fields | {name: intensity.by_fields[name] for name in OF_INTENSITY}
+    return Gradient(value, blocks, by_fields, by_noise)
 
 
 @jax.jit
 def _of_intensity(
-    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, fitted: Array, counted: Array
-) -> Slopes:
+    fields: Fields,
+    constant: Fields,
+    ev: Evidence,
+    noise: Noise,
+    equations: NormalEquations,
+    fitted: Float[Array, " b"],
+    counted: Float[Array, " b"],
+) -> Gradient:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        return _in_channel(0, intensity_by_block(rays, ev, noise, w, fitted))
+        return _in_channel(0, intensity_by_block(rays, ev, noise, equations=equations, fitted=fitted))
 
-    return _slopes(by_block, seen, taken, ev, noise, counted)
+    return _gradient(by_block, fields, constant, ev, noise, counted)
 
 
 @partial(jax.jit, static_argnames="clutter")
 def _of_returns(
-    seen: Fields, taken: Fields, ev: Evidence, noise: Noise, w: Weights, counted: Array, *, clutter: bool
-) -> Slopes:
+    fields: Fields,
+    constant: Fields,
+    ev: Evidence,
+    noise: Noise,
+    equations: NormalEquations,
+    counted: Float[Array, " b"],
+    *,
+    clutter: bool,
+) -> Gradient:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
-        range_, drop = returns_by_block(rays, ev, noise, w, clutter=clutter)
+        range_, drop = returns_by_block(rays, ev, noise, equations=equations, clutter=clutter)
         return _in_channel(1, range_) + _in_channel(2, drop)
 
-    return _slopes(by_block, seen, taken, ev, noise, counted)
+    return _gradient(by_block, fields, constant, ev, noise, counted)
 
 
 def _in_channel(number: int, block: Float[Array, " b"]) -> Float[Array, "b 3"]:
     return jnp.outer(block, jnp.eye(len(CHANNELS))[number])
 
 
-def _slopes(
-    by_block: Callable[[Rays, Noise], Array], seen: Fields, taken: Fields, ev: Evidence, noise: Noise, counted: Array
-) -> Slopes:
-    def loss(seen: Fields, noise: Noise) -> tuple[Array, Array]:
-        blocks = by_block(replace(ev.rays, **seen, **taken), noise)
+def _gradient(
+    by_block: Callable[[Rays, Noise], Array],
+    fields: Fields,
+    constant: Fields,
+    ev: Evidence,
+    noise: Noise,
+    counted: Float[Array, " b"],
+) -> Gradient:
+    def loss(fields: Fields, noise: Noise) -> tuple[Array, Array]:
+        blocks = by_block(replace(ev.rays, **fields, **constant), noise)
         return -jnp.where(counted > 0, blocks.sum(-1), 0).sum(), blocks
 
-    (value, blocks), (by_seen, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(seen, noise)
-    return value, blocks, by_seen, by_noise
+    (value, blocks), (by_fields, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(fields, noise)
+    return Gradient(value, blocks, by_fields, by_noise)
 
 
 _sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))
 
 
-Z = dict[str, Array]
-Step = Callable[[Any], Any]
-"""Of the chain rule: what `jax.vjp` gives, a tree of arrays as well as a function."""
-Back = tuple[Step, ...]
-
-
-def seen_through(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Back]:
-    """Of the rays with an effect: the fields that the likelihood is differentiated in, those that it takes, and what
-    makes of slopes in the former (`slopes_back`) those in z."""
+def effect_with_gradient(effect: Effect, z: Z, rays: Rays, *, scan: Scan) -> EffectGradient:
+    """The rays with an effect, and the pullback of derivatives in their fields."""
     if isinstance(effect.apply, Displaced):
         by, to_z = _displaced(effect, z, rays)
-        seen, taken, to_by = _seen_again(by, effect.apply.passes, rays, scan)
-        return seen, taken, (to_by, to_z)
-    seen, taken, to_z = _seen(effect, z, rays, scan)
-    return seen, taken, (to_z,)
+        fields, constant, to_by = _recast_fields(by, effect.apply.passes, rays, scan)
+        return EffectGradient(fields, constant, (to_by, to_z))
+    fields, constant, to_z = _effect_fields(effect, z, rays, scan)
+    return EffectGradient(fields, constant, (to_z,))
 
 
-def slopes_back(back: Back, slopes: Fields) -> Z:
-    """Slopes in z, of those in the fields that `seen_through` gives beside `back`."""
-    for step in back:
-        slopes = _back(step, slopes)
-    return slopes
+def gradient_in_z(pullbacks: tuple[Pullback, ...], by_fields: Fields) -> Z:
+    """Derivatives in z, of those in the fields of the `EffectGradient` that holds `pullbacks`."""
+    gradient: Any = by_fields
+    for pullback in pullbacks:
+        gradient = _pulled_back(pullback, gradient)
+    return gradient
 
 
-def placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
+def with_effect(effect: Effect, z: Z, rays: Rays, *, scan: Scan) -> Rays:
     """The rays with an effect."""
     if isinstance(effect.apply, Displaced):
-        return _again(_displaced(effect, z, rays)[0], effect.apply.passes, rays, scan)
-    return _placed(effect, z, rays, scan)
+        return _recast(_displaced(effect, z, rays)[0], effect.apply.passes, rays, scan)
+    return _applied(effect, z, rays, scan)
 
 
 def _fields(rays: Rays) -> tuple[Fields, Fields]:
-    seen = {name: jnp.asarray(getattr(rays, name), jnp.float32) for name in SEEN}
-    return seen, {name: getattr(rays, name) for name in TAKEN}
+    differentiated = {name: jnp.asarray(getattr(rays, name), jnp.float32) for name in DIFFERENTIATED}
+    return differentiated, {name: getattr(rays, name) for name in CONSTANT}
 
 
 @partial(jax.jit, static_argnames="effect")
-def _placed(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
+def _applied(effect: Effect, z: Z, rays: Rays, scan: Scan) -> Rays:
     return effect.apply(to_values(effect, z), rays, scan)
 
 
 @partial(jax.jit, static_argnames="effect")
-def _seen(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
-    seen, back, taken = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays, scan)), z, has_aux=True)
-    return seen, taken, back
+def _effect_fields(effect: Effect, z: Z, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
+    fields, back, constant = jax.vjp(lambda z: _fields(effect.apply(to_values(effect, z), rays, scan)), z, has_aux=True)
+    return fields, constant, back
 
 
 @partial(jax.jit, static_argnames="effect")
-def _displaced(effect: Effect, z: Z, rays: Rays) -> tuple[Displacement, Step]:
+def _displaced(effect: Effect, z: Z, rays: Rays) -> tuple[Displacement, Pullback]:
     assert isinstance(effect.apply, Displaced)
     return jax.vjp(lambda z: effect.apply.displace(to_values(effect, z), rays), z)
 
 
-_again = jax.jit(lambda by, passes, rays, scan: recast(rays, scan, by, passes))
+_recast = jax.jit(lambda by, passes, rays, scan: recast(rays, scan, by, passes))
 
 
 @jax.jit
-def _seen_again(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Step]:
-    seen, back, taken = jax.vjp(lambda by: _fields(recast(rays, scan, by, passes)), by, has_aux=True)
-    return seen, taken, back
+def _recast_fields(by: Displacement, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
+    fields, back, constant = jax.vjp(lambda by: _fields(recast(rays, scan, by, passes)), by, has_aux=True)
+    return fields, constant, back
 
 
 @jax.jit
-def _back(step: Step, slopes: Any) -> Any:
-    return step(slopes)[0]
+def _pulled_back(pullback: Pullback, gradient: Any) -> Any:
+    return pullback(gradient)[0]

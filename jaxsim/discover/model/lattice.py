@@ -8,14 +8,15 @@ from jaxtyping import Bool, Float
 FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}
 """Effects whose step is read off the values, and the finest step that counts as rounding."""
 SHARE = 0.995
-"""Of the values that must lie on a lattice."""
+"""Share of the values that must lie on a lattice."""
 NEAR = 0.02
 """A value lies on a lattice if it is within this share of a step of it."""
 
 
-def lattice_step(values: np.ndarray, *, finest: float) -> float:
+def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
     """The largest step of which nearly all values are multiples; 0 if there is none above `finest`."""
     x = np.sort(np.asarray(values, np.float64))
+    # Few values lie on some lattice by chance.
     if len(x) < 100:
         return 0.0
     gaps = np.diff(x)
@@ -42,10 +43,12 @@ def _refined(x: np.ndarray, step: float) -> float:
 
 
 def _share(x: np.ndarray, step: float) -> float:
+    """Share of the values that lie on the lattice."""
     return float(np.mean(_on(x, step)))
 
 
 def _on(x: np.ndarray, step: float) -> Bool[np.ndarray, "*n"]:
+    """Whether each value lies on the lattice."""
     off = np.abs(x / step - np.round(x / step))
     # Values kept as float32 carry their own rounding.
     return off < NEAR + 1e-6 * x / step

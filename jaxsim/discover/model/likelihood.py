@@ -1,44 +1,56 @@
-"""Log-likelihood of measured frames under a simulation, by block and channel.
+"""Log-likelihood of measured frames under a simulation, by block and channel: the densities of `model` in one place.
 
-Intensity: Student-t in its logarithm. Return and range: one mixture a ray: lost, clutter, ghost, or the surface's
-echo, whose range is the predicted one (normal), one between two surfaces, a neighbour's, or far off (Cauchy).
-The drop channel is the part of it that says whether a ray returned; the rest is the range channel.
+Intensity: Student-t in its logarithm, with what piles up at the sensor's top and below its weakest reading. Return and
+range: one mixture a ray: not returned, clutter, ghost, mixed pixels, or the surface's echo, whose range is the
+predicted one (core), a neighbour's, or far off (wide). Columns may be lost whole.
+The drop channel is the part of the mixture that says whether a ray returned; the rest is the range channel.
 """
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.nuisance import Noise, Weights, intensity_variance, reading_variance
-from jaxsim.discover.model.random_effects import pose_shift, reflectance
+from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
+from jaxsim.discover.model.random_effects import NormalEquations, pose_shift, reflectance
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, NEVER, Rays
 from jaxsim.frame import Array
 
 CHANNELS = ("intensity", "range", "drop")
-DEGREES = 4.0
-"""Of freedom of the Student-t."""
-_T = float(np.log(3 / 8))  # log of the density of Student-t with 4 degrees at 0, scale 1
+MOST_LIKELY = 0.999
+"""Probabilities that effects give rays are held below this, so that what they rule out keeps a finite logarithm."""
+_STUDENT_AT_0 = math.log(3 / 8)
+"""Logarithm of the density of Student-t with 4 degrees at 0, scale 1."""
 _PILE = 0.01
 """Intensities within this (nats) of the sensor's top count as at the top."""
+_ABOVE_TOP = 10.0
+"""Nats that a reading above the top costs: it refutes the top, yet one faulty reading must not decide."""
+_NOTHING = math.log(FLOOR) + 1e-3
+"""ln I below which a reading is a 0."""
 _EDGE_SD_M = 0.05
+"""Of a neighbour's reading near by, and the softness of the ends of what lies between two surfaces."""
+_WIDE_M = 1.0
+"""Half width at half height of readings far off."""
+_FAR_M = 1e4
+"""Where a neighbour that hits nothing is put: no reading is near it."""
 
 
-def log_normal(d: Array, sd: Array) -> Array:
-    return -0.5 * (d / sd) ** 2 - jnp.log(sd) - 0.5 * np.log(2 * np.pi)
+def log_normal(d: Float[Array, "*n"], sd: Float[Array, "*#n"]) -> Float[Array, "*n"]:
+    """Logarithm of the normal density at a distance d from its mean."""
+    return -0.5 * (d / sd) ** 2 - jnp.log(sd) - 0.5 * math.log(2 * math.pi)
 
 
-def log_student(d: Array, sd: Array) -> Array:
-    """With DEGREES degrees of freedom."""
-    return _T - 0.5 * (DEGREES + 1) * jnp.log1p((d / sd) ** 2 / DEGREES) - jnp.log(sd)
+def log_student(d: Float[Array, "*n"], sd: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Logarithm of the density of a Student-t of DEGREES degrees of freedom and scale `sd`."""
+    return _STUDENT_AT_0 - 0.5 * (DEGREES + 1) * jnp.log1p((d / sd) ** 2 / DEGREES) - jnp.log(sd)
 
 
-def log_below(t: Array) -> Array:
+def log_below(t: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Logarithm of the probability that a Student-t of 4 degrees of freedom and scale 1 lies below t."""
     square = t**2 / DEGREES
     share = 0.5 + 0.375 * t / jnp.sqrt(1 + square) * (1 - t**2 / 12 / (1 + square))
@@ -46,41 +58,46 @@ def log_below(t: Array) -> Array:
     return jnp.log(jnp.where(t < -6, 3 / 16 / (1 + square) ** 2, jnp.maximum(share, 1e-4)))
 
 
-def log_cauchy(d: Array, scale: float) -> Array:
-    return -jnp.log(np.pi * scale * (1 + (d / scale) ** 2))
+def log_cauchy(d: Float[Array, "*n"], scale: float) -> Float[Array, "*n"]:
+    """Logarithm of the Cauchy density."""
+    return -jnp.log(math.pi * scale * (1 + (d / scale) ** 2))
 
 
 def intensity_terms(
-    rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """Of each compared ray, 0 elsewhere; and what their surfaces' reflectances cost each block."""
+    """Log-density of each compared ray's ln I, 0 elsewhere; and what surfaces' levels cost each block, nats."""
     residual = ev.log_intensity - rays.log_intensity
-    explained, cost = reflectance(ev, w, fitted, residual)
+    explained, cost = reflectance(ev, equations, fitted, residual=residual)
     left = residual - explained
-    rounding = rays.intensity_step / np.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
+    # A lattice is uniform within a step of I; of ln I, the same over I. Below e^-7 no ray is compared.
+    rounding = rays.intensity_step / math.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
     variance = intensity_variance(ev, noise) + rounding**2
     sd = jnp.sqrt(variance)
     density = log_student(left, sd)
     # A reading of 0 says no more than that the intensity lies below all others.
-    nothing = ev.log_intensity <= np.log(FLOOR) + 1e-3
+    nothing = ev.log_intensity <= _NOTHING
     density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - left)) / sd), density)
-    # At the sensor's top: all that would be brighter piles up there.
+    # At the sensor's top: all that would be brighter piles up there. 1.6 makes of the logistic function nearly the
+    # normal distribution's; the pile is spread over the _PILE on both sides of the top.
     top = jnp.log(rays.intensity_top)
     over = (ev.log_intensity - left - top) / sd
     gap = ev.log_intensity - top
-    piled = jax.nn.log_sigmoid(1.6 * over) - np.log(2 * _PILE)
+    piled = jax.nn.log_sigmoid(1.6 * over) - math.log(2 * _PILE)
+    # A top of 1 is where every sensor's scale ends: nothing is cut off.
     clipped = rays.intensity_top < 0.9999
     density = jnp.where(clipped & (jnp.abs(gap) <= _PILE), piled, density)
-    density = jnp.where(clipped & (gap > _PILE), density - 10.0, density)
+    density = jnp.where(clipped & (gap > _PILE), density - _ABOVE_TOP, density)
     return jnp.where(ev.compared, density, 0.0), cost
 
 
 def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
-    """Of the range of a false return."""
+    """Log-density of the range of a false return before the surface: r^power exp(-r / scale), between `clutter_from_m`
+    and the surface, normalised by a sum."""
     end = jnp.where(rays.hit, jnp.maximum(rays.range_m, rays.clutter_from_m + 0.1), CLUTTER_REACH_M)
     start = rays.clutter_from_m
 
-    def log_shape(r: Array) -> Array:
+    def log_shape(r: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
         return rays.clutter_power * jnp.log(r) - r / rays.clutter_scale_m
 
     # Midpoint rule on a logarithmic scale: the densities are broad on it.
@@ -94,19 +111,19 @@ def log_clutter(rays: Rays, at_m: Float[Array, "b c r"]) -> Float[Array, "b c r"
     return jnp.where(inside, log_shape(r) - jnp.log(mass + 1e-30), NEVER)
 
 
-def near_sd(range_m: Array) -> Array:
-    """Standard deviation of a neighbour's reading, m."""
+def near_sd(range_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Standard deviation of a neighbour's reading, m: surfaces go on, by some share of the range, between rays."""
     return _EDGE_SD_M + 0.02 * range_m
 
 
 def log_stray(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
-    """Of the probabilities that a surface's echo reads a neighbour's range, and one far off."""
+    """Logarithms of the probabilities that a surface's echo reads a neighbour's range, and one far off."""
     switch = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.switch_edge), NEVER)
     return switch, jnp.where(ev.edge, jax.nn.log_sigmoid(noise.wide_edge), jax.nn.log_sigmoid(noise.wide))
 
 
 def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
-    """Of the probability that a ray returns: the surface's echo, or a false one where nothing is hit."""
+    """Logarithm of the probability that a ray returns: the surface's echo, or a false one where nothing is hit."""
     stepped = jnp.logical_or(ev.edge, ev.step)
     missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
     sky = ~jnp.isfinite(rays.beside_m).all(-1)
@@ -116,82 +133,104 @@ def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"
 
 
 def log_lost(rays: Rays, ev: Evidence, noise: Noise, *, clutter: bool = True) -> Float[Array, "b c r"]:
-    """Of the probability that a ray that is not lost with its column does not return."""
-    lost = jnp.log(-jnp.expm1(log_reported(rays, ev, noise))) + jnp.log1p(-jnp.clip(rays.ghost, 0, 0.999))
-    return lost + jnp.log1p(-jnp.clip(rays.clutter, 0, 0.999)) if clutter else lost
+    """Logarithm of the probability that a ray that is not lost with its column does not return."""
+    lost = jnp.log(-jnp.expm1(log_reported(rays, ev, noise))) + jnp.log1p(-jnp.clip(rays.ghost, 0, MOST_LIKELY))
+    return lost + jnp.log1p(-jnp.clip(rays.clutter, 0, MOST_LIKELY)) if clutter else lost
 
 
 def return_terms(
-    rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, clutter: bool
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, " b"]]:
     """`log_lost`; the logarithm of the density with which a ray returns where it did; and what each block's pose
-    costs."""
-    hit = rays.hit
+    costs. Without `clutter` its component is left out, which no ray has then."""
+    shift, cost = pose_shift(ev, equations, rays.reading_m, on=ev.returned & rays.hit)
     off = ev.range_m - rays.reading_m
-    shift, cost = pose_shift(ev, w, rays.reading_m, ev.returned & hit)
     off = off - shift
 
-    sd = jnp.sqrt(reading_variance(rays, ev, noise))
-    core = log_student(off, sd)
-    beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, 1e4)
+    near = _log_near(rays, ev)
+    surface = _log_surface(ev, noise, off=off, near=near, sd=jnp.sqrt(reading_variance(rays, ev, noise)))
+    surface = _mix(rays.between, surface, _log_between(rays, ev))
+    # Where nothing is predicted, half of the returns are a neighbour's surface, the others may lie anywhere.
+    nothing = jnp.logaddexp(near, -math.log(CLUTTER_REACH_M)) - math.log(2)
+    surface = jnp.where(rays.hit, surface, nothing)
+
+    returned = log_reported(rays, ev, noise) + surface
+    ghost = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
+    returned = _mix(rays.ghost, returned, ghost)
+    # An early return hides all that comes behind it.
+    if clutter:
+        returned = _mix(rays.clutter, returned, log_clutter(rays, ev.range_m))
+    return log_lost(rays, ev, noise, clutter=clutter), jnp.where(ev.returned, returned, 0.0), cost
+
+
+def _mix(share: Float[Array, "*#n"], usual: Float[Array, "*n"], instead: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Log-density of a mixture of two, of which `instead` has the given share."""
+    share = jnp.clip(share, 0, MOST_LIKELY)
+    return jnp.logaddexp(jnp.log1p(-share) + usual, jnp.log(share + 1e-12) + instead)
+
+
+def _log_near(rays: Rays, ev: Evidence) -> Float[Array, "b c r"]:
+    """A neighbour's echo: normal about the range of one of the four, whichever it is."""
+    beside = jnp.where(jnp.isfinite(rays.beside_m), rays.beside_m, _FAR_M)
     near = log_normal(ev.range_m[..., None] - beside, near_sd(ev.range_m[..., None]))
-    near = jax.nn.logsumexp(near, axis=-1) - np.log(4)
-    wide = log_cauchy(off, 1.0)
+    return jax.nn.logsumexp(near, axis=-1) - math.log(4)
+
+
+def _log_surface(
+    ev: Evidence, noise: Noise, *, off: Float[Array, "b c r"], near: Float[Array, "b c r"], sd: Float[Array, "b c r"]
+) -> Float[Array, "b c r"]:
+    """The surface's echo: a core (Student-t) about the predicted range, a wide part (Cauchy) about it, and, at edges,
+    a neighbour's echo."""
+    core = log_student(off, sd)
+    wide = log_cauchy(off, _WIDE_M)
     switch, rate = log_stray(ev, noise)
     usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
-    surface = jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)
+    return jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)
 
+
+def _log_between(rays: Rays, ev: Evidence) -> Float[Array, "b c r"]:
+    """A mixed pixel: even between the surface and the one beside it, with soft ends."""
     low, high = jnp.minimum(rays.reading_m, rays.between_m), jnp.maximum(rays.reading_m, rays.between_m)
-    spread = 0.05
-    inside = jax.nn.sigmoid((ev.range_m - low) / spread) * jax.nn.sigmoid((high - ev.range_m) / spread)
-    between = jnp.log(inside + 1e-9) - jnp.log(high - low + spread)
-    mixed = jnp.clip(rays.between, 0, 0.999)
-    surface = jnp.logaddexp(jnp.log1p(-mixed) + surface, jnp.log(mixed + 1e-12) + between)
-    nothing = jnp.logaddexp(near, -np.log(CLUTTER_REACH_M)) - np.log(2)
-    surface = jnp.where(hit, surface, nothing)
-
-    seen = log_reported(rays, ev, noise) + surface
-    ghost = jnp.clip(rays.ghost, 0, 0.999)
-    doubled = log_normal(ev.range_m - rays.ghost_m, jnp.exp(noise.range_) + 0.1)
-    seen = jnp.logaddexp(jnp.log1p(-ghost) + seen, jnp.log(ghost + 1e-12) + doubled)
-    if clutter:
-        early = jnp.clip(rays.clutter, 0, 0.999)
-        seen = jnp.logaddexp(jnp.log1p(-early) + seen, jnp.log(early + 1e-12) + log_clutter(rays, ev.range_m))
-    return log_lost(rays, ev, noise, clutter=clutter), jnp.where(ev.returned, seen, 0.0), cost
+    inside = jax.nn.sigmoid((ev.range_m - low) / _EDGE_SD_M) * jax.nn.sigmoid((high - ev.range_m) / _EDGE_SD_M)
+    return jnp.log(inside + 1e-9) - jnp.log(high - low + _EDGE_SD_M)
 
 
-def of_columns(rays: Rays, ev: Evidence, lost: Array, seen: Array) -> Float[Array, "b c"]:
-    """Log-likelihood of whole columns, which may be lost together."""
-    terms = jnp.where(ev.returned, seen, lost).sum(-1)
-    gone = jnp.clip(rays.column_loss.mean(-1), 0, 0.999)
+def of_columns(
+    rays: Rays, ev: Evidence, *, lost: Float[Array, "b c r"], returned: Float[Array, "b c r"]
+) -> Float[Array, "b c"]:
+    """Log-likelihood of whole columns, which may be lost together: then every ray of them is."""
+    terms = jnp.where(ev.returned, returned, lost).sum(-1)
+    gone = jnp.clip(rays.column_loss.mean(-1), 0, MOST_LIKELY)
     empty = ~ev.returned.any(-1)
     return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))
 
 
 def intensity_by_block(
-    rays: Rays, ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"]
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"]
 ) -> Float[Array, " b"]:
     """Log-likelihood of the intensities, what surfaces' reflectances cost taken off."""
-    terms, cost = intensity_terms(rays, ev, noise, w, fitted)
+    terms, cost = intensity_terms(rays, ev, noise, equations=equations, fitted=fitted)
     return terms.sum((1, 2)) - cost
 
 
 def returns_by_block(
-    rays: Rays, ev: Evidence, noise: Noise, w: Weights, *, clutter: bool
+    rays: Rays, ev: Evidence, noise: Noise, *, equations: NormalEquations, clutter: bool
 ) -> tuple[Float[Array, " b"], Float[Array, " b"]]:
     """Log-likelihood of the ranges, what the pose costs taken off, and of what returned."""
-    lost, seen, cost = return_terms(rays, ev, noise, w, clutter=clutter)
-    total = of_columns(rays, ev, lost, seen).sum(-1)
-    back = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
-    drop = of_columns(rays, ev, lost, back).sum(-1)
+    lost, returned, cost = return_terms(rays, ev, noise, equations=equations, clutter=clutter)
+    total = of_columns(rays, ev, lost=lost, returned=returned).sum(-1)
+    # The drop channel alone: the same columns, of which it is known only which rays returned.
+    any_return = jnp.log(-jnp.expm1(jnp.minimum(lost, -1e-7)))
+    drop = of_columns(rays, ev, lost=lost, returned=any_return).sum(-1)
     return total - drop - cost, drop
 
 
 @partial(jax.jit, static_argnames="clutter")
 def log_likelihood(
-    ev: Evidence, noise: Noise, w: Weights, fitted: Float[Array, " b"], *, clutter: bool
+    ev: Evidence, noise: Noise, *, equations: NormalEquations, fitted: Float[Array, " b"], clutter: bool
 ) -> Float[Array, "b 3"]:
-    """Of every block by channel (intensity, range, drop), of the rays as they stand; `value_and_slopes` without
-    slopes."""
-    returns = returns_by_block(ev.rays, ev, noise, w, clutter=clutter)
-    return jnp.stack([intensity_by_block(ev.rays, ev, noise, w, fitted), *returns], axis=-1)
+    """Log-likelihood of every block by channel (intensity, range, drop), of the rays as they stand: what
+    `gradients.value_and_gradient` gives without derivatives."""
+    range_, drop = returns_by_block(ev.rays, ev, noise, equations=equations, clutter=clutter)
+    intensity = intensity_by_block(ev.rays, ev, noise, equations=equations, fitted=fitted)
+    return jnp.stack([intensity, range_, drop], axis=-1)

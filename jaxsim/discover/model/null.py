@@ -1,4 +1,8 @@
-"""The null model: the simulation as it is, with its nuisances fitted."""
+"""The null model: the simulation as it is, with its nuisances fitted; and what it says of the power of echoes.
+
+No file holds an echo's power. The simulator's rests on its table of reflectances, and on its angles. How far it is
+off, the measured intensities tell: surface by surface on average, and ray by ray as a spread.
+"""
 
 from __future__ import annotations
 
@@ -7,41 +11,89 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.echo_power import implied_level, with_spread
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import NOTHING, Fit, Problem, fit
-from jaxsim.discover.model.nuisance import START, weights
-from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.model.fit import Fit, Problem, fit_noise
+from jaxsim.discover.model.noise import START, Noise, intensity_variance
+from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals, normal_equations
 from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
 ROUNDS = 2
 """Of noise given weights and weights given noise."""
-
-
-@jax.jit
-def first_residuals(ev: Evidence) -> tuple[Array, Array]:
-    """Residuals of ln I less their median, and of the range (m), before any nuisance; 0 where not compared."""
-    off = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, jnp.nan)
-    smooth = ev.rays.hit & ev.returned & ~ev.edge
-    return jnp.where(ev.compared, off - jnp.nanmedian(off), 0), jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
+FEW = 5.0
+"""Compared rays up to which a surface is thought to be like its class, and a class like all."""
 
 
 def fit_null(
     scan: Scan, ev: Evidence, fitted: Float[np.ndarray, " b"], *, clutter: bool = False
 ) -> tuple[Problem, Fit]:
-    """Fits noise scales, rates, reflectances and poses of the rays as they stand."""
-    noise, off = START, first_residuals(ev)
+    """Fits noise scales, rates, reflectances and poses of the rays as they stand.
+
+    Robust weights need residuals, residuals need weights: noise and weights are fitted in turn, ROUNDS times, and the
+    noise once more; then the weights stay, for all effects that are held against this null.
+    """
+    noise, residuals = START, first_residuals(ev)
     for _ in range(ROUNDS):
-        w = weights(ev, noise, *off)
-        problem = Problem(scan, ev, w, noise, clutter)
-        found = fit(NOTHING, problem, fitted, steps=100, enough=1e-3)
-        noise = found.noise
-        off = left_over(ev, w, jnp.asarray(fitted, jnp.float32))
-    w = weights(ev, noise, *off)
-    problem = Problem(scan, ev, w, noise, clutter)
-    found = fit(NOTHING, problem, fitted, steps=100, enough=1e-3)
-    ev = with_spread(ev, found.noise, implied_level(ev, w))
-    return replace(problem, ev=ev, noise=found.noise, loss=found.loss), found
+        problem = Problem(scan, ev, normal_equations(ev, noise, *residuals), noise, clutter)
+        noise = fit_noise(problem, fitted).noise
+        residuals = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
+    problem = Problem(scan, ev, normal_equations(ev, noise, *residuals), noise, clutter)
+    null = fit_noise(problem, fitted)
+    ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
+    return replace(problem, ev=ev, noise=null.noise, loss=null.loss), null
+
+
+@jax.jit
+def first_residuals(ev: Evidence) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
+    """Residuals of ln I less their median, and of the range (m), before any nuisance; 0 where not compared."""
+    residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, jnp.nan)
+    of_intensity = jnp.where(ev.compared, residual - jnp.nanmedian(residual), 0)
+    return of_intensity, jnp.where(ev.smooth, ev.range_m - ev.rays.reading_m, 0)
+
+
+def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r"]:
+    """Nats by which each ray's surface is brighter than simulated: of its compared rays, its class's where it has few,
+    all rays' where the class has few. 0 where nothing is hit."""
+    hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
+    residual = np.where(compared, np.asarray(ev.log_intensity) - np.asarray(ev.rays.log_intensity), 0)
+    unexplained, _ = conditional_residuals(ev, eq, np.ones(len(ev.unit), np.float32))
+    explained = np.asarray(residual - np.asarray(unexplained), float)
+    level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
+    for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
+        level = level + _group_offset(np.where(compared, explained, 0), np.where(compared, level, 0), compared, group)
+    return np.where(hit, level, 0)
+
+
+def _group_offset(
+    value: Float[np.ndarray, "b c r"],
+    known: Float[np.ndarray, "b c r"],
+    counted: Bool[np.ndarray, "b c r"],
+    group: Int[np.ndarray, "b c r"],
+) -> Float[np.ndarray, "b c r"]:
+    """By how much each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a
+    group of few rays there."""
+    _, of = np.unique(group, return_inverse=True)
+    of = of.reshape(-1)
+    total = np.bincount(of, value.reshape(-1))
+    count = np.bincount(of, counted.reshape(-1))
+    expected = np.bincount(of, known.reshape(-1)) / np.maximum(count, 1)
+    return ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
+
+
+def with_power_spread(ev: Evidence, noise: Noise, level: Float[np.ndarray, "b c r"] | None = None) -> Evidence:
+    """Rays that know how uncertain their power is: what intensities scatter by, ray by ray, and, where `level` is given
+    and stays uncorrected, what surfaces differ by."""
+    variance = intensity_variance(ev, noise)
+    hit = np.asarray(ev.rays.hit)
+    if level is not None and hit.any():
+        variance = variance + float(np.var(level[hit]))
+    return replace(ev, rays=replace(ev.rays, log_power_sd=jnp.sqrt(variance).astype(jnp.float32)))
+
+
+def as_implied(ev: Evidence, noise: Noise, eq: NormalEquations) -> Evidence:
+    """Rays as bright as the measured intensities say that their surfaces are."""
+    level = jnp.asarray(implied_level(ev, eq), jnp.float32)
+    rays = replace(ev.rays, log_power=ev.rays.log_power + level, log_intensity=ev.rays.log_intensity + level)
+    return with_power_spread(replace(ev, rays=rays), noise)

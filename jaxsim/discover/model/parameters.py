@@ -1,65 +1,79 @@
-"""An effect's parameters as they are fitted: z = (value - neutral) / scale; 0 does nothing, 1 is clearly visible."""
+"""An effect's parameters as a fit sees them: the one mapping between values in their units, z, and a vector.
+
+z = (value - neutral) / scale, float32, a dict of the fitted parameters by name: 0 does nothing, 1 is clearly visible.
+`ravel` and `restorer` turn any tree of arrays (z, or z and noise) into one float64 vector and back.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.effects import Effect
+from jaxsim.effects import Effect, Parameter
 from jaxsim.frame import Array
 
 LOOSE = 3.0
-"""The prior on a scalar parameter is this many times its scale; vectors are shrunk to theirs."""
+"""Prior standard deviation of a scalar z: data may take one number far beyond what is typical. An entry of a vector (a
+beam's, a class's) has 1: few rays speak for each, and all are shrunk."""
 
 
-def fitted_parameters(effect: Effect) -> dict[str, Any]:
+class Prior(NamedTuple):
+    """Of every z, in the order of `ravel`: normal about 0, between bounds."""
+
+    sd: Float[np.ndarray, " n"]
+    low: Float[np.ndarray, " n"]
+    high: Float[np.ndarray, " n"]
+
+
+def fitted_parameters(effect: Effect) -> dict[str, Parameter]:
+    """The parameters that fits may change, by name in the effect's order; the others stay neutral."""
     return {name: p for name, p in effect.parameters.items() if p.fitted}
 
 
-def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Array]:
-    """Parameters in their units."""
+def to_values(effect: Effect, z: dict[str, Array]) -> dict[str, Any]:
+    """All parameters in their units; differentiable in z."""
     values: dict[str, Any] = {name: p.neutral for name, p in effect.parameters.items() if not p.fitted}
     return values | {name: p.neutral + p.scale * z[name] for name, p in fitted_parameters(effect).items()}
 
 
-def to_z(effect: Effect, values: dict[str, Any], rows: int) -> dict[str, np.ndarray]:
-    """Of a start; parameters that it does not name are neutral."""
+def to_z(effect: Effect, values: dict[str, Any], rows: int, *, dtype: type = np.float32) -> dict[str, np.ndarray]:
+    """The z of `values`; parameters that they do not name are neutral, and one number stands for all beams."""
     z = {}
     for name, p in fitted_parameters(effect).items():
-        value = (np.asarray(values.get(name, p.neutral), np.float32) - p.neutral) / p.scale
-        z[name] = np.broadcast_to(value, p.dims(rows)).astype(np.float32)
+        value = (np.asarray(values.get(name, p.neutral), dtype) - p.neutral) / p.scale
+        z[name] = np.broadcast_to(value, p.dims(rows)).astype(dtype)
     return z
 
 
-def prior(effect: Effect, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Standard deviation and bounds of every z, in the order of the raveled dict."""
-    parts: dict[str, Any] = {}
+def prior(effect: Effect, rows: int) -> Prior:
+    """Standard deviation and bounds of every z on a sensor of so many beams."""
+    sd, low, high = {}, {}, {}
     for name, p in fitted_parameters(effect).items():
         one = np.ones(p.dims(rows), np.float32)
-        sd = LOOSE if p.shape == "scalar" else 1.0
-        parts[name] = [sd * one, one * (p.low - p.neutral) / p.scale, one * (p.high - p.neutral) / p.scale]
-    sd, low, high = (flat({name: part[k] for name, part in parts.items()}) for k in range(3))
-    return sd, low, high
+        sd[name] = one * (LOOSE if p.shape == "scalar" else 1.0)
+        low[name] = one * (p.low - p.neutral) / p.scale
+        high[name] = one * (p.high - p.neutral) / p.scale
+    return Prior(ravel(sd), ravel(low), ravel(high))
 
 
-def flat(tree: Any) -> Float[np.ndarray, " n"]:
-    """All leaves behind one another, in the order of `jax.tree.leaves`."""
+def ravel(tree: Any) -> Float[np.ndarray, " n"]:
+    """All leaves behind one another, in the order of `jax.tree.leaves` (dicts by sorted names), as float64."""
     leaves = [np.ravel(np.asarray(leaf)) for leaf in jax.tree.leaves(tree)]
     return np.concatenate(leaves).astype(np.float64) if leaves else np.zeros(0)
 
 
-def restorer(tree: Any) -> Callable[[Float[np.ndarray, " n"]], Any]:
-    """What makes of such a vector a tree of float32 arrays of the same shapes."""
+def restorer(tree: Any, *, dtype: type = np.float32) -> Callable[[Float[np.ndarray, " n"]], Any]:
+    """The inverse of `ravel`: what makes of a vector a tree of arrays of the shapes in `tree`."""
     leaves, form = jax.tree.flatten(tree)
     shapes = [np.shape(leaf) for leaf in leaves]
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
 
-    def restore(x: np.ndarray) -> Any:
-        x = np.asarray(x, np.float32)
+    def restore(x: Float[np.ndarray, " n"]) -> Any:
+        x = np.asarray(x, dtype)
         return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])
 
     return restore

@@ -2,6 +2,13 @@
 
 Random effects (Laird & Ware 1982): a level or a pose follows from the residuals of its own frame and from its prior,
 and costs what the prior asks. What scenes share (gain, classes, curvature) follows from the fitted scenes.
+
+ln I of ray i in block b, over the simulator's, is a normal mixed model with a weight w_i a ray:
+
+    residual_i = x_i (shared + street_b) + surface_s(i) + strip_t(i) + noise_i,   noise_i ~ N(0, 1 / w_i)
+
+Strips and surfaces are taken out of the normal equations one level after the other (Schur complements, each a scalar),
+streets by a small inverse a block; what is left is one system of p equations for the shared coefficients.
 """
 
 from __future__ import annotations
@@ -9,15 +16,114 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 from flax import struct
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.evidence import POSE_SD, Evidence
-from jaxsim.discover.model.nuisance import OTHERS, POSE_MOST, Weights
-from jaxsim.discover.model.surfaces import STREET_SD
+from jaxsim.discover.model.evidence import AFTER_CLASSES, POSE_SD, Evidence
+from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
+from jaxsim.discover.model.surfaces import FIRM, STREET_SD, STRIP_SD
 from jaxsim.frame import Array
 
 CLASS_MOST = 0.7
 """A class's reflectance is off by a factor of 2 at most: what is brighter is no diffuse surface."""
+POSE_MOST = 0.15
+"""Share of its range by which a frame's pose moves a reading at most."""
+
+
+@struct.dataclass
+class Groups:
+    """Rays that share a level of their own (strips, or surfaces), g groups."""
+
+    weight: Float[Array, " g"]
+    """Sum of the rays' weights, 1/nats^2, and of their weighted features."""
+    features: Float[Array, "g p"]
+    precision: Float[Array, " g"]
+    """1 / prior variance of the level."""
+    block: Int[Array, " g"]
+    """In which each lies."""
+
+    @property
+    def variance(self) -> Float[Array, " g"]:
+        """Of each level, given its rays."""
+        return 1 / (self.weight + self.precision)
+
+    def gram_of_levels(self, blocks: int) -> Float[Array, "{blocks} p p"]:
+        """What the levels take out of each block's Gram matrix."""
+        outer = jnp.einsum("sp,sq->spq", self.features, self.features * self.variance[:, None])
+        return jax.ops.segment_sum(outer, self.block, blocks)
+
+    def sums_of_levels(self, total: Float[Array, " g"], blocks: int) -> Float[Array, "{blocks} p"]:
+        """What the levels take out of each block's right side, of the groups' weighted sums `total`."""
+        return jax.ops.segment_sum(self.features * (total * self.variance)[:, None], self.block, blocks)
+
+
+@struct.dataclass
+class NormalEquations:
+    """Robust weights of the rays at a null fit's residuals, and what follows from them alone."""
+
+    intensity: Float[Array, "b c r"]
+    """Weights of ln I, 1/nats^2; 0 where it is not compared."""
+    range_: Float[Array, "b c r"]
+    """Weights of the range, 1/m^2; 0 where it is not compared."""
+    strips: Groups
+    surfaces: Groups
+    gram: Float[Array, "b p p"]
+    """Of the features in each block, strips' and surfaces' own levels taken out."""
+    street: Float[Array, "b p p"]
+    """Covariance of a block's own levels of the classes; 0 for the other features."""
+    pose: Float[Array, "b 6 6"]
+    """Covariance of a block's pose."""
+
+
+@jax.jit
+def normal_equations(
+    ev: Evidence, noise: Noise, residual_i: Float[Array, "b c r"], residual_r: Float[Array, "b c r"]
+) -> NormalEquations:
+    """The equations at the residuals of the null model, `residual_i` (nats) and `residual_r` (m)."""
+    # A Student-t is a normal whose precision follows a gamma law: (DEGREES + 1) / (DEGREES + z^2) is its expectation.
+    variance = intensity_variance(ev, noise)
+    weight_i = jnp.where(ev.compared, (DEGREES + 1) / (DEGREES + residual_i**2 / variance) / variance, 0.0)
+    spread = reading_variance(ev.rays, ev, noise)
+    near = jnp.abs(residual_r) < jnp.maximum(0.3, POSE_MOST * ev.rays.range_m)
+    weight_r = jnp.where(ev.smooth & near, (DEGREES + 1) / (DEGREES + residual_r**2 / spread) / spread, 0.0)
+    weighted = ev.features * weight_i[..., None]
+    strips = _strips(ev, weight_i, weighted)
+    surfaces = _surfaces(ev, strips)
+    gram = jnp.einsum("bcrp,bcrq->bpq", weighted, ev.features)
+    gram = gram - strips.gram_of_levels(len(ev.unit)) - surfaces.gram_of_levels(len(ev.unit))
+    # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
+    kinds = jnp.arange(gram.shape[-1])
+    classes = ((kinds > 0) & (kinds < gram.shape[-1] - AFTER_CLASSES)).astype(gram.dtype)
+    kept = jnp.outer(classes, classes)[None]
+    prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
+    street = jnp.linalg.inv(gram * kept + prior[None]) * kept
+    prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
+    information = jnp.einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
+    return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
+
+
+def _strips(ev: Evidence, weight: Float[Array, "b c r"], weighted: Float[Array, "b c r p"]) -> Groups:
+    """The rays of each strip together."""
+    features = weighted.reshape(-1, weighted.shape[-1])
+    strip, count = ev.strip.reshape(-1), len(ev.surface)
+    block = jnp.broadcast_to(jnp.arange(len(ev.unit))[:, None, None], ev.strip.shape).reshape(-1)
+    return Groups(
+        weight=jax.ops.segment_sum(weight.reshape(-1), strip, count),
+        features=jax.ops.segment_sum(features, strip, count),
+        precision=jnp.where(ev.surface > 0, 1 / STRIP_SD**2, FIRM),
+        block=jnp.maximum(jax.ops.segment_max(block, strip, count), 0),
+    )
+
+
+def _surfaces(ev: Evidence, strips: Groups) -> Groups:
+    """The strips of each surface together: each counts for what its own level leaves of its rays."""
+    left = strips.precision * strips.variance
+    count = len(ev.precision)
+    return Groups(
+        weight=jax.ops.segment_sum(strips.weight * left, ev.surface, count),
+        features=jax.ops.segment_sum(strips.features * left[:, None], ev.surface, count),
+        precision=ev.precision,
+        block=jnp.maximum(jax.ops.segment_max(strips.block, ev.surface, count), 0),
+    )
 
 
 @struct.dataclass
@@ -25,7 +131,7 @@ class Levels:
     """Of reflectance over the simulator's, nats."""
 
     shared: Float[Array, " p"]
-    """Of each feature, in all scenes."""
+    """Coefficient of each feature, in all scenes."""
     street: Float[Array, "b p"]
     """Of each class in one block, over `shared`."""
     features: Float[Array, "b p"]
@@ -37,28 +143,31 @@ class Levels:
 
 
 def reflectance(
-    ev: Evidence, w: Weights, fitted: Float[Array, " b"], residual: Float[Array, "b c r"]
+    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, residual: Float[Array, "b c r"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
     """What class, gain, curvature and surface explain of `residual`, nats (the first three from `fitted` blocks), and
-    what the surfaces' share costs each block, nats of log-likelihood."""
-    levels = levels_of(ev, w, fitted, residual)
+    what the streets' and surfaces' levels cost each block by their priors, nats of log-likelihood."""
+    levels = levels_of(ev, eq, fitted, residual=residual)
     cost = 0.5 / STREET_SD**2 * jnp.sum(levels.street**2, axis=-1)
-    for group, own in ((w.strips, levels.strip), (w.surfaces, levels.surface)):
-        cost = cost + jax.ops.segment_sum(0.5 * group.hold * own**2, group.block, len(ev.unit))
+    for groups, level in ((eq.strips, levels.strip), (eq.surfaces, levels.surface)):
+        cost = cost + jax.ops.segment_sum(0.5 * groups.precision * level**2, groups.block, len(ev.unit))
     return jnp.where(ev.compared, explained_by(ev, levels), 0), cost
 
 
-def levels_of(ev: Evidence, w: Weights, fitted: Float[Array, " b"], residual: Float[Array, "b c r"]) -> Levels:
-    """The levels that fit `residual` (nats) best, given their priors."""
-    strips, surfaces = w.strips, w.surfaces
-    of_strip, of_surface, rhs = _sums(ev, w, residual)
-    shared = _shared(ev, w, fitted, rhs)
-    here = jnp.einsum("bpq,bq->bp", w.street, rhs - jnp.einsum("bpq,q->bp", w.gram, shared))
-    levels = shared[None] + here
-    surface = (of_surface - jnp.sum(surfaces.features * levels[surfaces.block], axis=-1)) * surfaces.share
-    strip = of_strip - jnp.sum(strips.features * levels[strips.block], axis=-1)
-    strip = (strip - strips.weight * surface[ev.surface]) * strips.share
-    return Levels(shared, here, levels, surface, strip)
+def levels_of(
+    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, residual: Float[Array, "b c r"]
+) -> Levels:
+    """The levels that fit `residual` (nats) best, given their priors; shared ones from the `fitted` blocks."""
+    strips, surfaces = eq.strips, eq.surfaces
+    of_strip, of_surface, right = _sums(ev, eq, residual)
+    shared = _shared(ev, eq, fitted, right)
+    # Back substitution: street, then surface, then strip, each of what the ones before leave.
+    street = jnp.einsum("bpq,bq->bp", eq.street, right - jnp.einsum("bpq,q->bp", eq.gram, shared))
+    features = shared[None] + street
+    surface = (of_surface - jnp.sum(surfaces.features * features[surfaces.block], axis=-1)) * surfaces.variance
+    strip = of_strip - jnp.sum(strips.features * features[strips.block], axis=-1)
+    strip = (strip - strips.weight * surface[ev.surface]) * strips.variance
+    return Levels(shared, street, features, surface, strip)
 
 
 def explained_by(ev: Evidence, levels: Levels) -> Float[Array, "b c r"]:
@@ -67,34 +176,40 @@ def explained_by(ev: Evidence, levels: Levels) -> Float[Array, "b c r"]:
     return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + own
 
 
-def _sums(ev: Evidence, w: Weights, residual: Float[Array, "b c r"]) -> tuple[Array, Array, Array]:
+def _sums(
+    ev: Evidence, eq: NormalEquations, residual: Float[Array, "b c r"]
+) -> tuple[Float[Array, " t"], Float[Array, " s"], Float[Array, "b p"]]:
     """Weighted residuals of each strip and surface, and of each block's features with the former taken out."""
-    strips, surfaces, blocks = w.strips, w.surfaces, len(ev.unit)
-    weighted = jnp.where(ev.compared, residual, 0) * w.intensity
+    strips, surfaces, blocks = eq.strips, eq.surfaces, len(ev.unit)
+    weighted = jnp.where(ev.compared, residual, 0) * eq.intensity
     of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
-    of_surface = jax.ops.segment_sum(of_strip * strips.hold * strips.share, ev.surface, len(ev.hold))
-    rhs = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
-    return of_strip, of_surface, rhs - strips.known(of_strip, blocks) - surfaces.known(of_surface, blocks)
+    of_surface = jax.ops.segment_sum(of_strip * strips.precision * strips.variance, ev.surface, len(ev.precision))
+    right = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
+    right = right - strips.sums_of_levels(of_strip, blocks) - surfaces.sums_of_levels(of_surface, blocks)
+    return of_strip, of_surface, right
 
 
-def _shared(ev: Evidence, w: Weights, fitted: Float[Array, " b"], rhs: Float[Array, "b p"]) -> Float[Array, " p"]:
-    """What the features count for in the `fitted` blocks together."""
-    gram = w.gram - w.gram @ w.street @ w.gram
-    shared = fitted @ (rhs - jnp.einsum("bpq,bqs,bs->bp", w.gram, w.street, rhs))
+def _shared(
+    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], right: Float[Array, "b p"]
+) -> Float[Array, " p"]:
+    """Coefficients of the features in the `fitted` blocks together, streets' levels taken out."""
+    gram = eq.gram - eq.gram @ eq.street @ eq.gram
+    shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
     shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
-    classes = jnp.clip(shared[1:-OTHERS], -CLASS_MOST, CLASS_MOST)
-    return jnp.concatenate([shared[:1], classes, shared[-OTHERS:]])
+    classes = jnp.clip(shared[1:-AFTER_CLASSES], -CLASS_MOST, CLASS_MOST)
+    return jnp.concatenate([shared[:1], classes, shared[-AFTER_CLASSES:]])
 
 
 @jax.jit
-def gain_and_classes(ev: Evidence, w: Weights, fitted: Float[Array, " b"]) -> Float[Array, " k"]:
+def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]) -> Float[Array, " k"]:
     """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
     residual = ev.log_intensity - ev.rays.log_intensity
-    return _shared(ev, w, fitted, _sums(ev, w, residual)[2])[:-OTHERS]
+    _, _, right = _sums(ev, eq, residual)
+    return _shared(ev, eq, fitted, right)[:-AFTER_CLASSES]
 
 
 def poses(
-    ev: Evidence, w: Weights, predicted_m: Float[Array, "b c r"], on: Bool[Array, "b c r"]
+    ev: Evidence, eq: NormalEquations, predicted_m: Float[Array, "b c r"], *, on: Bool[Array, "b c r"]
 ) -> Float[Array, "b 6"]:
     """The small motion of each frame that fits the rays that are `on` best: m along x, y, z and rad about them.
 
@@ -102,7 +217,7 @@ def poses(
     """
     measured = jnp.where(on, ev.range_m, predicted_m)
     residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, 0.1)
-    return jnp.einsum("bij,bj->bi", w.pose, jnp.einsum("bcri,bcr->bi", ev.pose, residual * w.range_))
+    return jnp.einsum("bij,bj->bi", eq.pose, jnp.einsum("bcri,bcr->bi", ev.pose, residual * eq.range_))
 
 
 def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
@@ -113,22 +228,23 @@ def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, 
 
 
 def pose_shift(
-    ev: Evidence, w: Weights, predicted_m: Float[Array, "b c r"], on: Bool[Array, "b c r"]
+    ev: Evidence, eq: NormalEquations, predicted_m: Float[Array, "b c r"], *, on: Bool[Array, "b c r"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """By how much each frame's own pose (`poses`) moves the predicted ranges, m, and its cost, nats of
-    log-likelihood."""
-    pose = poses(ev, w, predicted_m, on)
+    """By how much each frame's own pose (`poses`) moves the predicted ranges, m, and what it costs by its prior, nats
+    of log-likelihood."""
+    pose = poses(ev, eq, predicted_m, on=on)
     cost = 0.5 * jnp.sum((pose / jnp.asarray(POSE_SD, jnp.float32)[None]) ** 2, axis=-1)
     return moved_by(ev, pose, predicted_m), cost
 
 
 @jax.jit
-def left_over(
-    ev: Evidence, w: Weights, fitted: Float[Array, " b"]
+def conditional_residuals(
+    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
-    """Residuals of ln I (nats) and of the range (m) after reflectances and poses; 0 where they are not compared."""
-    off_i = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    off_i = off_i - reflectance(ev, w, fitted, off_i)[0]
-    smooth = ev.rays.hit & ev.returned & ~ev.edge
-    off_r = jnp.where(smooth, ev.range_m - ev.rays.reading_m, 0)
-    return off_i, jnp.where(smooth, off_r - pose_shift(ev, w, ev.rays.reading_m, smooth)[0], 0)
+    """Residuals of ln I (nats) and of the range (m) given the levels and poses that fit them best; 0 where they are
+    not compared. (Of a mixed model, residuals less fixed and random effects.)"""
+    residual_i = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
+    residual_i = residual_i - reflectance(ev, eq, fitted, residual=residual_i)[0]
+    residual_r = jnp.where(ev.smooth, ev.range_m - ev.rays.reading_m, 0)
+    shift, _ = pose_shift(ev, eq, ev.rays.reading_m, on=ev.smooth)
+    return residual_i, jnp.where(ev.smooth, residual_r - shift, 0)

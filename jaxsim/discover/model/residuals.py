@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.likelihood import CHANNELS, log_lost
-from jaxsim.discover.model.nuisance import Noise, intensity_variance, reading_variance
-from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.model.likelihood import CHANNELS, MOST_LIKELY, log_lost
+from jaxsim.discover.model.noise import Noise, intensity_variance, reading_variance
+from jaxsim.discover.model.random_effects import conditional_residuals
+from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
 CLIP = 4.0
@@ -21,39 +22,50 @@ CLIP = 4.0
 
 
 @jax.jit
-def spread(ev: Evidence, noise: Noise) -> tuple[Array, Array, Array]:
+def spread(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
-    gone = jnp.clip(ev.rays.column_loss, 0, 0.999)
+    gone = jnp.clip(ev.rays.column_loss, 0, MOST_LIKELY)
     p = jnp.clip(gone + (1 - gone) * jnp.exp(log_lost(ev.rays, ev, noise)), 1e-4, 1 - 1e-4)
     return jnp.sqrt(intensity_variance(ev, noise)), jnp.sqrt(reading_variance(ev.rays, ev, noise)), p
 
 
-def residuals(
-    problem: Problem, fitted: Float[np.ndarray, " b"]
-) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """By channel: residuals in their own unit (nats, m, share lost), standardised ones, and where they count."""
+class Residuals(NamedTuple):
+    """Of one channel, ray by ray."""
+
+    off: Float[np.ndarray, "b c r"]
+    """In its own unit: nats, m, or share lost."""
+    z: Float[np.ndarray, "b c r"]
+    """Over its standard deviation; of drops, over that of a coin of its probability."""
+    counts: Bool[np.ndarray, "b c r"]
+    """Where the two mean something."""
+
+
+def residuals(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, Residuals]:
+    """The residuals of each channel; shared levels follow from the `fitted` blocks. z has standard deviation 1 where it
+    counts."""
     ev = problem.ev
-    off_i, off_r = left_over(ev, problem.weights, jnp.asarray(fitted, jnp.float32))
+    off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
     sd_i, sd_r, p = spread(ev, problem.noise)
-    found = {
+    by_channel = {
         "intensity": (off_i, sd_i, ev.compared),
-        "range": (off_r, sd_r, ev.rays.hit & ev.returned & ~ev.edge),
+        "range": (off_r, sd_r, ev.smooth),
         "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
     }
-    result = {}
-    for name in CHANNELS:
-        off, sd, counts = found[name]
-        off, sd, counts = np.asarray(off), np.asarray(sd), np.asarray(counts)
-        z = off / sd
-        if name != "drop":
-            z = np.clip(z, -CLIP, CLIP)
-        result[name] = (off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
-    return result
+    return {name: _standardised(name, *map(np.asarray, by_channel[name])) for name in CHANNELS}
+
+
+def _standardised(
+    channel: str, off: Float[np.ndarray, "b c r"], sd: Float[np.ndarray, "b c r"], counts: Bool[np.ndarray, "b c r"]
+) -> Residuals:
+    z = off / sd
+    if channel != "drop":
+        z = np.clip(z, -CLIP, CLIP)
+    return Residuals(off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
 
 
 def standardised(
     problem: Problem, fitted: Float[np.ndarray, " b"]
-) -> tuple[Any, dict[str, tuple[np.ndarray, np.ndarray]]]:
+) -> tuple[Rays, dict[str, tuple[Float[np.ndarray, "b c r"], Bool[np.ndarray, "b c r"]]]]:
     """Rays on the host; each channel's standardised residuals and where they count."""
     host = jax.tree.map(np.asarray, problem.ev.rays)
-    return host, {name: (z, counts) for name, (_, z, counts) in residuals(problem, fitted).items()}
+    return host, {name: (one.z, one.counts) for name, one in residuals(problem, fitted).items()}

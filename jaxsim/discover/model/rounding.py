@@ -13,28 +13,33 @@ from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.effects import get_effect
 from jaxsim.effects.rays import FLOOR
 
+COARSER = 1.5
+"""A sensor's step is an effect if it is this many times the simulator's: else the simulation is rounded as well."""
+
 
 def rounded(ev: Evidence) -> dict[str, float]:
     """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
-    steps, back, hit = {}, np.asarray(ev.returned), np.asarray(ev.rays.hit)
+    returned, hit = np.asarray(ev.returned), np.asarray(ev.rays.hit)
     simulated = {"intensity_quantization": np.exp(ev.rays.log_intensity), "range_quantization": ev.rays.range_m}
+    steps = {}
     for name, measured in _readings(ev).items():
-        step = lattice_step(measured[back], finest=FINEST[name])
-        if step > 1.5 * lattice_step(np.asarray(simulated[name])[hit], finest=FINEST[name]):
+        step = lattice_step(measured[returned], finest=FINEST[name])
+        if step > COARSER * lattice_step(np.asarray(simulated[name])[hit], finest=FINEST[name]):
             steps[name] = step
     return steps
 
 
-def gained_by(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray, "b 3"]:
+def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray, "b 3"]:
     """Nats that each block's readings gain, by channel, where they are known to lie on the lattices of `steps` (by
     effect; steps that count as no rounding gain nothing)."""
-    found, back = np.zeros((len(ev.unit), len(CHANNELS))), np.asarray(ev.returned)
+    gain = np.zeros((len(ev.unit), len(CHANNELS)))
+    returned = np.asarray(ev.returned)
     for name, values in _readings(ev).items():
         if steps.get(name, 0.0) > FINEST[name]:
             nats = log_rounding(values, steps[name], finest=FINEST[name])
             channel = CHANNELS.index(get_effect(name).channels[0])
-            found[:, channel] = np.where(back, nats, 0).sum((1, 2))
-    return found
+            gain[:, channel] = np.where(returned, nats, 0).sum((1, 2))
+    return gain
 
 
 def _readings(ev: Evidence) -> dict[str, Float[np.ndarray, "b c r"]]:

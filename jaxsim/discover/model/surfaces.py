@@ -7,16 +7,23 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.cast import RayIndex
 from jaxsim.effects.rays import Rays, Scan, neighbours_m
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence
 from jaxsim.geometry.polar import directions
 
-OBJECT_SD, PATCH_SD, STRIP_SD, STREET_SD = 0.2, 0.15, 0.1, 0.1
-"""Of the reflectance, nats: of an object and of a patch of ground or wall about its class in the street, of a strip
-about its surface, of all that is of one class in one street about the class."""
+OBJECT_SD = 0.2
+"""Standard deviation of an object's reflectance about its class in the street, nats."""
+PATCH_SD = 0.15
+"""The same of a patch of ground or wall."""
+STRIP_SD = 0.1
+"""Of a strip, the part of a surface that one column sees, about its surface, nats."""
+STREET_SD = 0.1
+"""Of all that is of one class in one street about the class in all streets, nats."""
 FIRM = 1e12
 """1 / variance of what has no reflectance of its own."""
 PATCH_M = 6.0
@@ -25,26 +32,44 @@ ROOM = 2048
 """Strips and surfaces are counted up to a multiple of this, so that fits of other frames need not be compiled again."""
 
 
-def surfaces_of(
-    scan: Scan, at: tuple[np.ndarray, ...]
-) -> tuple[Int[np.ndarray, "b c r"], Int[np.ndarray, " t"], Float[np.ndarray, " s"]]:
-    """`Evidence.strip`, `surface` and `hold`: each surface lies in one block."""
-    instance = np.asarray(scan.instance)[at].astype(np.int64)
-    hit, kind, range_m = (np.asarray(raster)[at] for raster in (scan.hit, scan.semantic, scan.range_m))
-    ray = np.asarray(directions(scan.grid))[at[1], at[2]]
-    x, y = (np.floor(np.where(hit, range_m * ray[..., k], 0) / PATCH_M).astype(np.int64) for k in (0, 1))
+@struct.dataclass
+class Surfaces:
+    """Which rays share a reflectance. Strips and surfaces are numbered from 1; 0 is none."""
+
+    strip: Int[Array, "b c r"]
+    """The part of a surface that one column sees, numbered through all blocks."""
+    surface: Int[Array, " t"]
+    """The surface that each strip belongs to: an object, or a patch of what is no object. Each lies in one block."""
+    precision: Float[Array, " s"]
+    """1 / variance of each surface's reflectance about its class, 1/nats^2."""
+
+
+def surfaces_of(scan: Scan, index: RayIndex) -> Surfaces:
+    """The surfaces of these rays: instances, and squares of PATCH_M of one class where there is no instance."""
+    instance = np.asarray(scan.instance)[index].astype(np.int64)
+    hit = np.asarray(scan.hit)[index]
+    kind = np.asarray(scan.semantic)[index]
+    range_m = np.asarray(scan.range_m)[index]
+    ray = np.asarray(directions(scan.grid))[index[1], index[2]]
+    x, y = _cell(range_m * ray[..., 0], hit), _cell(range_m * ray[..., 1], hit)
     block = np.broadcast_to(np.arange(len(instance))[:, None, None], instance.shape)
     thing = instance > 0
     key = np.stack([block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y)])
-    _, first, number = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
-    _, begin, of = np.unique(np.stack([number.ravel(), at[2][hit]]), axis=1, return_index=True, return_inverse=True)
+    _, first_ray, of_ray = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
+    in_column = np.stack([of_ray.ravel(), index[2][hit]])
+    _, first_of_strip, strip_of_ray = np.unique(in_column, axis=1, return_index=True, return_inverse=True)
     strip = np.zeros(instance.shape, np.int32)
-    strip[hit] = of.ravel() + 1
-    surface = np.zeros(_room(len(begin)), np.int32)
-    surface[1 : len(begin) + 1] = number.ravel()[begin] + 1
-    hold = np.full(_room(len(first)), FIRM, np.float32)
-    hold[1 : len(first) + 1] = 1 / np.where(thing[hit][first], OBJECT_SD, PATCH_SD) ** 2
-    return strip, surface, hold
+    strip[hit] = strip_of_ray.ravel() + 1
+    surface = np.zeros(_room(len(first_of_strip)), np.int32)
+    surface[1 : len(first_of_strip) + 1] = of_ray.ravel()[first_of_strip] + 1
+    precision = np.full(_room(len(first_ray)), FIRM, np.float32)
+    precision[1 : len(first_ray) + 1] = 1 / np.where(thing[hit][first_ray], OBJECT_SD, PATCH_SD) ** 2
+    return Surfaces(strip, surface, precision)
+
+
+def _cell(position_m: Float[np.ndarray, "b c r"], hit: Bool[np.ndarray, "b c r"]) -> Int[np.ndarray, "b c r"]:
+    """Number of the square of PATCH_M along one axis."""
+    return np.floor(np.where(hit, position_m, 0) / PATCH_M).astype(np.int64)
 
 
 def _room(count: int) -> int:
@@ -52,8 +77,9 @@ def _room(count: int) -> int:
 
 
 BEND = 0.03
+"""A mean of the neighbours' 1 / range that is this share off the ray's own is an edge."""
 PLANAR = 0.01
-"""Neighbours' mean of 1 / range within this share of the ray's own: one plane, whose normal the range image gives."""
+"""Within this share of it: one plane, whose normal the range image gives."""
 
 
 def bends(
@@ -63,7 +89,7 @@ def bends(
     elevation_rad: Float[Array, " r"],
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
-    1 / range (straight on a plane) over the ray's own, less 1."""
+    1 / range (straight on a plane) over the ray's own, less 1. Neighbours that hit nothing count as 10 km away."""
     inverse = 1 / jnp.maximum(jnp.where(jnp.isfinite(beside_m), beside_m, 1e4), 0.1)
     last = elevation_rad.shape[0] - 1
     above = jnp.abs(elevation_rad[jnp.maximum(row - 1, 0)] - elevation_rad[row])

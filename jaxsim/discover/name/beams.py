@@ -40,4 +40,4 @@ def smooth_score(
     """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
     kinds = fitted_parameters(effect)
     z = {name: smooth(value) if kinds[name].shape == "row" else value for name, value in found.z.items()}
-    return score_at(effect, problem, fitted, {n: np.asarray(v, np.float32) for n, v in z.items()}, found.noise)
+    return score_at(effect, problem, fitted, z={n: np.asarray(v, np.float32) for n, v in z.items()}, noise=found.noise)

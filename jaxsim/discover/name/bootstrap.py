@@ -19,8 +19,8 @@ from jaxtyping import Bool, Float
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
-from jaxsim.discover.model.nuisance import range_variance
-from jaxsim.discover.model.random_effects import explained_by, left_over, levels_of, moved_by, poses
+from jaxsim.discover.model.noise import range_variance
+from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
 from jaxsim.effects.draw import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
@@ -33,7 +33,8 @@ def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
     `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
     ev, rng = problem.ev, np.random.default_rng(seed)
     sign = rng.choice(np.array([-1, 1], np.float32), ev.units)[np.asarray(ev.unit)]
-    off_i, off_r = (np.asarray(x) for x in left_over(explained.ev, explained.weights, jnp.ones(len(sign))))
+    residuals = conditional_residuals(explained.ev, explained.equations, jnp.ones(len(sign)))
+    off_i, off_r = np.asarray(residuals[0]), np.asarray(residuals[1])
     shine = _shines(explained, off_i, sign, rng)
     reading, returns, log_keep = _reads(problem, explained, off_r, sign, rng)
     dark = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
@@ -53,16 +54,16 @@ def redraw(problem: Problem, explained: Problem, seed: int) -> Evidence:
 
 def _shines(explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator) -> Array:
     """Nats by which each surface shines brighter than simulated, noise included (b, c, r)."""
-    ev, w = explained.ev, explained.weights
+    ev, w = explained.ev, explained.equations
     residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    levels = jax.tree.map(np.asarray, levels_of(ev, w, jnp.ones(len(sign)), residual))
+    levels = jax.tree.map(np.asarray, levels_of(ev, w, jnp.ones(len(sign)), residual=residual))
 
     def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
         return sign[np.asarray(block)] * level + np.sqrt(np.asarray(share)) * _normal(rng, level.shape)
 
     street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
-    surface = own(levels.surface, w.surfaces.block, w.surfaces.share)
-    strip = own(levels.strip, w.strips.block, w.strips.share)
+    surface = own(levels.surface, w.surfaces.block, w.surfaces.variance)
+    strip = own(levels.strip, w.strips.block, w.strips.variance)
     drawn = levels.replace(features=levels.shared[None] + street, surface=surface, strip=strip)
     compared = np.asarray(explained_by(ev, drawn)) + sign[:, None, None] * left
     # Of rays that are not compared nothing is left; their class's reflectance and noise stand in.
@@ -76,9 +77,9 @@ def _reads(
     problem: Problem, explained: Problem, left: Array3, sign: Float[np.ndarray, " b"], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Of each ray (b, c, r): its reading, m; whether it may return; and the log of the probability that it does."""
-    ev, w, noise, rays = explained.ev, explained.weights, explained.noise, problem.ev.rays
+    ev, w, noise, rays = explained.ev, explained.equations, explained.noise, problem.ev.rays
     hit, shape = np.asarray(rays.hit), left.shape
-    pose = np.asarray(poses(ev, w, ev.rays.reading_m, ev.returned & ev.rays.hit))
+    pose = np.asarray(poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
     pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
     reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
     usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.fit import CHANNELS, Fit, Problem, channels_of, fit, partway
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.rounding import gained_by, rounded
+from jaxsim.discover.model.rounding import rounded, rounding_gain
 from jaxsim.discover.name.beams import by_beam, smooth_score
 from jaxsim.discover.name.starts import hints
 from jaxsim.discover.scenes import AGREE, clipped, folds, p_value
@@ -89,12 +89,12 @@ def survey(problem: Problem, effects: Iterable[Effect], *, null: Sequence[Fit] |
             more = np.zeros((len(unit), 3))
             more[:, used] = (found.score - base.score)[:, used]
             if step is not None:
-                more += gained_by(problem.ev, {effect.name: step})
+                more += rounding_gain(problem.ev, {effect.name: step})
             inside.append(more[fitted > 0].sum())
             more[fitted > 0] = 0
             begun = more if at else np.zeros((len(unit), 3))
             if not at:
-                begun[:, used] = (partway(effect, start, fitted, found, PART) - base.score)[:, used]
+                begun[:, used] = (partway(effect, start, fitted, fit=found, share=PART) - base.score)[:, used]
                 begun[fitted > 0] = 0
             slope += np.bincount(unit, begun.sum(-1), problem.ev.units)
             if own is not None:

@@ -18,9 +18,9 @@ from jaxtyping import Float
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import log_likelihood, log_lost
-from jaxsim.discover.model.nuisance import Noise, Weights
-from jaxsim.discover.model.random_effects import left_over
-from jaxsim.discover.model.rounding import gained_by
+from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
+from jaxsim.discover.model.rounding import rounding_gain
 from jaxsim.frame import Array
 
 UNITS = {
@@ -41,16 +41,21 @@ class Distance:
     """Nats."""
 
 
-def distance(problem: Problem, fitted: Float[np.ndarray, " b"], w: Weights, unit: np.ndarray) -> Distance:
+def distance(
+    problem: Problem, fitted: Float[np.ndarray, " b"], equations: NormalEquations, unit: np.ndarray
+) -> Distance:
     """Of the units of those blocks that are not fitted. Likelihoods are to be held against each other at the same
-    weights `w`, as in naming: a problem's own would price reflectances and poses differently."""
+    `equations`, as in naming: a problem's own would price reflectances and poses differently."""
     judged = np.asarray(fitted) == 0
     shared = jnp.asarray(fitted, jnp.float32)
-    errors = np.asarray(_errors(problem.ev, problem.noise, *left_over(problem.ev, problem.weights, shared)))
-    score = np.asarray(log_likelihood(problem.ev, problem.noise, w, shared, clutter=problem.clutter))
+    off = conditional_residuals(problem.ev, problem.equations, shared)
+    errors = np.asarray(_errors(problem.ev, problem.noise, *off))
+    score = np.asarray(
+        log_likelihood(problem.ev, problem.noise, equations=equations, fitted=shared, clutter=problem.clutter)
+    )
     rays = problem.ev.rays
     steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
-    score = score + gained_by(problem.ev, steps)
+    score = score + rounding_gain(problem.ev, steps)
     units, place = np.unique(unit[judged], return_inverse=True)
     total, scores = np.zeros((len(units), 3, 2)), np.zeros((len(units), 3))
     np.add.at(total, place, errors[judged])

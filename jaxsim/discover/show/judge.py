@@ -15,10 +15,10 @@ from jaxsim.discover.find.localise import COVARIATES
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.nuisance import Noise, weights
+from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals, fit_null
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.show.additive_floor import black_box
@@ -49,14 +49,14 @@ def judge(
     judged = unit >= find
 
     def problem_of(effects: Added, noise: Noise) -> Problem:
-        problem = Problem(scan, ev, null.weights, noise, null.clutter)
+        problem = Problem(scan, ev, null.equations, noise, null.clutter)
         return settled(in_place(problem, effects, simulated=True))
 
     def settled(problem: Problem) -> Problem:
         """With the weights that its own residuals have."""
-        raw = weights(problem.ev, problem.noise, *first_residuals(problem.ev))
-        off = left_over(problem.ev, raw, jnp.asarray(fitted))
-        return replace(problem, weights=weights(problem.ev, problem.noise, *off))
+        raw = normal_equations(problem.ev, problem.noise, *first_residuals(problem.ev))
+        off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
+        return replace(problem, equations=normal_equations(problem.ev, problem.noise, *off))
 
     before, after = problem_of([], null.noise), problem_of(chain, noise)
     instead = problem_of(*placebo) if placebo else before
@@ -68,7 +68,7 @@ def judge(
     free = settled(replace(before, ev=curves.on(ev), noise=curved.noise))
 
     def far(problem: Problem) -> Distance:
-        return distance(problem, fitted, before.weights, unit)
+        return distance(problem, fitted, before.equations, unit)
 
     was, now, rival, floor = (far(problem) for problem in (before, after, instead, free))
     return Judged(

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.gradients import SEEN, placed, seen_through, slopes_back
+from jaxsim.discover.model.gradients import DIFFERENTIATED, effect_with_gradient, gradient_in_z, with_effect
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.effects import EFFECTS, all_rays
 from tests.discover.conftest import device, toy
@@ -35,7 +35,7 @@ def test_rays_and_slopes_are_the_effects_own(name, street):
 
     def alone(z):
         after = effect.apply(to_values(effect, z), rays, scan)
-        seen = {field: jnp.asarray(getattr(after, field), jnp.float32) for field in SEEN}
+        seen = {field: jnp.asarray(getattr(after, field), jnp.float32) for field in DIFFERENTIATED}
         return seen, after
 
     def both(z, slopes):
@@ -47,15 +47,15 @@ def test_rays_and_slopes_are_the_effects_own(name, street):
     slopes = {field: jnp.asarray(rng.normal(0, 1, leaf.shape), jnp.float32) for field, leaf in shapes.items()}
     seen, after, expected = quick_jit(both)(z, slopes)
 
-    got, taken, back = seen_through(effect, z, rays, scan)
-    for field in SEEN:
+    got, taken, back = effect_with_gradient(effect, z, rays, scan=scan)
+    for field in DIFFERENTIATED:
         np.testing.assert_allclose(got[field], seen[field], rtol=1e-4, atol=1e-4, err_msg=field)
     for field, value in taken.items():
         np.testing.assert_allclose(value, getattr(after, field), rtol=1e-4, atol=1e-4, err_msg=field)
-    moved = placed(effect, z, rays, scan)
+    moved = with_effect(effect, z, rays, scan=scan)
     np.testing.assert_allclose(moved.range_m, after.range_m, rtol=1e-5, atol=1e-4)
     np.testing.assert_allclose(moved.turned_rad, after.turned_rad, atol=1e-6)
-    by_z = slopes_back(back, slopes)
+    by_z = gradient_in_z(back, slopes)
     for key, slope in expected.items():
         np.testing.assert_allclose(by_z[key], slope, rtol=2e-3, atol=2e-3 * np.abs(slope).max(), err_msg=key)
         assert np.abs(slope).max() > 0

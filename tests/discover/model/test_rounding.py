@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.rounding import gained_by, rounded
+from jaxsim.discover.model.rounding import rounded, rounding_gain
 from jaxsim.discover.show.distance import distance
 from tests.discover.conftest import judged_toy
 
@@ -25,16 +25,16 @@ def test_readings_on_the_lattice_gain_its_step_and_others_lose(judged):
     steps = rounded(on)
     assert steps == {"range_quantization": pytest.approx(STEP_M, rel=1e-4)}
     assert not rounded(ev)
-    np.testing.assert_allclose(gained_by(on, steps)[:, 1], returned * np.log(0.995 * STEP_M / 1e-3), rtol=1e-4)
-    assert (gained_by(ev, steps)[:, 1] < -2 * returned).all()
-    assert not gained_by(on, {}).any()
+    np.testing.assert_allclose(rounding_gain(on, steps)[:, 1], returned * np.log(0.995 * STEP_M / 1e-3), rtol=1e-4)
+    assert (rounding_gain(ev, steps)[:, 1] < -2 * returned).all()
+    assert not rounding_gain(on, {}).any()
 
 
 def test_the_likelihood_of_judge_scenes_counts_the_lattice_that_the_rays_have(judged):
     found, fitted, unit = judged
     ev = replace(found.ev, range_m=jnp.round(found.ev.range_m / STEP_M) * STEP_M)
     stepped = replace(ev, rays=replace(ev.rays, range_step_m=jnp.float32(STEP_M)))
-    plain, on = (distance(replace(found, ev=one), fitted, found.weights, unit) for one in (ev, stepped))
+    plain, on = (distance(replace(found, ev=one), fitted, found.equations, unit) for one in (ev, stepped))
     returned = np.asarray(ev.returned)[unit >= 6].sum((1, 2))
     assert ((on.log_likelihood - plain.log_likelihood)[:, 1] > returned).all()
 
@@ -42,4 +42,4 @@ def test_the_likelihood_of_judge_scenes_counts_the_lattice_that_the_rays_have(ju
 def test_a_reading_of_nothing_lies_on_every_lattice_of_intensities(judged):
     ev = judged[0].ev
     dark = replace(ev, log_intensity=jnp.full_like(ev.log_intensity, np.log(1e-4)))
-    assert (gained_by(dark, {"intensity_quantization": 1 / 255})[:, 0] > 0).all()
+    assert (rounding_gain(dark, {"intensity_quantization": 1 / 255})[:, 0] > 0).all()

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.random_effects import left_over
+from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.name.bootstrap import redraw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR
@@ -25,12 +25,12 @@ def problem():
     scan, measured = device(*toy(FRAMES, columns=COLUMNS, gain=0.3))
     frames = np.arange(FRAMES)
     columns = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
-    return fit_null(scan, gather(scan, measured, frames, columns, frames), EVERYONE)[0]
+    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, unit=frames), EVERYONE)[0]
 
 
 def of_rows(problem):
     """Mean of what is left of ln I in each row, and its scatter in all."""
-    left = np.asarray(left_over(problem.ev, problem.weights, EVERYONE)[0])
+    left = np.asarray(conditional_residuals(problem.ev, problem.equations, EVERYONE)[0])
     on = np.asarray(problem.ev.compared)
     rows = np.array([left[..., k][on[..., k]].mean() for k in range(on.shape[-1]) if on[..., k].sum() > 50])
     return rows.std(), left[on].std()
@@ -78,13 +78,13 @@ def test_what_belongs_together_in_a_scene_stays_together(problem):
     stain[2, 5:20] = np.asarray(problem.ev.compared)[2, 5:20] * 0.5 * (-1) ** np.arange(15)[:, None]
     ev = replace(problem.ev, log_intensity=problem.ev.log_intensity + stain)
     stained, _ = fit_null(problem.scan, ev, EVERYONE)
-    left = np.asarray(left_over(stained.ev, stained.weights, EVERYONE)[0])
+    left = np.asarray(conditional_residuals(stained.ev, stained.equations, EVERYONE)[0])
     on = stain != 0
     size = (left * np.sign(stain))[on].mean()
     assert size > 0.2
     for seed in range(3):
         drawn, _ = fit_null(problem.scan, redraw(stained, stained, seed), EVERYONE)
-        again = (np.asarray(left_over(drawn.ev, drawn.weights, EVERYONE)[0]) * np.sign(stain))[on].mean()
+        again = (np.asarray(conditional_residuals(drawn.ev, drawn.equations, EVERYONE)[0]) * np.sign(stain))[on].mean()
         assert abs(again) == pytest.approx(size, rel=0.3)
 
 

@@ -19,7 +19,7 @@ def both():
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         free = replace(found, ev=black_box(found, fitted, ["row"]).on(found.ev))
         assert list(residuals(found, fitted)) == list(CHANNELS)
-        return [distance(problem, fitted, found.weights, unit) for problem in (found, free)]
+        return [distance(problem, fitted, found.equations, unit) for problem in (found, free)]
 
 
 def test_along_the_rows_it_takes_beam_gains_and_leaves_ranges(both):
@@ -35,7 +35,7 @@ def test_losses_along_a_covariate_are_taken_too():
     found = replace(found, ev=ev.replace(returned=ev.returned & ~gone))
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         free = replace(found, ev=black_box(found, fitted, ["row"]).on(found.ev))
-        before, floor = (distance(problem, fitted, found.weights, unit) for problem in (found, free))
+        before, floor = (distance(problem, fitted, found.equations, unit) for problem in (found, free))
     assert (floor.log_likelihood - before.log_likelihood)[:, 2].min() > 20
     assert floor.error[:, 2].mean() < 0.7 * before.error[:, 2].mean()
 

@@ -18,7 +18,7 @@ def judged(standard_promotion):
 
 def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(judged):
     found, fitted, unit = judged
-    told = distance(found, fitted, found.weights, unit)
+    told = distance(found, fitted, found.equations, unit)
     # The toy's sensor has range noise of 2 cm and loses one ray in a hundred.
     np.testing.assert_allclose(told.error[:, 1].mean(), 0.02 * np.sqrt(2 / np.pi), rtol=0.1)
     rays = 30 * 16
@@ -32,6 +32,6 @@ def test_errors_are_those_of_the_residuals_and_likelihoods_those_of_their_law(ju
 def test_noise_of_the_right_size_gains_and_errors_stay(judged):
     found, fitted, unit = judged
     loud = replace(found, noise=replace(found.noise, range_=found.noise.range_ + 0.7))
-    right, wrong = (distance(one, fitted, found.weights, unit) for one in (found, loud))
+    right, wrong = (distance(one, fitted, found.equations, unit) for one in (found, loud))
     assert (right.log_likelihood - wrong.log_likelihood)[:, 1].min() > 20
     np.testing.assert_array_equal(right.error[:, 1], wrong.error[:, 1])

@@ -1,0 +1,75 @@
+"""Which columns are looked at, and rays that know how a pose changes them."""
+
+from itertools import pairwise
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.cast import FEWEST_COLUMNS, GUARD_COLUMNS, RAYS, SECTORS, blocks, cast, ray_index
+from jaxsim.discover.model.evidence import gather
+from tests.discover.conftest import device, toy
+
+COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
+FRAMES = np.arange(6)
+
+
+def test_a_single_scan_is_cut_into_sectors_with_gaps_between():
+    cut = blocks(["drive"], 64, 1024)
+    assert len(set(cut.unit)) == SECTORS
+    for left, right in zip(cut.column, cut.column[1:], strict=False):
+        assert right.min() - left.max() > GUARD_COLUMNS
+
+
+def test_a_narrow_single_scan_is_an_error():
+    with pytest.raises(ValueError, match="too narrow"):
+        blocks(["drive"], 64, 120)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 6, 200])
+def test_frames_of_one_drive_are_cut_into_the_same_sectors(frames):
+    cut = blocks(["drive"] * frames, 44, 372)
+    assert cut.frame.tolist() == [f for f in range(frames) for _ in range(SECTORS)]
+    assert len(cut.unit) == len(cut.column) == frames * SECTORS
+    of_unit = {name: cut.column[[unit == name for unit in cut.unit]] for name in set(cut.unit)}
+    assert len(of_unit) == SECTORS
+    spans = sorted((columns.min(), columns.max()) for columns in of_unit.values())
+    assert all(right[0] - left[1] > 2 * GUARD_COLUMNS for left, right in pairwise(spans))
+    assert all(columns.size >= FEWEST_COLUMNS for columns in of_unit.values())
+    assert cut.column.size * 44 <= max(RAYS, SECTORS * frames * 44)
+    # No column twice in a block.
+    assert all(len(set(columns)) == len(columns) for columns in cut.column.tolist())
+
+
+def test_frames_of_several_drives_keep_their_drives():
+    assert blocks(["a", "a", "b"], 44, 372).unit == ("a", "a", "b")
+
+
+def test_rays_are_the_cells_of_whole_columns():
+    scan, _ = toy()
+    index = ray_index(scan, FRAMES, COLUMNS)
+    for b, c, r in ((0, 0, 0), (3, 2, 5), (5, 14, 15)):
+        assert tuple(int(part[b, c, r]) for part in index) == (b, r, COLUMNS[b, c])
+    rays = cast(*device(scan), FRAMES, COLUMNS).rays
+    np.testing.assert_array_equal(np.asarray(rays.range_m), scan.range_m[index])
+
+
+def test_rays_that_were_cast_with_other_frames_give_the_same_evidence():
+    scan, measured = device(*toy())
+    alone = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], unit=FRAMES[1:])
+    rays = cast(scan, FRAMES, COLUMNS).part(FRAMES > 0)
+    shared = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], unit=FRAMES[1:], rays=rays)
+    for one, other in zip(jax.tree.leaves(alone), jax.tree.leaves(shared), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_pose_derivatives_are_those_of_a_road(evidence):
+    """Lifting the sensor by dz lengthens a ray that looks down by e to the road by dz / sin e."""
+    road = np.asarray((evidence.rays.semantic == 7) & ~evidence.edge)
+    down = -np.sin(np.asarray(evidence.rays.elevation_rad))
+    np.testing.assert_allclose(np.asarray(evidence.pose[..., 2])[road], 1 / down[road], rtol=0.03)
+    # Pitching (about y, nose down positive) by w lowers a forward ray: the road is nearer by r cos / sin.
+    ahead = road & (np.abs(np.asarray(evidence.rays.azimuth_rad)) < 0.2)
+    slope = np.asarray(evidence.rays.range_m) / np.tan(-np.asarray(evidence.rays.elevation_rad))
+    cosine = np.cos(np.asarray(evidence.rays.azimuth_rad))
+    np.testing.assert_allclose(np.asarray(evidence.pose[..., 4])[ahead], -(slope * cosine)[ahead], rtol=0.03)

@@ -1,0 +1,81 @@
+"""Fits climb the likelihood that they say, and stay where they are told to."""
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.evidence import gather
+from jaxsim.discover.model.fit import Objective, channels_of, fit, on_top, partway, score_at
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.parameters import to_values, to_z
+from jaxsim.effects import EFFECTS
+from tests.discover.conftest import device, toy
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+FRAMES = np.arange(3)
+EVERYONE = np.ones(3, np.float32)
+
+
+@pytest.fixture(scope="module")
+def problem(standard_promotion):
+    scan, measured = device(*toy(frames=3, seed=2))
+    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 3), (3, 20)), unit=FRAMES)
+    return fit_null(scan, ev, EVERYONE)[0]
+
+
+def test_the_gradient_is_that_of_finite_differences(problem):
+    objective = Objective(EFFECTS["range_scale"], problem, EVERYONE)
+    x, step = objective.first + 0.1, 0.02
+    slopes = []
+    for k in range(len(x)):
+        away = np.zeros(len(x))
+        away[k] = step
+        slopes.append((objective(x + away)[0] - objective(x - away)[0]) / (2 * step))
+    np.testing.assert_allclose(objective(x)[1], slopes, rtol=0.03, atol=0.3)
+
+
+def test_the_way_to_a_fit_begins_at_the_null_and_ends_at_the_fit(problem):
+    effect = EFFECTS["range_scale"]
+    end = fit(effect, problem, EVERYONE)
+    null = score_at(effect, problem, EVERYONE, z=to_z(effect, {}, 16), noise=problem.noise)
+    np.testing.assert_allclose(partway(effect, problem, EVERYONE, fit=end, share=0.0), null, rtol=1e-5)
+    np.testing.assert_allclose(partway(effect, problem, EVERYONE, fit=end, share=1.0), end.score, rtol=1e-4)
+    assert end.score.sum() >= null.sum() - 0.1
+
+
+def test_a_fixed_effect_stays_where_it_begins(problem):
+    effect = EFFECTS["range_quantization"]
+    start = dict.fromkeys(effect.parameters, 0.05)
+    z = fit(effect, problem, EVERYONE, starts=(start,), fixed=True, steps=5).z
+    for name, value in to_values(effect, z).items():
+        assert value == pytest.approx(0.05, rel=1e-4), name
+
+
+def test_channels_that_an_effect_leaves_alone_count_nothing(problem):
+    for name in ("beam_gain", "range_scale"):
+        effect = EFFECTS[name]
+        score = fit(effect, problem, EVERYONE, steps=1).score
+        assert ((score != 0).any(0) == [c in channels_of(effect) for c in ("intensity", "range", "drop")]).all()
+
+
+def test_a_walk_follows_the_reported_intensity_where_there_is_one_and_the_predicted_in_a_simulation(problem):
+    walk, ev = EFFECTS["range_walk"], problem.ev
+    z = to_z(walk, {"amplitude_m": 0.2, "intensity": 0.3}, ev.rays.row.shape[-1])
+    predicted, returned = np.exp(ev.rays.log_intensity), np.asarray(ev.returned)
+    reported = np.where(returned, np.exp(ev.log_intensity), predicted)
+    assert np.abs(reported - predicted)[returned].max() > 0.05
+    hit = np.asarray(ev.rays.hit)
+    for simulated, light in ((False, reported), (True, predicted)):
+        after = on_top(walk, problem, z, simulated=simulated).ev.rays
+        moved = np.asarray(after.reading_m - ev.rays.reading_m)
+        np.testing.assert_allclose(moved[hit], (0.2 * np.exp(-light / 0.3))[hit], atol=1e-4)
+        np.testing.assert_array_equal(after.log_intensity, ev.rays.log_intensity)
+
+
+def test_the_objective_takes_and_gives_the_tree_of_z_and_noise(problem):
+    objective = Objective(EFFECTS["beam_gain"], problem, EVERYONE)
+    z, noise = objective.restore(objective.start({"gain": 0.1}))
+    np.testing.assert_allclose(to_values(EFFECTS["beam_gain"], z)["gain"], 0.1, rtol=1e-5)
+    assert objective.own == 16
+    for one, other in zip(jax.tree.leaves(noise), jax.tree.leaves(problem.noise), strict=True):
+        assert one == other

@@ -1,0 +1,48 @@
+"""What the null model finds in a sensor that lacks nothing, and in powers that are not known exactly."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.null import as_implied, implied_level
+from jaxsim.discover.model.random_effects import gain_and_classes
+from jaxsim.effects import EFFECTS
+from tests.discover.conftest import judged_toy
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+
+
+@pytest.fixture(scope="module")
+def problem(standard_promotion):
+    return judged_toy()[0]
+
+
+def test_the_null_finds_the_noise_and_the_gain_of_the_sensor(problem):
+    # A Student-t of 4 degrees that is fitted to normal noise has 0.86 of its scale, or a little less.
+    assert np.exp(problem.noise.intensity) == pytest.approx(0.85 * 0.08, rel=0.15)
+    assert np.exp(problem.noise.range_) == pytest.approx(0.85 * 0.02, rel=0.15)
+    gain = np.asarray(gain_and_classes(problem.ev, problem.equations, jnp.ones(9)))
+    np.testing.assert_allclose(gain[0] + gain[1:], np.log(1.2), atol=0.03)
+
+
+def test_powers_are_as_uncertain_as_intensities_scatter_and_surfaces_differ(problem):
+    level = implied_level(problem.ev, problem.equations)
+    hit = np.asarray(problem.ev.rays.hit)
+    assert level[hit].mean() == pytest.approx(np.log(1.2), abs=0.03)
+    assert not level[~hit].any()
+    implied = as_implied(problem.ev, problem.noise, problem.equations)
+    np.testing.assert_allclose(implied.rays.log_power - problem.ev.rays.log_power, level, atol=1e-5)
+    known, unknown = np.asarray(implied.rays.log_power_sd), np.asarray(problem.ev.rays.log_power_sd)
+    np.testing.assert_allclose(unknown**2 - known**2, level[hit].var(), rtol=0.02, atol=1e-5)
+
+
+def test_a_threshold_on_an_uncertain_power_loses_the_mean_share(problem):
+    p = {"threshold": jnp.float32(-4.0), "width": jnp.float32(0.4)}
+    draws = np.random.default_rng(0).normal(0, 0.8, 20_000)
+    for power in (-6.0, -4.5, -4.0, -3.0):
+        rays = replace(problem.ev.rays, log_power=jnp.full((1,), power), log_power_sd=jnp.full((1,), 0.8))
+        rays = replace(rays, log_keep=jnp.zeros(1))
+        kept = float(jnp.exp(EFFECTS["snr_dropout"].apply(p, rays, problem.scan).log_keep[0]))
+        assert kept == pytest.approx(np.mean(1 / (1 + np.exp(-(power + draws + 4.0) / 0.4))), abs=0.02)

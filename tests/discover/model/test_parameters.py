@@ -1,0 +1,50 @@
+"""One mapping of parameters to a vector and back, for every effect of the catalogue."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.parameters import fitted_parameters, prior, ravel, restorer, to_values, to_z
+from jaxsim.effects import EFFECTS
+
+ROWS = 8
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_values_come_back_through_z_and_through_the_vector(name):
+    effect, rng = EFFECTS[name], np.random.default_rng(0)
+    given = {
+        key: rng.uniform(max(p.low, p.neutral - p.scale), min(p.high, p.neutral + p.scale), p.dims(ROWS))
+        for key, p in fitted_parameters(effect).items()
+    }
+    z = to_z(effect, given, ROWS)
+    again = to_values(effect, restorer(z)(ravel(z)))
+    assert set(again) == set(effect.parameters)
+    for key, p in effect.parameters.items():
+        expected = given.get(key, p.neutral)
+        np.testing.assert_allclose(again[key], expected, rtol=1e-5, atol=1e-5 * p.scale, err_msg=key)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_bounds_of_z_are_those_of_the_parameters(name):
+    effect = EFFECTS[name]
+    of_z, back = prior(effect, ROWS), restorer(to_z(effect, {}, ROWS))
+    assert (of_z.low <= 0).all()
+    assert (of_z.high >= 0).all()
+    for side, bound in (("low", of_z.low), ("high", of_z.high)):
+        values = to_values(effect, back(bound))
+        for key, p in fitted_parameters(effect).items():
+            np.testing.assert_allclose(values[key], getattr(p, side), rtol=1e-4, atol=1e-4 * p.scale, err_msg=key)
+
+
+def test_beams_are_held_closer_than_single_numbers():
+    gains, falloff = prior(EFFECTS["beam_gain"], ROWS), prior(EFFECTS["range_falloff"], ROWS)
+    assert gains.sd.tolist() == [1.0] * ROWS
+    assert set(falloff.sd) == {3.0}
+
+
+def test_double_precision_is_kept_where_it_is_asked_for():
+    z = to_z(EFFECTS["range_falloff"], {}, ROWS, dtype=np.float64)
+    back = restorer(z, dtype=np.float64)(ravel(z) + 1 / 3)
+    assert all(value.dtype == np.float64 for value in back.values())
+    np.testing.assert_array_equal(ravel(back), ravel(z) + 1 / 3)
+    assert ravel({}).shape == (0,)
