@@ -17,8 +17,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/python train.py demo
-	$(BIN)/python eval.py runs/demo
+	$(BIN)/jaxsim train demo
+	$(BIN)/jaxsim eval runs/demo
 	$(BIN)/jaxsim simulate runs/demo --out runs/demo/simulated
 	@echo; echo "Look at:"
 	@echo "  runs/demo/evaluation/*.png         input | predicted | measured | difference, and scores.md"

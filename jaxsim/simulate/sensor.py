@@ -23,6 +23,7 @@ from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import load_run
 from jaxsim.simulate.checks import check_field_of_view, check_image
+from jaxsim.simulate.embedded import is_embedded, read_embedded
 from jaxsim.simulate.predict import Generate, predict_intensity
 from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
 
@@ -153,7 +154,12 @@ class LearnedSensor:
 
 
 def load(folder: Path | str) -> LearnedSensor:
-    """The trained sensor of a run folder. Raises ValueError where there is no run, or it has saved nothing yet."""
+    """The trained sensor of a run folder, or `embedded`: the one that travels with the package.
+
+    A run in a folder of that name comes first. Raises ValueError where there is no run, or it has saved nothing yet.
+    """
+    if is_embedded(folder):
+        return LearnedSensor(*read_embedded())
     run = load_run(folder)
     channels = input_channels(run.experiment.prepare)
     like = jax.eval_shape(ema_generator, state_shapes(run.experiment, channels))

@@ -11,6 +11,7 @@ import pytest
 
 from jaxsim import devices
 from jaxsim.config import PenetConfig, PrepareConfig, Stage
+from jaxsim.config.depth import PUBLISHED_STAGES
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
@@ -19,7 +20,6 @@ from jaxsim.prepare.depth.frames import depth_frame, where_backed
 from jaxsim.prepare.depth.penet import completion, open_penet, save_penet
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
-    PUBLISHED_STAGES,
     augment,
     batch_of,
     branch_weight,

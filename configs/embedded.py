@@ -1,0 +1,20 @@
+"""The sensor that travels with the package: `jaxsim.load("embedded")`.
+
+    jaxsim train embedded
+    jaxsim eval runs/embedded
+    python -m jaxsim.simulate.embedded.pack runs/embedded
+
+240 frames, one of each street; a generator of 16 filters.
+"""
+
+from dataclasses import replace
+
+from configs.synthetic import experiment as synthetic
+
+experiment = replace(
+    synthetic,
+    data=replace(synthetic.data, train="0-959:4"),
+    generator=replace(synthetic.generator, filters=16),
+    optim=replace(synthetic.optim, steps=500),
+    run=replace(synthetic.run, name="embedded", save_every=100, picture_every=250),
+)

@@ -1,0 +1,26 @@
+"""Makes the packaged sensor's files: `python -m jaxsim.simulate.embedded.pack runs/embedded`."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.run import load_run
+from jaxsim.simulate.embedded import FILES, FOLDER, SUMS, name_of, sha256, shapes_of
+
+
+def pack(source: Path, folder: Path = FOLDER) -> None:
+    """Writes the settings and the averaged generator of a trained run, and their SHA-256."""
+    parameters = Checkpoints(source).restore("generator", shapes_of(load_run(source)))
+    leaves = jax.tree.leaves_with_path(parameters)
+    stored: dict[str, Any] = {name_of(path): np.asarray(leaf) for path, leaf in leaves}
+    np.savez_compressed(folder / "generator.npz", **stored)
+    (folder / "config.json").write_bytes((source / "config.json").read_bytes())
+    (folder / SUMS).write_text("".join(f"{sha256(folder / name)}  {name}\n" for name in FILES))
+
+
+if __name__ == "__main__":
+    pack(Path(sys.argv[1]))

@@ -1,0 +1,59 @@
+"""The sensor that travels with the package is whole, says when it is not, and simulates."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+import jaxsim
+from configs.embedded import experiment
+from jaxsim.config import GeneratorConfig
+from jaxsim.simulate.embedded import FILES, FOLDER, SUMS, is_embedded, read_embedded
+from jaxsim.simulate.embedded.pack import pack
+from tests.untrained import untrained_run
+
+SMALL = replace(experiment, generator=GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1))
+
+
+def test_it_is_the_experiment_of_configs_and_weighs_less_than_five_megabytes():
+    run, parameters = read_embedded()
+    assert run.experiment.generator == experiment.generator
+    assert run.experiment.prepare == experiment.prepare
+    assert run.experiment.data == experiment.data
+    assert run.experiment.optim == experiment.optim
+    assert all(leaf.dtype == np.float32 and np.isfinite(leaf).all() for leaf in jax.tree.leaves(parameters))
+    assert sum(path.stat().st_size for path in FOLDER.iterdir() if path.is_file()) < 5e6
+    assert "jaxsim train embedded" in (FOLDER / "card.md").read_text()
+
+
+def test_its_name_loads_it_unless_a_run_lies_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert is_embedded("embedded")
+    assert not is_embedded("runs/embedded")
+    assert jaxsim.load("embedded").fingerprint == jaxsim.load("embedded").fingerprint
+    untrained_run(tmp_path / "embedded", SMALL)
+    assert not is_embedded("embedded")
+    assert jaxsim.load("embedded").run.experiment.generator.filters == 4
+
+
+def test_a_packed_run_is_the_run(tmp_path):
+    run, packed = untrained_run(tmp_path / "run", SMALL), tmp_path / "packed"
+    packed.mkdir()
+    pack(run, packed)
+    settings, parameters = read_embedded(packed)
+    sensor = jaxsim.load(run)
+    assert settings == sensor.run
+    jax.tree.map(np.testing.assert_array_equal, parameters, sensor.params)
+
+
+@pytest.mark.parametrize("name", [*FILES, SUMS])
+def test_a_damaged_installation_says_so(tmp_path, name):
+    for file in (*FILES, SUMS):
+        (tmp_path / file).write_bytes((FOLDER / file).read_bytes())
+    (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:-70])
+    with pytest.raises(ValueError, match="pip install --force-reinstall"):
+        read_embedded(tmp_path)
+    (tmp_path / name).unlink()
+    with pytest.raises(ValueError, match=f"{name} not in .*pip install --force-reinstall"):
+        read_embedded(tmp_path)

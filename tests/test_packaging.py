@@ -1,0 +1,148 @@
+"""The wheel, built and installed outside any checkout, does what the README says.
+
+The quick form builds it, looks into it and tries what takes seconds; the slow form tries every command.
+"""
+
+import importlib.util
+import os
+import re
+import site
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from email import message_from_bytes
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.frame import PolarGrid, PolarImage
+
+ROOT = Path(__file__).parents[1]
+MOST_BYTES = 8_000_000
+NO_REGISTRY = ("No matching distribution", "Could not find a version", "Connection", "Temporary failure", "Network")
+TINY = [
+    "--data.train=0-1", "--data.validation=2-2", "--prepare.columns=64", "--prepare.network-size", "64", "128",
+    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
+    "--discriminator.filters=4", "--discriminator.max-filters=8", "--discriminator.scales=1",
+    "--discriminator.layers=1", "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel of this checkout; skips where the build backend is neither installed nor to be had."""
+    folder = tmp_path_factory.mktemp("wheel")
+    at_hand = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", *at_hand, "--wheel-dir", str(folder), str(ROOT)]
+    result = subprocess.run(command, text=True, capture_output=True, timeout=1200)
+    if result.returncode and any(words in result.stdout + result.stderr for words in NO_REGISTRY):
+        pytest.skip(f"hatchling is not installed and no registry has it: {result.stderr.strip().splitlines()[-1]}")
+    assert result.returncode == 0, result.stdout + result.stderr
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory) -> Path:
+    """The folder of programs of an environment that holds the wheel, and this environment's packages but for jaxsim."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, symlinks=True)
+    programs = folder / "bin"
+    install = [sys.executable, "-m", "pip", "--python", str(programs / "python"), "install", "--no-deps", "--no-index"]
+    subprocess.run([*install, str(wheel)], check=True, capture_output=True, timeout=600)
+    # Folders that a .pth names join the path, but .pth files in them, as that of an editable jaxsim, are not read.
+    packages = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib"), *site.getsitepackages()}
+    places = {"base": str(folder), "platbase": str(folder)}
+    (Path(sysconfig.get_path("purelib", "venv", places)) / "dependencies.pth").write_text("\n".join(sorted(packages)))
+    return programs
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    """A folder outside any checkout."""
+    return tmp_path_factory.mktemp("work")
+
+
+def run(programs: Path, work: Path, program: str, *arguments: str) -> str:
+    """What a program of the new environment prints."""
+    env = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")}
+    result = subprocess.run(
+        [str(programs / program), *arguments],
+        cwd=work,
+        env={**env, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""},
+        text=True,
+        capture_output=True,
+        timeout=1800,
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_it_should(wheel):
+    assert wheel.stat().st_size < MOST_BYTES
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        (metadata,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        about = message_from_bytes(archive.read(metadata))
+    for needed in ("config.json", "generator.npz", "SHA256SUMS", "card.md"):
+        assert f"jaxsim/simulate/embedded/{needed}" in names
+    assert "jaxsim/py.typed" in names
+    for experiment in ("synthetic", "demo", "embedded", "kitti_raw", "real2sim2real", "voxel_rcnn_small"):
+        assert f"jaxsim/configs/{experiment}.py" in names
+    assert {name.split("/")[0] for name in names} == {"jaxsim", metadata.split("/")[0]}
+    assert any(name.endswith("LICENSE") for name in names)
+    assert about["Name"] == "jaxsim-lidar"
+    assert about["License-Expression"] == "Apache-2.0"
+
+
+def test_the_installed_package_is_tried_and_not_the_checkout(installed, work):
+    file = run(installed, work, "python", "-c", "import jaxsim; print(jaxsim.__file__)").strip()
+    assert Path(file).is_relative_to(installed.parent)
+    assert "discover" in run(installed, work, "jaxsim", "--help")
+
+
+def test_the_readmes_lines_make_a_cloud_at_once(installed, work):
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block
+    assert len([line for line in block[1].splitlines() if line.strip()]) <= 6
+    run(installed, work, "python", "-c", block[1])
+    header, points = (work / "scan.pcd").read_bytes().split(b"DATA", 1)
+    assert int(re.search(rb"POINTS (\d+)", header)[1]) > 1000  # type: ignore[index]
+    assert points
+
+
+@pytest.mark.slow
+def test_the_packaged_sensor_simulates_frames(installed, work):
+    said = run(installed, work, "jaxsim", "simulate", "embedded", "--frames", "1920-1920", "--out", "simulated")
+    assert "1 frames simulated" in said
+    assert len(list((work / "simulated" / "clouds").glob("*.pcd"))) == 1
+
+
+@pytest.mark.slow
+def test_it_trains_and_scores_anywhere(installed, work):
+    run(installed, work, "jaxsim", "train", "demo", *TINY)
+    assert "network" in run(installed, work, "jaxsim", "eval", "runs/tiny")
+    assert "intensity" in run(installed, work, "jaxsim", "real2sim2real", "--help")
+
+
+@pytest.mark.slow
+def test_it_discovers(installed, work):
+    """Twelve drives whose ranges are 3 % too long."""
+    random, rows, columns = np.random.default_rng(0), 16, 96
+    azimuth = np.linspace(0.6, -0.6, columns).astype(np.float32)
+    grid = PolarGrid(azimuth, np.linspace(0.0, -0.3, rows).astype(np.float32), np.zeros(rows, np.float32))
+    for name in ("measured", "simulated"):
+        write_grid(work / name, grid)
+    for drive in range(12):
+        range_m = random.uniform(5, 60, (rows, 1)) * random.uniform(0.95, 1.05, (1, columns))
+        intensity = random.uniform(0.05, 0.9, (rows, columns)).astype(np.float32)
+        for name, factor in (("measured", 1.03), ("simulated", 1.0)):
+            noisy_m = (factor * range_m + random.normal(0, 0.02, range_m.shape)).astype(np.float32)
+            write_frame(work / name, f"drive{drive}", PolarImage(noisy_m, intensity, noisy_m > 0))
+    folders = ["--measured", "measured", "--simulated", "simulated"]
+    run(installed, work, "jaxsim", "discover", *folders, "--out", "answer")
+    assert {"verdict.json", "sensor.json", "report.html"} <= {path.name for path in (work / "answer").iterdir()}
