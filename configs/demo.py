@@ -1,6 +1,9 @@
 """The embedded world in a few minutes: what `make demo` trains.
 
-make demo
+    make demo
+
+40 frames, one of each street; the small network of `embedded`, 200 steps. Processor time: 84 s for the frames, then
+about 1 s a step, measured beside other work.
 """
 
 from dataclasses import replace

@@ -4,7 +4,8 @@
     jaxsim eval runs/embedded
     python -m jaxsim.simulate.embedded.pack runs/embedded
 
-240 frames, one of each street; a generator of 16 filters.
+240 frames, one of each street; a generator of 16 filters. Processor time: 5 minutes for the frames, then about 1 s a
+step. What the packaged weights scored stands beside them, in jaxsim/simulate/embedded/card.md.
 """
 
 from dataclasses import replace
