@@ -8,7 +8,10 @@ os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 
 from jaxtyping import install_import_hook
 
-STAGES = ("geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "simulate", "evaluate")
+STAGES = (
+    "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
+    "report", "train", "studies", "cli", "discover.model",
+)  # fmt: skip
 EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
 DISCOVER = (
     "add",

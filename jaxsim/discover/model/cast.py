@@ -52,6 +52,7 @@ def blocks(scenes: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, 
                 "independent sectors; give frames of several drives, or "
                 f"{SECTORS * (FEWEST_COLUMNS + 2 * GUARD_COLUMNS)} columns or more"
             )
+        # Few frames give more columns each, so that a fit sees about as many rays.
         count = min(inner, max(-(-FEWEST_COLUMNS // frames), rays // (rows * SECTORS * frames)))
         within = GUARD_COLUMNS + _spread(rng, frames, columns=inner, count=count)
         column = np.arange(SECTORS)[None, :, None] * width + within[:, None, :]
@@ -64,6 +65,7 @@ def blocks(scenes: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, 
 def _spread(rng: np.random.Generator, frames: int, *, columns: int, count: int) -> Int[np.ndarray, "{frames} {count}"]:
     """Even steps through so many columns, each frame from another start."""
     step = columns / count
+    # Steps alone would meet the same columns, and what stands there, in every frame.
     first = rng.uniform(0, step, (frames, 1))
     return np.minimum(np.floor(first + step * np.arange(count)).astype(int), columns - 1)
 

@@ -92,6 +92,7 @@ def channels_of(effect: Law) -> tuple[str, ...]:
 def rays_for(effect: Law, ev: Evidence) -> Rays:
     """The rays that an effect is fitted to. One that moves readings with the reported intensity is held against the
     intensity that was reported: the predicted one is off by more than the effect's law is wide."""
+    # An effect that changes intensities itself cannot be given the measured ones.
     if "intensity" in effect.channels or "intensity" not in effect.covariates:
         return ev.rays
     return replace(ev.rays, log_intensity=jnp.where(ev.returned, ev.log_intensity, ev.rays.log_intensity))
@@ -112,6 +113,7 @@ class Objective:
         """Entries of x that are the effect's; the others are the noise's."""
         of_z = prior(effect, self.rows)
         self.sd = np.concatenate([of_z.sd, np.full(len(self.first) - self.own, NOISE_SD)])
+        # No bound is None, as SciPy has it.
         of_noise = [(LEAST.get(name), MOST.get(name)) for name in problem.noise.__dataclass_fields__]
         self.bounds = [*zip(of_z.low, of_z.high, strict=True), *of_noise]
         # z is held to neutral, noise to where the null left it.
@@ -179,6 +181,7 @@ def fit(
     """
     objective = Objective(effect, problem, fitted)
     begin = [objective.start(start) for start in (({}, *effect.starts) if starts is None else starts)]
+    # Laws have several basins; one look at each start costs less than a fit from each.
     if len(begin) > 1:
         begin = [min(begin, key=lambda x: float(objective.gradient(x)[1].value))]
     bounds = objective.bounds
@@ -246,6 +249,7 @@ def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated
     ev = problem.ev
     given = ev.rays if simulated else rays_for(effect, ev)
     rays = with_effect(effect, z, given, scan=problem.scan)
+    # Reported intensities served the law alone: the likelihood keeps the predicted ones.
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)

@@ -91,12 +91,14 @@ def value_and_gradient(
         parts.append(_of_intensity(fields, constant, ev, noise, equations, fitted, counted))
     if {"range", "drop"} & set(channels):
         parts.append(_of_returns(fields, constant, ev, noise, equations, counted, clutter=clutter))
+    # Channels that an effect leaves alone cost nothing to climb.
     if len(parts) == 1:
         return parts[0]
     intensity, returns = parts
     value, blocks, by_noise = _sum(
         (intensity.value, intensity.blocks, intensity.by_noise), (returns.value, returns.blocks, returns.by_noise)
     )
+    # Both programs give all fields; those of intensity have no derivative in the returns.
     by_fields = returns.by_fields | {name: intensity.by_fields[name] for name in OF_INTENSITY}
     return Gradient(value, blocks, by_fields, by_noise)
 
@@ -149,6 +151,7 @@ def _gradient(
 ) -> Gradient:
     def loss(fields: Fields, noise: Noise) -> tuple[Array, Array]:
         blocks = by_block(replace(ev.rays, **fields, **constant), noise)
+        # Held-out blocks are scored, not climbed; a block without a number there must not spoil the sum.
         return -jnp.where(counted > 0, blocks.sum(-1), 0).sum(), blocks
 
     (value, blocks), (by_fields, by_noise) = jax.value_and_grad(loss, argnums=(0, 1), has_aux=True)(fields, noise)

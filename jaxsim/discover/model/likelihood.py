@@ -127,6 +127,7 @@ def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"
     stepped = jnp.logical_or(ev.edge, ev.step)
     missed = jnp.where(stepped, jax.nn.log_sigmoid(-noise.drop_edge), jax.nn.log_sigmoid(-noise.drop))
     sky = ~jnp.isfinite(rays.beside_m).all(-1)
+    # Silhouettes lose more than other edges: the later line wins.
     missed = jnp.where(sky, jax.nn.log_sigmoid(-noise.drop_sky), missed)
     false = jnp.where(ev.edge, jax.nn.log_sigmoid(noise.false_edge), jax.nn.log_sigmoid(noise.false))
     return jnp.clip(jnp.where(rays.hit, rays.log_keep + missed, false), NEVER, -1e-6)
@@ -200,6 +201,7 @@ def of_columns(
 ) -> Float[Array, "b c"]:
     """Log-likelihood of whole columns, which may be lost together: then every ray of them is."""
     terms = jnp.where(ev.returned, returned, lost).sum(-1)
+    # Rays of a column have the same probability; the mean keeps derivatives of each.
     gone = jnp.clip(rays.column_loss.mean(-1), 0, MOST_LIKELY)
     empty = ~ev.returned.any(-1)
     return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))

@@ -41,6 +41,7 @@ def fit_null(
         residuals = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
     problem = Problem(scan, ev, normal_equations(ev, noise, *residuals), noise, clutter)
     null = fit_noise(problem, fitted)
+    # Effects that cut by power see it as uncertain as it is.
     ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
     return replace(problem, ev=ev, noise=null.noise, loss=null.loss), null
 
@@ -61,6 +62,7 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     unexplained, _ = conditional_residuals(ev, eq, np.ones(len(ev.unit), np.float32))
     explained = np.asarray(residual - np.asarray(unexplained), float)
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
+    # From coarse to fine: each group is off what the coarser ones say.
     for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
         level = level + _group_offset(np.where(compared, explained, 0), np.where(compared, level, 0), compared, group)
     return np.where(hit, level, 0)

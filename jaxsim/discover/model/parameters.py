@@ -53,6 +53,7 @@ def prior(effect: Law, rows: int) -> Prior:
     """Standard deviation and bounds of every z on a sensor of so many beams."""
     sd, low, high = {}, {}, {}
     for name, p in fitted_parameters(effect).items():
+        # float32, as z: bounds and values meet exactly.
         one = np.ones(p.dims(rows), np.float32)
         sd[name] = one * (LOOSE if p.shape == "scalar" else 1.0)
         low[name] = one * (p.low - p.neutral) / p.scale

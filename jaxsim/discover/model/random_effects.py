@@ -183,6 +183,7 @@ def _sums(
     strips, surfaces, blocks = eq.strips, eq.surfaces, len(ev.unit)
     weighted = jnp.where(ev.compared, residual, 0) * eq.intensity
     of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
+    # Of each strip's sum the share that its own level does not take up.
     of_surface = jax.ops.segment_sum(of_strip * strips.precision * strips.variance, ev.surface, len(ev.precision))
     right = jnp.einsum("bcrp,bcr->bp", ev.features, weighted)
     right = right - strips.sums_of_levels(of_strip, blocks) - surfaces.sums_of_levels(of_surface, blocks)
@@ -196,6 +197,7 @@ def _shared(
     gram = eq.gram - eq.gram @ eq.street @ eq.gram
     shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
     shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
+    # Gain and angles are free; only classes are held.
     classes = jnp.clip(shared[1:-AFTER_CLASSES], -CLASS_MOST, CLASS_MOST)
     return jnp.concatenate([shared[:1], classes, shared[-AFTER_CLASSES:]])
 
@@ -223,6 +225,7 @@ def poses(
 def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
     """By how much a small motion of each frame moves the predicted ranges, m."""
     away = jnp.einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
+    # A grazing ray far away would move without bound, or pass through infinity.
     away = jnp.clip(away, -POSE_MOST, POSE_MOST)
     return predicted_m * away / (1 - away)
 

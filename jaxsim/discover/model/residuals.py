@@ -58,6 +58,7 @@ def _standardised(
     channel: str, off: Float[np.ndarray, "b c r"], sd: Float[np.ndarray, "b c r"], counts: Bool[np.ndarray, "b c r"]
 ) -> Residuals:
     z = off / sd
+    # Heavy tails must not decide; a lost ray is as far off as its probability says.
     if channel != "drop":
         z = np.clip(z, -CLIP, CLIP)
     return Residuals(off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)

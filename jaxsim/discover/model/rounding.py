@@ -36,6 +36,7 @@ def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray,
     returned = np.asarray(ev.returned)
     for name, values in _readings(ev).items():
         if steps.get(name, 0.0) > FINEST[name]:
+            # A step at or below the finest is how files hold readings, no effect.
             nats = log_rounding(values, steps[name], finest=FINEST[name])
             channel = CHANNELS.index(get_effect(name).channels[0])
             gain[:, channel] = np.where(returned, nats, 0).sum((1, 2))

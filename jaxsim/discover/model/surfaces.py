@@ -53,6 +53,7 @@ def surfaces_of(scan: Scan, index: RayIndex) -> Surfaces:
     ray = np.asarray(directions(scan.grid))[index[1], index[2]]
     x, y = _cell(range_m * ray[..., 0], hit), _cell(range_m * ray[..., 1], hit)
     block = np.broadcast_to(np.arange(len(instance))[:, None, None], instance.shape)
+    # Objects are whole; ground, walls and the like are cut into squares of one class.
     thing = instance > 0
     key = np.stack([block, thing, np.where(thing, instance, kind), np.where(thing, 0, x), np.where(thing, 0, y)])
     _, first_ray, of_ray = np.unique(key[:, hit], axis=1, return_index=True, return_inverse=True)
@@ -107,6 +108,7 @@ def with_planes(scan: Scan) -> Scan:
     slant, known = incidence(scan.range_m, scan.hit, scan.grid)
     row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
     sides, stack = bends(scan.range_m, neighbours_m(scan), row, scan.grid.elevation_rad)
+    # Both ways, or the edge of a kerb would get the normal of neither side.
     plane = scan.hit & known & (sides < PLANAR) & (stack < PLANAR)
     return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
 
