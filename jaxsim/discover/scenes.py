@@ -161,11 +161,12 @@ def difference_interval(first: Float[np.ndarray, " u"], second: Float[np.ndarray
     if min(len(first), len(second)) < 2:
         return float("nan"), float("nan")
     centre = float(first.mean() - second.mean())
-    ours, theirs = first.var(ddof=1) / len(first), second.var(ddof=1) / len(second)
+    ours = first.var(ddof=1) / len(first)
+    theirs = second.var(ddof=1) / len(second)
     if ours + theirs == 0:
         return centre, centre
     freedom = (ours + theirs) ** 2 / (ours**2 / (len(first) - 1) + theirs**2 / (len(second) - 1))
-    half = float(student.ppf(0.5 + LEVEL / 2, freedom) * np.sqrt(ours + theirs))
+    half = float(student.ppf(0.5 + RULES.interval_level / 2, freedom) * np.sqrt(ours + theirs))
     return centre - half, centre + half
 
 
