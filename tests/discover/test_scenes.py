@@ -1,9 +1,89 @@
-"""Intervals cover as often as they say, also of few scenes."""
+"""Scenes are divided once and for all, chance is paid for, and intervals cover as often as they say."""
 
 import numpy as np
 import pytest
 
-from jaxsim.discover.scenes import difference_interval, fold_half_width, half_width, mean_interval, ratio_interval
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import (
+    best_of_gains,
+    chance_of_best,
+    clipped,
+    difference_interval,
+    fold_half_width,
+    folds,
+    half_width,
+    mean_interval,
+    p_value,
+    ratio_interval,
+    split,
+)
+
+NAMES = [f"drive {k}" for k in range(16)]
+
+
+def test_a_third_of_the_scenes_is_kept_for_judging_and_none_serves_twice():
+    parts = split(NAMES)
+    assert len(parts.judge) == 5
+    assert sorted([*parts.find, *parts.judge]) == sorted(NAMES)
+
+
+def test_the_same_scenes_always_divide_alike():
+    assert split(NAMES) == split(NAMES[::-1])
+
+
+def test_the_hash_changes_with_the_division():
+    assert split(NAMES).sha256 != split(NAMES[:-1]).sha256
+
+
+def test_too_few_scenes_are_an_error_that_says_how_many_are_needed():
+    with pytest.raises(ValueError, match=r"9 independent scenes; a verdict needs 10"):
+        split(NAMES[:9])
+
+
+def test_frames_of_a_scene_are_fitted_or_held_out_together():
+    scene = np.repeat(np.arange(7), 3)
+    for fitted in folds(scene, 3):
+        for u in range(7):
+            assert len(set(fitted[scene == u])) == 1
+    assert (folds(scene, 3) == 0).sum(0).tolist() == [1] * 21
+
+
+def test_the_fewest_scenes_are_those_with_which_naming_can_pass_its_test():
+    def best(scenes):
+        find = np.ones(len(split(NAMES[:scenes]).find))
+        return 2 * p_value(find)  # the better of two tests
+
+    assert best(RULES.fewest_scenes) <= RULES.agreement_level
+    assert 2 * p_value(np.ones(RULES.fewest_scenes - 1 - round((RULES.fewest_scenes - 1) / 3))) > RULES.agreement_level
+
+
+def test_sign_flips_give_the_exact_probability_of_agreeing_scenes():
+    assert p_value(np.ones(10)) == pytest.approx(1 / 1024)
+    assert p_value(np.zeros(10)) == 1
+
+
+def test_a_covariate_on_which_one_scene_goes_wild_does_not_hide_one_on_which_all_agree():
+    agree = 1 + 0.1 * np.random.default_rng(8).normal(size=11)
+    wild = np.array([-60.0, *0.1 * agree[1:]])
+    assert chance_of_best(np.stack([agree, wild]), 0) == pytest.approx(1 / 2048)
+    assert chance_of_best(np.stack([agree, -agree[::-1]]), 0) == pytest.approx(2 / 2048)  # a second one costs
+
+
+def test_the_best_of_many_gains_is_held_against_the_best_that_chance_makes():
+    rng = np.random.default_rng(9)
+    gains = rng.normal(-0.5, 1, (30, 12))
+    assert best_of_gains(gains)[1] > 0.05
+    gains[4] = rng.normal(4, 1, 12)
+    best, p = best_of_gains(gains)
+    assert best == 4
+    assert p < 0.01
+
+
+def test_two_scenes_cannot_decide():
+    gain = np.array([900.0, 800.0, 3.0, -1.0, -2.0, -1.0, 1.0, -400.0, 2.0, -1.0, -2.0])
+    assert clipped(gain).max() == 400.0
+    assert clipped(gain).min() == -400.0
+    assert clipped(gain).sum() < 410
 
 
 @pytest.mark.parametrize("scenes", [2, 3, 5, 20])
