@@ -10,7 +10,7 @@ from jaxtyping import install_import_hook
 
 STAGES = (
     "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
-    "report", "train", "studies", "cli",
+    "report", "train", "cli",
 )  # fmt: skip
 EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
 # frame.py and rays.py are left out: their structs are also built by tree operations, with leaves that are no arrays.
