@@ -16,7 +16,7 @@ Mask = Bool[np.ndarray, "rows columns"]
 
 def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:
     """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
-    return colour_scalar(intensity, valid & (intensity > 0), low=0, high=0.6, gamma=0.7)
+    return colour_scalar(intensity, valid & (intensity > 0), low=0.0, high=0.6, gamma=0.7)
 
 
 def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
@@ -25,7 +25,7 @@ def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
     rgb = np.where(valid[..., None], np.asarray(painted.rgb) * 255, 40).astype(np.uint8)
     panels = [
         ("camera, carried to the LiDAR's grid", rgb),
-        ("range (0-60 m)", colour_scalar(np.asarray(painted.range_m), valid, low=0, high=60, gamma=0.6)),
+        ("range (0-60 m)", colour_scalar(np.asarray(painted.range_m), valid, low=0.0, high=60.0, gamma=0.6)),
     ]
     semantic = np.asarray(painted.semantic)
     if (semantic > 0).any():
@@ -50,7 +50,7 @@ def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
         *input_panels(painted),
         (f"predicted intensity (0-0.6), {title}", intensity_panel(predicted, seen)),
         ("measured intensity", intensity_panel(intensity, returned)),
-        (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0, high=0.3)),
+        (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0.0, high=0.3)),
     ]
     return strip(panels)
 
@@ -63,7 +63,7 @@ def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb
 
 def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
     """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
-    return colour_scalar(depth_m, valid, low=0, high=60, gamma=0.6)
+    return colour_scalar(depth_m, valid, low=0.0, high=60.0, gamma=0.6)
 
 
 def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.ndarray]], *, width: int = 912) -> Rgb:

@@ -46,7 +46,7 @@ def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h 
     return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
 
-def strip(panels: Sequence[tuple[str, Rgb]], *, width: int = 1488) -> Rgb:
+def strip(panels: Sequence[tuple[str, UInt8[np.ndarray, "_ _ 3"]]], *, width: int = 1488) -> Rgb:
     """Panels one above the other, each under its title, all scaled to one width by whole cells."""
     rows: list[np.ndarray] = []
     for title, panel in panels:

@@ -63,7 +63,9 @@ def drop_picture(counts: Counts) -> Rgb:
     columns = next(iter(maps.values())).shape[1]
     key = np.broadcast_to(np.linspace(0, 1, columns), (max(columns // 60, 1), columns))
     maps["key: 0, every scene returns (left), to 1, none does (right)"] = key
-    panels = [(title, colour_scalar(part, np.ones(part.shape, bool), low=0, high=1)) for title, part in maps.items()]
+    panels = [
+        (title, colour_scalar(part, np.ones(part.shape, bool), low=0.0, high=1.0)) for title, part in maps.items()
+    ]
     return strip(panels, width=900)
 
 
