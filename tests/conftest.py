@@ -10,11 +10,7 @@ from jaxtyping import install_import_hook
 
 STAGES = (
     "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
-<<<<<<< HEAD
     "report", "train", "studies", "cli", "discover.model",
-=======
-    "report", "train", "cli",
->>>>>>> h/train
 )  # fmt: skip
 EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
 DISCOVER = (
