@@ -15,7 +15,7 @@ from benchmarks.blind.plan import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("jaxsim/discover", "jaxsim/effects", "jaxsim/geometry", "benchmarks/blind")
-"""What an answer and its score depend on."""
+"""Folders that an answer and its score depend on; the hidden world lies in the last."""
 
 
 @cache
