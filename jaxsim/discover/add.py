@@ -157,7 +157,8 @@ def interval_of(value: Numbers, low: Numbers, high: Numbers, *, unit: str) -> In
     """A parameter with its ends: one interval, or one a beam or class."""
     if value.ndim == 0:
         return Interval(float(value), float(low), float(high), unit)
-    return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in zip(value, low, high, strict=True))
+    ends = zip(np.asarray(value), np.asarray(low), np.asarray(high), strict=True)
+    return tuple(Interval(float(v), float(a), float(b), unit) for v, a, b in ends)
 
 
 def follows_power(effect: Law) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -118,7 +119,7 @@ def _frame(canvas: Canvas, *, x: Length, y: Length, width: Length, height: Lengt
     canvas.line(corners, colour=FAINT, width=0.75)
 
 
-Coordinate = Callable[[Length], Length]
+Coordinate = Callable[[Any], float]
 """From values to pixels."""
 
 
@@ -131,10 +132,10 @@ def _axes(
     x_low, x_high = x if x[1] > x[0] else (x[0] - 1, x[1] + 1)
     y_low, y_high = y if y[1] > y[0] else (y[0] - 1, y[1] + 1)
 
-    def across(value: Length) -> float:
+    def across(value: Any) -> float:
         return left + (value - x_low) / (x_high - x_low) * (right - left)
 
-    def up(value: Length) -> float:
+    def up(value: Any) -> float:
         return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
 
     for value in ticks(y_low, y_high, 5):

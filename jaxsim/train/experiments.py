@@ -14,6 +14,7 @@ import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -74,9 +75,8 @@ def read_experiment(path: Path) -> AnyExperiment:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
     try:
         content = json.loads(path.read_text())
-        return TypeAdapter[AnyExperiment](kind_in(content).experiment).validate_python(
-            content.get("experiment", content)
-        )
+        kind: Any = kind_in(content).experiment
+        return TypeAdapter(kind).validate_python(content.get("experiment", content))
     except FileNotFoundError:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
     except (ValueError, AttributeError, TypeError, ValidationError) as error:

@@ -68,7 +68,7 @@ class _Side:
     @property
     def empty(self) -> Bool[np.ndarray, "f c"]:
         """Columns without a return."""
-        return self.lost.all(axis=1)
+        return np.asarray(self.lost.all(axis=1))
 
     def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
         """Of the rays on smooth surfaces in these rows and columns, those that are lost."""
