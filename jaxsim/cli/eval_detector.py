@@ -28,7 +28,9 @@ def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
     source = data.config(experiment.data)
     validation = "" if data.foreign else source.validation
     judged = score_checkpoints(run, source, frames=frames, validation=validation, last=MEAN_OF)
-    scenes, steps, last = judged.scenes, judged.steps, judged.per_step[-1]
+    scenes = judged.scenes
+    steps = judged.steps
+    last = judged.per_step[-1]
     mean = said_mean(steps, experiment.run), mean_curves(judged.per_step)
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, last, about=about | {"mean_of_steps": steps}, mean=mean)

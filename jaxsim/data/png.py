@@ -23,7 +23,9 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
     data = path.read_bytes()
     if not data.startswith(_SIGNATURE):
         raise ValueError(f"{path} is no PNG; copy it again")
-    out, at, depth = _SIGNATURE, len(_SIGNATURE), 8
+    out = _SIGNATURE
+    at = len(_SIGNATURE)
+    depth = 8
     while at + 12 <= len(data):
         (length,), kind = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
         body, at = data[at + 8 : at + 8 + length], at + 12 + length

@@ -46,7 +46,8 @@ def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray,
     """All anchors in the order row (y), column (x), heading. The outermost lie on the range's borders, as published."""
     _, rows, columns = (cells // STRIDE for cells in grid_shape(voxels))
     x0, y0, _, x1, y1, _ = voxels.range_m
-    x, y = (np.linspace(a, b, n).astype(np.float32) for a, b, n in ((x0, x1, columns), (y0, y1, rows)))
+    x = np.linspace(x0, x1, columns).astype(np.float32)
+    y = np.linspace(y0, y1, rows).astype(np.float32)
     y, x, yaw = np.meshgrid(y, x, np.array(config.yaws_rad, np.float32), indexing="ij")
     fixed = np.array([config.bottom_m + config.size_m[2] / 2, *config.size_m], np.float32)
     boxes = np.concatenate([np.stack([x, y], -1), np.broadcast_to(fixed, (*x.shape, 4)), yaw[..., None]], axis=-1)
@@ -56,7 +57,8 @@ def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray,
 def encode(boxes: Float[Array, "*b 7"], anchors: Float[Array, "*b 7"]) -> Float[Array, "*b 7"]:
     """Boxes relative to anchors: offsets by the anchor's diagonal and height, log ratios of sizes, heading minus
     heading."""
-    size, base = (jnp.maximum(b[..., 3:6], SMALLEST_M) for b in (boxes, anchors))
+    size = jnp.maximum(boxes[..., 3:6], SMALLEST_M)
+    base = jnp.maximum(anchors[..., 3:6], SMALLEST_M)
     diagonal = jnp.sqrt(base[..., :1] ** 2 + base[..., 1:2] ** 2)
     return jnp.concatenate(
         [

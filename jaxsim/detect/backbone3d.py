@@ -68,7 +68,9 @@ class VoxelBackBone8x(nnx.Module):
         same = jax.vmap(lambda s: submanifold_tables(s, CUBE))(sites)
         x = self.conv_input(features, same, sites.valid, train=train)
         x = self.conv1(x, same, sites.valid, train=train)
-        scales, dropped, stride = [], {}, 1
+        scales = []
+        dropped = {}
+        stride = 1
         for name, stage in (("conv2", self.conv2), ("conv3", self.conv3), ("conv4", self.conv4)):
             sites, x, dropped[name] = _strided(stage.down, name, sites, x, capacities, train=train)
             same = jax.vmap(lambda s: submanifold_tables(s, CUBE))(sites)

@@ -60,7 +60,8 @@ def corner_loss(predicted: Float[Array, "n 7"], target: Float[Array, "n 7"]) -> 
     """
     corners = box_corners(predicted)
     turned = target.at[..., 6].add(np.pi)
-    ahead, about = (_lengths(corners - box_corners(t)) for t in (target, turned))
+    ahead = _lengths(corners - box_corners(target))
+    about = _lengths(corners - box_corners(turned))
     return smooth_l1(jnp.minimum(ahead, about), jnp.zeros_like(ahead), beta=1.0).mean(axis=-1)
 
 

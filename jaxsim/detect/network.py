@@ -90,7 +90,9 @@ class VoxelRcnn(nnx.Module):
         scales, (cls, _, _), boxes, dropped = self.first_stage(points, valid, train=False)
         rois, _, taken = propose(cls, boxes, self.config.proposals)
         logit, box = self.roi(scales, rois, self.voxels, key=None)
-        boxes, score, final = refined(box, rois), jax.nn.sigmoid(logit), self.config.final
+        boxes = refined(box, rois)
+        score = jax.nn.sigmoid(logit)
+        final = self.config.final
         keep = min(final.after, rois.shape[1])
         good = taken & (score >= self.config.score)
         index, kept = nms_bev(boxes, score, final.overlap, keep=keep, consider=final.before, valid=good)

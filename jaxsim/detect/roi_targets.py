@@ -55,7 +55,9 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
     foreground = overlap >= min(config.matched, config.score_range[1])
     easy = overlap < config.easy
     hard = (overlap < config.matched) & ~easy
-    n_fore, n_hard, n_easy = (mask.sum(dtype=jnp.int32) for mask in (foreground, hard, easy))
+    n_fore = foreground.sum(dtype=jnp.int32)
+    n_hard = hard.sum(dtype=jnp.int32)
+    n_easy = easy.sum(dtype=jnp.int32)
 
     fore_wanted = jnp.where(n_hard + n_easy > 0, min(round(config.foreground * count), count), count)
     fore = jnp.where(n_hard + n_easy > 0, jnp.minimum(fore_wanted, n_fore), jnp.where(n_fore > 0, count, 0))
@@ -132,5 +134,7 @@ def from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -> Flo
 def turned(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
     """Points turned counter-clockwise about z."""
     cos, sin = jnp.cos(angle_rad), jnp.sin(angle_rad)
-    x, y, z = xyz[..., 0], xyz[..., 1], xyz[..., 2]
+    x = xyz[..., 0]
+    y = xyz[..., 1]
+    z = xyz[..., 2]
     return jnp.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)

@@ -89,7 +89,9 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     """
     if frame.cloud is None:
         raise ValueError(f"detect: {frame.name} has no point cloud; this data set has none, use another")
-    xyz, intensity, valid = (np.asarray(a) for a in (frame.cloud.xyz_m, frame.cloud.intensity, frame.cloud.valid))
+    xyz = np.asarray(frame.cloud.xyz_m)
+    intensity = np.asarray(frame.cloud.intensity)
+    valid = np.asarray(frame.cloud.valid)
     points = np.column_stack([xyz, intensity]).astype(np.float32)[valid]
     check_points(points, frame.name)
     view = view_of(frame)

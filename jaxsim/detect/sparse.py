@@ -109,7 +109,9 @@ def neighbours(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, pa
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
     corner = outputs.zyx * jnp.array([stride]) - jnp.array([padding])
     dz, dy = jnp.repeat(jnp.arange(kernel[0]), kernel[1]), jnp.tile(jnp.arange(kernel[1]), kernel[0])
-    z, y, x = corner[:, :1] + dz[None], corner[:, 1:2] + dy[None], corner[:, 2:]
+    z = corner[:, :1] + dz[None]
+    y = corner[:, 1:2] + dy[None]
+    x = corner[:, 2:]
     row_inside = outputs.valid[:, None] & (z >= 0) & (z < planes) & (y >= 0) & (y < rows)
     start = jnp.where(row_inside, (z * rows + y) * columns, 0)
     # One search a kernel row: the cells along x have neighbouring keys, so their sites follow one another.

@@ -59,7 +59,11 @@ def unproject(camera: Camera, depth_m: Float[Array, "*b h w"]) -> Float[Array, "
     k = camera.intrinsics
     v = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 2)
     u = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 1)
-    fu, skew, cu, fv, cv = (k[..., i, j, None, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
+    fu = k[..., 0, 0, None, None]
+    skew = k[..., 0, 1, None, None]
+    cu = k[..., 0, 2, None, None]
+    fv = k[..., 1, 1, None, None]
+    cv = k[..., 1, 2, None, None]
     y = (v - cv) / fv
     x = (u - cu - skew * y) / fu
     cam = jnp.stack([x * depth_m, y * depth_m, depth_m], axis=-1).reshape(*batch, height * width, 3)
@@ -159,7 +163,8 @@ def camera_rows(
 
 
 def _azimuth_extent(camera: Camera, size: tuple[int, int]) -> tuple[float, float]:
-    intrinsics, rotation = (np.asarray(a, np.float64) for a in (camera.intrinsics, camera.cam_from_velo[:3, :3]))
+    intrinsics = np.asarray(camera.intrinsics, np.float64)
+    rotation = np.asarray(camera.cam_from_velo[:3, :3], np.float64)
     edges = np.array([[u, intrinsics[1, 2], 1.0] for u in (-0.5, size[1] - 0.5)])
     rays = np.linalg.solve(intrinsics, edges.T).T @ rotation
     left, right = np.arctan2(rays[:, 1], rays[:, 0])

@@ -211,9 +211,9 @@ def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = Non
 
 def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
     """Cell centres after `resample`: the same window in equal steps; beams are interpolated between the old ones."""
-    azimuth, elevation, origin = (
-        np.asarray(a, np.float64) for a in (grid.azimuth_rad, grid.elevation_rad, grid.origin_m)
-    )
+    azimuth = np.asarray(grid.azimuth_rad, np.float64)
+    elevation = np.asarray(grid.elevation_rad, np.float64)
+    origin = np.asarray(grid.origin_m, np.float64)
     rows, columns = size
     step = (azimuth[0] - azimuth[-1]) / (len(azimuth) - 1) * len(azimuth) / columns
     centred = (columns - 1) / 2 - np.arange(columns)
@@ -237,7 +237,9 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
     rows = grid.elevation_rad.shape[0]
     x, y, z = (xyz_m[..., i] for i in range(3))
     rho = jnp.sqrt(x * x + y * y)
-    slope, ce, se = jnp.tan(grid.elevation_rad), jnp.cos(grid.elevation_rad), jnp.sin(grid.elevation_rad)
+    slope = jnp.tan(grid.elevation_rad)
+    ce = jnp.cos(grid.elevation_rad)
+    se = jnp.sin(grid.elevation_rad)
     # How many beams pass above tells the two nearest ones; unrolled, the count is one loop over the points.
     above = jnp.zeros(z.shape, jnp.int32)
     for i in range(rows):

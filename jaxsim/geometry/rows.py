@@ -208,7 +208,9 @@ def fit_beams(
     miss = np.zeros_like(z)
     for _ in range(_ROUNDS):
         # Normal equations of (h, tan e), with the prior's origin as one weak observation of h.
-        hh, ht, tt = per_row(np.ones_like(z)) + _ORIGIN_WEIGHT, per_row(rho), per_row(rho * rho)
+        hh = per_row(np.ones_like(z)) + _ORIGIN_WEIGHT
+        ht = per_row(rho)
+        tt = per_row(rho * rho)
         hz, tz = per_row(z) + _ORIGIN_WEIGHT * np.asarray(prior.origin_m), per_row(rho * z)
         determinant = np.where(enough, np.maximum(hh * tt - ht * ht, 1e-9), 1.0)
         origin = np.where(enough, (hz * tt - tz * ht) / determinant, origin)

@@ -63,7 +63,9 @@ def interpolate_background(
     A hole takes the nearer of the two valid depths beside it in its row; at a row's ends, the last one. Rows above the
     first that has any take that one's, rows below the last that one's; an empty row between others stays empty.
     """
-    (h, w), columns, rows = valid.shape, np.arange(valid.shape[1]), np.arange(valid.shape[0])
+    h, w = valid.shape
+    columns = np.arange(valid.shape[1])
+    rows = np.arange(valid.shape[0])
     before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     behind = np.minimum.accumulate(np.where(valid, columns, w)[:, ::-1], axis=1)[:, ::-1]
     beside = [

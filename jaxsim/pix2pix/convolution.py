@@ -33,7 +33,9 @@ def conv2d(
     rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
     if on_cpu():
         if padding == "reflect":
-            x, rows, columns = convolution_cpu.reflect_pad(x, rows, columns), 0, 0
+            x = convolution_cpu.reflect_pad(x, rows, columns)
+            rows = 0
+            columns = 0
         return convolution_cpu.convolve(x, kernel, stride, (rows, columns))
     if padding == "reflect":
         x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)), mode="reflect")
@@ -107,7 +109,8 @@ def on_cpu() -> bool:
 def _pairs(x: Array, axis: int) -> tuple[Array, Array]:
     """Every other entry along an axis, from the first and from the second on."""
     pairs = x.reshape(*x.shape[:axis], -1, 2, *x.shape[axis + 1 :])
-    even, odd = (lax.index_in_dim(pairs, i, axis + 1, keepdims=False) for i in (0, 1))
+    even = lax.index_in_dim(pairs, 0, axis + 1, keepdims=False)
+    odd = lax.index_in_dim(pairs, 1, axis + 1, keepdims=False)
     return even, odd
 
 

@@ -64,7 +64,9 @@ def upsample_convolve(x: Array, kernel: Array) -> Array:
     by_row = (jnp.stack([kernel[0], kernel[1] + kernel[2]]), jnp.stack([kernel[0] + kernel[1], kernel[2]]))
     phases = []
     for p, half in enumerate(by_row):
-        left, middle, right = half[:, 0], half[:, 1], half[:, 2]
+        left = half[:, 0]
+        middle = half[:, 1]
+        right = half[:, 2]
         by_column = (jnp.stack([left, middle + right], 1), jnp.stack([left + middle, right], 1))
         for q, quarter in enumerate(by_column):
             phases.append(convolve(x[:, p : p + h + 1, q : q + w + 1], quarter, 1, (0, 0)))
@@ -76,7 +78,9 @@ def transposed_convolve(x: Array, kernel: Array) -> Array:
     # Of output row 2i only kernel row 1 falls on a row of x, row i; of output row 2i + 1 kernel rows 0 and 2 fall on
     # rows i and i + 1; columns alike.
     x = jnp.pad(x, ((0, 0), (0, 1), (0, 1), (0, 0)))
-    b, h, w = x.shape[0], x.shape[1] - 1, x.shape[2] - 1
+    b = x.shape[0]
+    h = x.shape[1] - 1
+    w = x.shape[2] - 1
     phases = []
     for p in (0, 1):
         for q in (0, 1):

@@ -23,7 +23,9 @@ from jaxsim.weights import Converter, kind_of, load_weights
 
 Arrays = Mapping[str, np.ndarray]
 
-GENERATOR, AVERAGED, DISCRIMINATOR = "generator.", "averaged.", "discriminator."
+GENERATOR = "generator."
+AVERAGED = "averaged."
+DISCRIMINATOR = "discriminator."
 KEPT = (GENERATOR, AVERAGED, DISCRIMINATOR)
 IMAGINAIRE_PREFIXES = {
     "net_G.module.averaged_model.": AVERAGED,
@@ -61,7 +63,9 @@ def generator_sizes(arrays: Arrays, form: Form) -> tuple[GeneratorConfig, int]:
     if True not in residual or residual[0] or not last or last[-1][0]:
         some = ", ".join(sorted(arrays)[:3]) or "nothing"
         raise ValueError(f"it is no pix2pixHD generator in the {form} form: it holds {some} ...")
-    stem, widest, head = layers[0][1], layers[residual.index(True) - 1][1], last[-1][1]
+    stem = layers[0][1]
+    widest = layers[residual.index(True) - 1][1]
+    head = last[-1][1]
     downsamples = residual.index(True) - 1
     config = GeneratorConfig(
         form=form,
@@ -87,7 +91,8 @@ def discriminator_sizes(arrays: Arrays, form: Form) -> tuple[DiscriminatorConfig
         for name, array in arrays.items()
         if (match := re.fullmatch(pattern, name)) and array.ndim == 4
     }
-    scales, depth = ({key[i] for key in kernels} for i in (0, 1))
+    scales = {key[0] for key in kernels}
+    depth = {key[1] for key in kernels}
     if len(depth) < 3 or len(kernels) != len(scales) * len(depth) or (0, 0) not in kernels:
         some = ", ".join(sorted(arrays)[:3]) or "nothing"
         raise ValueError(f"it is no pix2pixHD discriminator in the {form} form: it holds {some} ...")

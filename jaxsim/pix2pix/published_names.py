@@ -48,10 +48,16 @@ def original_name(keys: Keys, parameters: Tree) -> str:
         return f"scale{len(parameters['scales']) - 1 - keys[1]}_layer{layer}.0"
     if keys[0] == "coarse":
         part, keys = parameters["coarse"], keys[1:]
-        before, after, offset = "model", "model", 4 + 3 * len(part["down"])
+        before = "model"
+        after = "model"
+        offset = 4 + 3 * len(part["down"])
     else:
-        part, number, keys = parameters["enhancers"][keys[1]], keys[1] + 1, keys[2:]
-        before, after, offset = f"model{number}_1", f"model{number}_2", 0
+        part = parameters["enhancers"][keys[1]]
+        number = keys[1] + 1
+        keys = keys[2:]
+        before = f"model{number}_1"
+        after = f"model{number}_2"
+        offset = 0
     blocks, ups = len(part["blocks"]), len(part["up"])
     match keys:
         case ("stem",):

@@ -114,7 +114,9 @@ def make_train_step(
 
     def train_step(state: TrainState, batch: Batch, vgg: Weights | None) -> tuple[TrainState, Metrics]:
         metrics: Metrics = {"lr": learning_rate(experiment.optim, state.step)}
-        judges, judges_optim, vectors = state.discriminator, state.discriminator_optim, state.generator.vectors
+        judges = state.discriminator
+        judges_optim = state.discriminator_optim
+        vectors = state.generator.vectors
         first = experiment.optim.updates == "discriminator_first"
         if judges is not None and first:
             fake, network = generate(state.generator, batch["inputs"])

@@ -74,14 +74,16 @@ def vgg_features(
     """
     if image.shape[-1] == 1:
         image = jnp.repeat(image, 3, axis=-1)
-    mean, deviation = (jnp.asarray(v, image.dtype)[None, None, None] for v in (MEAN, DEVIATION))
+    mean = jnp.asarray(MEAN, image.dtype)[None, None, None]
+    deviation = jnp.asarray(DEVIATION, image.dtype)[None, None, None]
     x = ((image + 1) / 2 - mean) / deviation if imagenet else image
     features = []
     for block, places in enumerate(BLOCKS):
         if block:
             x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
         for i, place in enumerate(places):
-            kernel, bias = (jnp.asarray(weights[f"features.{place}.{part}"], x.dtype) for part in ("weight", "bias"))
+            kernel = jnp.asarray(weights[f"features.{place}.weight"], x.dtype)
+            bias = jnp.asarray(weights[f"features.{place}.bias"], x.dtype)
             x = conv2d(x, kernel, padding="zero") + bias[None, None, None]
             x = jax.nn.relu(x)
             if i == 0:

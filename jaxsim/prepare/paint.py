@@ -36,10 +36,8 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     rgb = jnp.take_along_axis(rgb, winner[..., None], axis=-2, mode="clip")
     rise = pick(z) - grid.origin_m.reshape((1,) * len(batch) + (-1, 1))
     nothing = jnp.zeros((*batch, h, w), jnp.int32)
-    semantic, instance = (
-        pick(nothing if labels is None else labels).astype(jnp.int32)
-        for labels in (camera_frame.semantic, camera_frame.instance)
-    )
+    semantic = pick(nothing if camera_frame.semantic is None else camera_frame.semantic).astype(jnp.int32)
+    instance = pick(nothing if camera_frame.instance is None else camera_frame.instance).astype(jnp.int32)
     return Painted(
         range_m=jnp.where(valid, jnp.sqrt(jnp.square(pick(rho)) + jnp.square(rise)), 0),
         depth_m=pick(camera_frame.depth_m),
@@ -147,7 +145,9 @@ def _row_of(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarG
     """
     slopes, origins = jnp.tan(_extended(grid.elevation_rad)), _extended(grid.origin_m)
     rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
-    row, above, below = jnp.full(z_m.shape, -2.0), rays[0] + 1, rays[0]
+    row = jnp.full(z_m.shape, -2.0)
+    above = rays[0] + 1
+    below = rays[0]
     for k, (ray, next_ray) in enumerate(zip(rays, [*rays[1:], rays[-1] - 1], strict=True)):
         under = z_m < ray
         row = jnp.where(under, k - 1.0, row)

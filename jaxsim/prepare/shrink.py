@@ -52,7 +52,11 @@ def _stretch(intrinsics: Float[Array, "*b 3 3"], depth_m: Float[Array, "*b h w"]
     """Length of each pixel's ray to a plane at depth 1."""
     v = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 2)
     u = jax.lax.broadcasted_iota(depth_m.dtype, depth_m.shape, depth_m.ndim - 1)
-    fu, skew, cu, fv, cv = (intrinsics[..., i, j, None, None] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2)))
+    fu = intrinsics[..., 0, 0, None, None]
+    skew = intrinsics[..., 0, 1, None, None]
+    cu = intrinsics[..., 0, 2, None, None]
+    fv = intrinsics[..., 1, 1, None, None]
+    cv = intrinsics[..., 1, 2, None, None]
     y = (v - cv) / fv
     x = (u - cu - skew * y) / fu
     return jnp.sqrt(1 + x * x + y * y)

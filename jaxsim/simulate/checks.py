@@ -8,7 +8,9 @@ import numpy as np
 from jaxsim.frame import Camera
 from jaxsim.runs.kinds import Run
 
-ASPECT, SIZE, VIEW = 0.02, 0.03, 0.05
+ASPECT = 0.02
+SIZE = 0.03
+VIEW = 0.05
 """By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
 0.004 in aspect ratio and by 0.015 in size."""
 
@@ -34,9 +36,8 @@ def check_field_of_view(camera: Camera, run: Run) -> None:
     """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
     without projection only the same view fits."""
     half = run.experiment.prepare.image_crop[1] / 2
-    own, its = (
-        2 * np.rad2deg(np.arctan(half / np.asarray(c.intrinsics)[..., 0, 0].max())) for c in (run.camera, camera)
-    )
+    own = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
+    its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
     if abs(its / own - 1) > VIEW:
         raise ValueError(
             f"simulate: the camera sees {its:.1f} degrees, the run's {own:.1f}; without projection its pixels would "

@@ -65,7 +65,9 @@ def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequen
 
     Raises ValueError where the data set has no true depth, or a part of it is missing.
     """
-    data, crop, judged = experiment.data, experiment.image_crop, experiment.depth_validation
+    data = experiment.data
+    crop = experiment.image_crop
+    judged = experiment.depth_validation
     if experiment.depth_root is not None:
         train = KittiDepth(experiment.depth_root, data.root, part="train", crop=crop)
         return train, KittiDepth(judged or experiment.depth_root, data.root, part="val", crop=crop)

@@ -18,7 +18,9 @@ from jaxsim.train.training import Scores, Training, run_folder
 
 def detector_training(experiment: DetectorExperiment) -> Training:
     """Raises ValueError where frames, labels or objects of the class are missing."""
-    data, settings, optim = experiment.data, experiment.run, experiment.optim
+    data = experiment.data
+    settings = experiment.run
+    optim = experiment.optim
     mesh = devices.data_mesh(optim.batch)
 
     # Data: frames to scenes, made once and kept; objects of all training scenes to paste into others.

@@ -25,7 +25,10 @@ from jaxsim.train.training import Scores, Training, run_folder
 
 def intensity_training(experiment: Experiment) -> Training:
     """Raises ValueError and FileNotFoundError where data or weights are missing, before any time goes into them."""
-    data, prepare, settings, optim = experiment.data, experiment.prepare, experiment.run, experiment.optim
+    data = experiment.data
+    prepare = experiment.prepare
+    settings = experiment.run
+    optim = experiment.optim
     mesh = devices.data_mesh(optim.batch)
 
     # Perceptual loss: its weights are asked for before time goes into preparation.

@@ -68,7 +68,10 @@ def train(experiment: Experiment | DetectorExperiment | DepthExperiment, descrip
         return scores
 
     # Loop: a resumed run sees the batches that an uninterrupted one would.
-    begun, scores, left_out, told = time.monotonic(), {}, LeftOut(), False
+    begun = time.monotonic()
+    scores = {}
+    left_out = LeftOut()
+    told = False
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = tqdm(total=training.steps, initial=start, disable=not writes, **shown)
     if start and due(training.judge_every) and writes and not log.judged(start):
@@ -78,7 +81,9 @@ def train(experiment: Experiment | DetectorExperiment | DepthExperiment, descrip
             updated, metrics = training.step(state, batch, k)
             if not bool(metrics["finite"]):
                 log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
-            state, step, last = updated, k + 1, k + 1 == training.steps
+            state = updated
+            step = k + 1
+            last = k + 1 == training.steps
             left_out.see(metrics)
             if step % settings.log_every == 0 or last:
                 values = {name: float(value) for name, value in metrics.items() if name != "finite"}

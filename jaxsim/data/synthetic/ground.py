@@ -11,7 +11,10 @@ from jaxsim.data.synthetic.street import SIDE_STREETS, Street, aside, past_kerb
 from jaxsim.data.synthetic.vectors import vector
 from jaxsim.frame import Array
 
-ROAD, PAVEMENT, OPEN_GROUND, TERRAIN = 7, 8, 6, 22
+ROAD = 7
+PAVEMENT = 8
+OPEN_GROUND = 6
+TERRAIN = 22
 LINE_M = 0.13
 
 

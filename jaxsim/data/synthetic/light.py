@@ -17,7 +17,9 @@ from jaxsim.data.synthetic.noise import smooth_noise
 from jaxsim.data.synthetic.vectors import dot, vector
 from jaxsim.frame import Array
 
-BEHIND_M, GROWTH_X_M, GROWTH_Y_M = 12.0, 20.0, 8.0
+BEHIND_M = 12.0
+GROWTH_X_M = 20.0
+GROWTH_Y_M = 8.0
 REACH_X_M, REACH_Y_M = 160.0, 42.0
 _TURNS_X = float(np.log1p(REACH_X_M / GROWTH_X_M))
 _TURNS_Y = float(np.arcsinh(REACH_Y_M / GROWTH_Y_M))
@@ -71,7 +73,9 @@ def lit(shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
     cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)
     lift = 0.04 + 1.1 * cell_m
-    px, py, pz = x + lift * normal[0], y + lift * normal[1], at[2] + lift * normal[2]
+    px = x + lift * normal[0]
+    py = y + lift * normal[1]
+    pz = at[2] + lift * normal[2]
     row, column = map_place(
         px - light.sun[0] / light.sun[2] * pz, py - light.sun[1] / light.sun[2] * pz, shadows.height_m.shape
     )

@@ -163,7 +163,9 @@ def _facade(p, n, half, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
     seed, (bay, style) = drawn
     roof = n[2] > 0.25
     end = jnp.abs(n[0]) > jnp.abs(n[1])
-    u, reach, v = jnp.where(end, p[1], p[0]), jnp.where(end, half[1], half[0]), p[2]
+    u = jnp.where(end, p[1], p[0])
+    reach = jnp.where(end, half[1], half[0])
+    v = p[2]
     # A wall has a whole number of bays, set about its middle.
     bays = jnp.maximum(jnp.floor(2.0 * reach / bay), 1.0)
     along = u / bay + 0.5 * bays

@@ -36,7 +36,8 @@ def smooth_noise(x: Float[Array, "..."], y: Float[Array, "..."], seed: Int[Array
 def smooth_noise3(x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array, "..."]) -> Float[Array, "..."]:
     """Value noise on the unit lattice of space, 0..1 with mean 1/2."""
     k = cell(z)
-    below, above = (smooth_noise(x, y, k + step) for step in (0, 1))
+    below = smooth_noise(x, y, k)
+    above = smooth_noise(x, y, k + 1)
     return _mix(below, above, _ease(z - k.astype(jnp.float32)))
 
 

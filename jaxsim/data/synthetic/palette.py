@@ -23,7 +23,9 @@ class Paint(NamedTuple):
 
 def srgb(code: str) -> Rgb:
     """Linear colour of a web colour: `srgb("d8d4cc")`."""
-    red, green, blue = (float((int(code[i : i + 2], 16) / 255) ** 2.2) for i in (0, 2, 4))
+    red = float((int(code[0:2], 16) / 255) ** 2.2)
+    green = float((int(code[2:4], 16) / 255) ** 2.2)
+    blue = float((int(code[4:6], 16) / 255) ** 2.2)
     return red, green, blue
 
 

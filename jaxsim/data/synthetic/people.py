@@ -7,7 +7,9 @@ import numpy as np
 from jaxsim.data.synthetic import palette
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
-PERSON, RIDER, BICYCLE = 24, 25, 33
+PERSON = 24
+RIDER = 25
+BICYCLE = 33
 
 
 def _dress(rng: np.random.Generator, semantic: int) -> dict[str, Look]:
@@ -28,7 +30,9 @@ def _head(model: Model, at: tuple[float, float, float], size: float, dress: dict
 def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     """A person in mid step, and length, width, height of the box."""
     h = float(rng.uniform(1.55, 1.9))
-    size, stride, stout = h / 1.75, float(rng.uniform(0.05, 0.28)), float(rng.uniform(0.9, 1.25))
+    size = h / 1.75
+    stride = float(rng.uniform(0.05, 0.28))
+    stout = float(rng.uniform(0.9, 1.25))
     dress = _dress(rng, PERSON)
     model = Model()
     for side in (-1, 1):
@@ -56,7 +60,9 @@ def cyclist(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]
     for x in (-0.52, 0.52):
         model.cylinder((x, -0.02, 0.34), (x, 0.02, 0.34), 0.34, tyre, bore=0.88)
         model.cylinder((x, -0.05, 0.34), (x, 0.05, 0.34), 0.035, frame)
-    saddle, pedals, bar = (-0.2, 0.0, 0.93), (-0.08, 0.0, 0.3), (0.4, 0.0, 1.02)
+    saddle = (-0.2, 0.0, 0.93)
+    pedals = (-0.08, 0.0, 0.3)
+    bar = (0.4, 0.0, 1.02)
     tubes = (
         (saddle, pedals),
         (pedals, (0.38, 0.0, 0.82)),

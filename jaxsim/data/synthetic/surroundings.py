@@ -8,7 +8,11 @@ from jaxsim.data.synthetic import palette
 from jaxsim.data.synthetic.materials import FLOOR_M
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
-BUILDING, FENCE, POLE, SIGN, VEGETATION = 11, 13, 17, 20, 21
+BUILDING = 11
+FENCE = 13
+POLE = 17
+SIGN = 20
+VEGETATION = 21
 
 
 def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) -> tuple[Model, float]:

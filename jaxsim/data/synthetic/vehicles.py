@@ -122,7 +122,9 @@ def _wheels(model: Model, semantic: int, axles: tuple[float, ...], radius: float
 
 def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     """A delivery lorry: cab, box, chassis, wheels; and its length, width, height."""
-    length, width, height = rng.uniform(6.5, 9.5), rng.uniform(2.3, 2.5), rng.uniform(2.9, 3.5)
+    length = rng.uniform(6.5, 9.5)
+    width = rng.uniform(2.3, 2.5)
+    height = rng.uniform(2.9, 3.5)
     half, wide = length / 2, width / 2
     cab_end, cab_height = half - rng.uniform(1.8, 2.1), rng.uniform(2.3, 2.6)
     paint, box = palette.car_paint(rng), palette.wall(rng, brick=False)

@@ -51,7 +51,9 @@ def to_z(effect: Law, values: dict[str, Any], rows: int, *, dtype: type = np.flo
 
 def prior(effect: Law, rows: int) -> Prior:
     """Standard deviation and bounds of every z on a sensor of so many beams."""
-    sd, low, high = {}, {}, {}
+    sd = {}
+    low = {}
+    high = {}
     for name, p in fitted_parameters(effect).items():
         # float32, as z: bounds and values meet exactly.
         one = np.ones(p.dims(rows), np.float32)

@@ -180,7 +180,9 @@ def _sums(
     ev: Evidence, eq: NormalEquations, residual: Float[Array, "b c r"]
 ) -> tuple[Float[Array, " t"], Float[Array, " s"], Float[Array, "b p"]]:
     """Weighted residuals of each strip and surface, and of each block's features with the former taken out."""
-    strips, surfaces, blocks = eq.strips, eq.surfaces, len(ev.unit)
+    strips = eq.strips
+    surfaces = eq.surfaces
+    blocks = len(ev.unit)
     weighted = jnp.where(ev.compared, residual, 0) * eq.intensity
     of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
     # Of each strip's sum the share that its own level does not take up.

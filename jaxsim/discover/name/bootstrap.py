@@ -81,7 +81,9 @@ def _readings(
     problem: Problem, explained: Problem, residual_m: Array3, *, sign: Float[np.ndarray, " b"], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Of each ray (b, c, r): its reading, m; whether it may return; and the log of the probability that it does."""
-    ev, w, noise = explained.ev, explained.equations, explained.noise
+    ev = explained.ev
+    w = explained.equations
+    noise = explained.noise
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
     shape = residual_m.shape

@@ -44,7 +44,9 @@ def run_nulls(
     catalogue = tuple(effects)
     scenes = len(np.unique(scene))
     all_blocks = np.ones(len(scene), np.float32)
-    names, gains, free = [], [], []
+    names = []
+    gains = []
+    free = []
     for seed in range(count):
         drawn = bootstrap(problem, explained, seed)
         null, _ = fit_null(problem.scan, drawn, all_blocks, clutter=problem.clutter)

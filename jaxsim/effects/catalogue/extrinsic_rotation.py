@@ -11,8 +11,12 @@ from jaxsim.effects.rays import Array, Rays
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Sends rays along R(roll, pitch, yaw) times their nominal direction; R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    sr, sp, sy = (jnp.sin(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
-    cr, cp, cy = (jnp.cos(p[name]) for name in ("roll_rad", "pitch_rad", "yaw_rad"))
+    sr = jnp.sin(p["roll_rad"])
+    sp = jnp.sin(p["pitch_rad"])
+    sy = jnp.sin(p["yaw_rad"])
+    cr = jnp.cos(p["roll_rad"])
+    cp = jnp.cos(p["pitch_rad"])
+    cy = jnp.cos(p["yaw_rad"])
     x = jnp.cos(rays.elevation_rad) * jnp.cos(rays.azimuth_rad)
     y = jnp.cos(rays.elevation_rad) * jnp.sin(rays.azimuth_rad)
     z = jnp.sin(rays.elevation_rad)

@@ -11,7 +11,9 @@ from jaxsim.effects.rays import Array, Rays
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Starts rays from a displaced origin; the reading is the range from there."""
-    x, y, z = (jnp.broadcast_to(p[name], rays.range_m.shape) for name in ("x_m", "y_m", "z_m"))
+    x = jnp.broadcast_to(p["x_m"], rays.range_m.shape)
+    y = jnp.broadcast_to(p["y_m"], rays.range_m.shape)
+    z = jnp.broadcast_to(p["z_m"], rays.range_m.shape)
     return displace(rays, move_m=(x, y, z))
 
 

@@ -70,7 +70,9 @@ def assign(chosen: Candidates, score: Float[np.ndarray, " d"], at: Float[np.ndar
 def thresholds(score: Float[np.ndarray, " p"], truths: int) -> Float[np.ndarray, " t"]:
     """Scores at which recall passes 0, 1/40, ..., 1 most nearly (getThresholds): at most 41, fewer with few objects."""
     ordered = np.sort(score)[::-1].tolist()
-    last, recall, found = len(ordered) - 1, 0.0, []
+    last = len(ordered) - 1
+    recall = 0.0
+    found = []
     for i, value in enumerate(ordered):
         left = (i + 1) / truths
         right = (i + 2) / truths if i < last else left

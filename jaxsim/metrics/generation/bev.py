@@ -31,7 +31,9 @@ NEAREST_M, FARTHEST_M = 3.0, 70.0
 SCAN_ROWS, SCAN_COLUMNS = 64, 1024
 UP_RAD, DOWN_RAD = np.deg2rad(3.0), np.deg2rad(25.0)
 SIGMA = 0.5
-LIDM_HALF_M, LIDM_CELL_M, LIDM_MATCH_CELL_M = 50.0, 0.05, 0.5
+LIDM_HALF_M = 50.0
+LIDM_CELL_M = 0.05
+LIDM_MATCH_CELL_M = 0.5
 
 
 @jax.jit
@@ -50,10 +52,8 @@ def spherical_image(
     pitch = jnp.arcsin(jnp.where(seen, z / jnp.where(seen, range_m, 1.0), 0.0))
     column = jnp.floor(0.5 * (1.0 - jnp.arctan2(y, x) / jnp.pi) * SCAN_COLUMNS)
     row = jnp.floor((1.0 - (pitch + DOWN_RAD) / (UP_RAD + DOWN_RAD)) * SCAN_ROWS)
-    row, column = (
-        jnp.where(seen, jnp.clip(a, 0, n - 1), 0.0).astype(jnp.int32)
-        for a, n in ((row, SCAN_ROWS), (column, SCAN_COLUMNS))
-    )
+    row = jnp.where(seen, jnp.clip(row, 0, SCAN_ROWS - 1), 0.0).astype(jnp.int32)
+    column = jnp.where(seen, jnp.clip(column, 0, SCAN_COLUMNS - 1), 0.0).astype(jnp.int32)
     index, filled = scatter_nearest(range_m, row, column, seen, (SCAN_ROWS, SCAN_COLUMNS))
     flat = index.reshape(*index.shape[:-2], -1)
     nearest = jnp.take_along_axis(range_m, flat, axis=-1).reshape(index.shape)
@@ -115,7 +115,8 @@ def jensen_shannon(p: Float[np.ndarray, "*shape"], q: Float[np.ndarray, "*shape"
     """
     if not (p.sum() > 0 and q.sum() > 0):
         raise ValueError("jsd: a histogram is empty; no point of a set lies within the definition's ranges")
-    p, q = (np.asarray(h, np.float64).ravel() / np.sum(h, dtype=np.float64) for h in (p, q))
+    p = np.asarray(p, np.float64).ravel() / np.sum(p, dtype=np.float64)
+    q = np.asarray(q, np.float64).ravel() / np.sum(q, dtype=np.float64)
     middle = (p + q) / 2
     parts = (np.sum(h[h > 0] * np.log(h[h > 0] / middle[h > 0])) for h in (p, q))
     return float(np.sqrt(max(sum(parts) / 2, 0.0)))

@@ -45,12 +45,16 @@ def layers(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tu
         found[f"{name}.conv2"] = ((outer, inner, 3, 3), f"{name}.bn2")
 
     for i, count in enumerate(blocks):
-        narrow, wide, stage = width << i, width << (i + 1), f"{encoder}.enc{i + 1}"
+        narrow = width << i
+        wide = width << (i + 1)
+        stage = f"{encoder}.enc{i + 1}"
         found[f"{stage}.conv"] = ((wide, narrow, 3, 3), f"{stage}.bn")
         for k in range(count):
             residual(f"{stage}.residual_{k}", wide, narrow)
     for i in range(len(blocks), 0, -1):
-        narrow, wide, stage = width << (i - 1), width << i, f"{decoder}.dec{i}"
+        narrow = width << (i - 1)
+        wide = width << i
+        stage = f"{decoder}.dec{i}"
         found[f"{stage}.upconv"] = ((wide, narrow, 1, 4), f"{stage}.bn")  # transposed: in, out
         residual(f"{stage}.residual", narrow, wide)
     return found

@@ -16,7 +16,10 @@ from jaxtyping import Float, Int
 
 from jaxsim.frame import Array
 
-PATCH, PLACES, REPEATS, DIRECTIONS = 7, 128, 4, 128
+PATCH = 7
+PLACES = 128
+REPEATS = 4
+DIRECTIONS = 128
 KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
 

@@ -59,9 +59,10 @@ def _folded(arrays: Arrays, form: Form) -> Any:
 
     def adopt(path: Any, leaf: Any) -> np.ndarray:
         name = ".".join(step.key for step in path[:-1])
-        scale, shift, mean, variance = (
-            arrays[f"{name}.bn.{part}"].astype(np.float64) for part in ("weight", "bias", "running_mean", "running_var")
-        )
+        scale = arrays[f"{name}.bn.weight"].astype(np.float64)
+        shift = arrays[f"{name}.bn.bias"].astype(np.float64)
+        mean = arrays[f"{name}.bn.running_mean"].astype(np.float64)
+        variance = arrays[f"{name}.bn.running_var"].astype(np.float64)
         scale = scale / np.sqrt(variance + BATCH_NORM_EPS)
         if path[-1].key == "bias":
             return (shift - mean * scale).astype(np.float32)

@@ -176,13 +176,14 @@ class Inception(nnx.Module):
         self.Conv2d_1a_3x3 = conv(3, 32, 3, stride=2, same=False)
         self.Conv2d_2a_3x3, self.Conv2d_2b_3x3 = conv(32, 32, 3, same=False), conv(32, 64, 3)
         self.Conv2d_3b_1x1, self.Conv2d_4a_3x3 = conv(64, 80), conv(80, 192, 3, same=False)
-        self.Mixed_5b, self.Mixed_5c, self.Mixed_5d = (
-            BlockA(channels, pool, form, rngs) for channels, pool in ((192, 32), (256, 64), (288, 64))
-        )
+        self.Mixed_5b = BlockA(192, 32, form, rngs)
+        self.Mixed_5c = BlockA(256, 64, form, rngs)
+        self.Mixed_5d = BlockA(288, 64, form, rngs)
         self.Mixed_6a = BlockB(288, rngs)
-        self.Mixed_6b, self.Mixed_6c, self.Mixed_6d, self.Mixed_6e = (
-            BlockC(768, n, form, rngs) for n in (128, 160, 160, 192)
-        )
+        self.Mixed_6b = BlockC(768, 128, form, rngs)
+        self.Mixed_6c = BlockC(768, 160, form, rngs)
+        self.Mixed_6d = BlockC(768, 160, form, rngs)
+        self.Mixed_6e = BlockC(768, 192, form, rngs)
         self.Mixed_7a = BlockD(768, rngs)
         self.Mixed_7b, self.Mixed_7c = BlockE(1280, form, rngs), BlockE(2048, form, rngs, last=True)
 

@@ -17,7 +17,12 @@ Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]
 COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
 """Of real, then of the kinds in their order."""
-_LEFT, _TOP, _WIDTH, _HEIGHT, _GAP, _KEY = 60, 40, 380, 230, 70, 130
+_LEFT = 60
+_TOP = 40
+_WIDTH = 380
+_HEIGHT = 230
+_GAP = 70
+_KEY = 130
 _DECADES = 4
 """Of a logarithmic panel, from 1 down."""
 _STEP = {"range": 10.0, "height": 1.0, "intensity": 0.25}

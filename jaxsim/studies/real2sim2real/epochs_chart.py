@@ -10,7 +10,9 @@ from jaxsim.studies.real2sim2real.cloud_charts import COLOURS, colour_key
 from jaxsim.studies.real2sim2real.scores import read_checkpoints
 from jaxsim.studies.real2sim2real.settings import REAL, Loop
 
-_LEFT, _TOP, _KEY = 60, 40, 130
+_LEFT = 60
+_TOP = 40
+_KEY = 130
 
 
 def epochs_chart(loop: Loop) -> Canvas | None:

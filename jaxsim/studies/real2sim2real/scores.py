@@ -87,7 +87,9 @@ def read_checkpoints(loop: Loop, trained: str, judged: str, seed: int) -> list[d
 
 def read_average(loop: Loop, trained: str, judged: str, column: tuple[str, str], difficulty: str) -> Average | None:
     """A cell of the tables, over the seeds that were scored; None where none was, or no label counts."""
-    key, values, labels = f"{column[0]} {column[1]} {difficulty}", [], 0
+    key = f"{column[0]} {column[1]} {difficulty}"
+    values = []
+    labels = 0
     for seed in loop.config.seeds:
         checkpoints = read_checkpoints(loop, trained, judged, seed)
         found = [c["ap_r40"][key] for c in checkpoints if c["ap_r40"].get(key) is not None]

@@ -9,6 +9,7 @@ from jaxsim.discover.unpaired.lost import _bounded, _compared, lost_rays
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.discover.verdict import Interval
+from jaxsim.effects import EFFECTS
 from tests.discover.unpaired.made import SMALL
 
 
@@ -38,4 +39,5 @@ def test_the_interval_of_a_share_is_that_of_two_groups_of_scenes():
 
 def test_a_share_stays_within_the_bounds_of_a_probability():
     bounded = _bounded(Interval(0.1, -0.2, 2.0, "share of rays"), "packet_loss", "probability")
-    assert (bounded.low, bounded.high) == (0.0, 1.0)
+    p = EFFECTS["packet_loss"].parameters["probability"]
+    assert (bounded.low, bounded.high) == (p.low, p.high)

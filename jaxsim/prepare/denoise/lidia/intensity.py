@@ -52,7 +52,8 @@ class Lidia:
                 "lidia: an image has not one cell whose beam came back, so there is nothing to denoise; check that the "
                 "points fall into the window (calibration of another drive, or an empty scan?)"
             )
-        flat, flat_valid = (x.reshape(-1, rows, columns) for x in (intensity, valid))
+        flat = intensity.reshape(-1, rows, columns)
+        flat_valid = valid.reshape(-1, rows, columns)
         images = [self._one(image, mask, statistics, gain) for image, mask in zip(flat, flat_valid, strict=True)]
         return np.stack(images).reshape(intensity.shape) if images else np.zeros(intensity.shape, np.float32)
 

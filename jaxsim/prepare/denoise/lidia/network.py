@@ -98,7 +98,9 @@ class SeparableNet(nnx.Module):
     """From both scales' weighted neighbours to the noise of every patch."""
 
     def __init__(self, variant: Variant, rngs: nnx.Rngs):
-        k, wide, numel = NEIGHBOURS, variant.width, variant.numel
+        k = NEIGHBOURS
+        wide = variant.width
+        numel = variant.numel
         self.sep_part1_s0, self.sep_part1_s1 = Part1(variant, rngs), Part1(variant, rngs)
         self.ver_hor_agg0_pre = VerHor((wide, numel), (k, 1), rngs=rngs)
         self.ver_hor_bn_re_agg0_post = VerHorBnRe((numel, wide), (1, k), norm=False, rngs=rngs)

@@ -20,7 +20,9 @@ Mode = bool | Literal["renorm"]
 """Of batch norms: by the stored statistics (False), by the batch's (True), or both (`BatchNorm`)."""
 
 EPS, MOMENTUM = 1e-5, 0.1
-SLOW, MOST_SCALE, MOST_SHIFT = 0.02, 3.0, 5.0
+SLOW = 0.02
+MOST_SCALE = 3.0
+MOST_SHIFT = 5.0
 """Of `renorm`: how fast the stored statistics follow, and how far the batch's may lie from them."""
 
 
@@ -58,7 +60,8 @@ def _doubled(x: Array, kernel: Array) -> Array:
     def split(taps: Array, axis: int) -> Array:
         """Along an axis: even outputs see the cells before, at and after with taps 0, 2, 4; odd ones the cells at and
         after with taps 1, 3."""
-        even, odd = (jax.lax.slice_in_dim(taps, first, None, 2, axis) for first in (0, 1))
+        even = jax.lax.slice_in_dim(taps, 0, None, 2, axis)
+        odd = jax.lax.slice_in_dim(taps, 1, None, 2, axis)
         before = [(int(dim == axis), 0) for dim in range(taps.ndim)]
         return jnp.stack([even, jnp.pad(odd, before)])
 

@@ -87,7 +87,8 @@ class ENet(nnx.Module):
         logits = jnp.stack([first[..., 1], second[..., 1]], -1)
         share = jax.nn.softmax(logits, -1)
         fused = share[..., 0] * first[..., 0] + share[..., 1] * second[..., 0]
-        fine, coarse = (jnp.concatenate([decoded[k], features[k]], -1) for k in (0, 1))
+        fine = jnp.concatenate([decoded[0], features[0]], -1)
+        coarse = jnp.concatenate([decoded[1], features[1]], -1)
         return Backbone(first[..., 0], second[..., 0], fused, logits, fine, coarse)
 
 
