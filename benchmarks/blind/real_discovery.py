@@ -87,7 +87,7 @@ def kitti(root: Path, out: Path, runs: Sequence[Path], nulls: int) -> None:
         }
         for title, parts in chosen.items():
             case = out / f"{run.name}-{title.split()[0]}"
-            folders = [write_pairs(sensor, drives[kind], list(frames), case / kind) for kind, frames in parts]
+            folders = [write_pairs(sensor, drives[kind], list(frames), out=case / kind) for kind, frames in parts]
             _join(folders, case)
             print(f"\n## {run.name} ({inputs}): {title}\n")
             answer(case, nulls)

@@ -200,7 +200,7 @@ def main(
         cleaned: dict[str, list[np.ndarray]] = {}
         for k, (image, mask) in enumerate(zip(noisy, valid, strict=True), 1):
             small = open_lidia(smaller[0])
-            taught = adapt_to_itself(small, image[None], mask[None], settings)
+            taught = adapt_to_itself(small, image[None], mask[None], settings=settings)
             tried = {"raw": methods["raw"], **both_ways(name_of(smaller[0]), small)}
             for name, method in {**tried, **both_ways(f"{name_of(smaller[0])} adapted to each frame", taught)}.items():
                 cleaned.setdefault(name, []).append(method(image, mask))

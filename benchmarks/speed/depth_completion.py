@@ -65,7 +65,7 @@ def score(title: str, frames: list[DepthFrame], penet: Path | None) -> list[tupl
     for name, made in guesses.items():
         errors = []
         for (depth_m, known), shared, frame in zip(made, every, frames, strict=True):
-            one = depth_errors(depth_m, shared, frame.truth_m, frame.known)
+            one = depth_errors(depth_m, shared, frame.truth_m, known=frame.known)
             errors.append(one | {"filled": float((known & frame.known).sum() / frame.known.sum())})
         print(row(name, errors), flush=True)
     print(f"  {'by the benchmark: all, interpolated':<40}{heads}")

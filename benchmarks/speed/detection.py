@@ -168,7 +168,7 @@ def in_numba(truth: Objects, found: Objects) -> dict[tuple[str, str, str, str], 
     dc, scores = dont_care(truth, "official"), {}
     for kind in CLASSES:
         for difficulty, limits in DIFFICULTIES.items():
-            gf, df = truth_flags(truth, kind, limits, "official"), detection_flags(found, kind, limits)
+            gf, df = truth_flags(truth, kind, limits, rules="official"), detection_flags(found, kind, limits)
             for m, metric in enumerate(METRICS):
                 for overlap_set, least in OVERLAP_SETS.items():
                     fixed = (overlap[m], overlap[3], gs, ds, gf, df, dc, found.score, truth.alpha_rad, found.alpha_rad)

@@ -107,7 +107,7 @@ class Discover:
         own = sensor.run.experiment.data
         dataset = open_dataset(self.data.config(own))
         positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
-        return write_pairs(sensor, dataset, positions, self.out, say=say)
+        return write_pairs(sensor, dataset, positions, out=self.out, say=say)
 
 
 def _folder(flag: str, folder: Path | None) -> Path:

@@ -65,7 +65,7 @@ class Simulate:
             learned,
             dataset,
             positions,
-            self.out,
+            out=self.out,
             data=", ".join([source.kind, *unlike]),
             effects_model=SensorModel.load(self.effects, rows=rows) if self.effects else None,
             seed=self.seed,

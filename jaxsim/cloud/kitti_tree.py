@@ -35,9 +35,9 @@ def write_kitti_frame(
     root: Path,
     number: str,
     view: CameraFrame,
+    *,
     cloud: Cloud,
     boxes: Boxes,
-    *,
     rect_from_velo: Float[Array, "4 4"] | None = None,
 ) -> None:
     """Writes the four files of one frame; `number` is KITTI's name of it, 000000.

@@ -96,7 +96,7 @@ def sparsify(
     if winner == "nearest":
         index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, usable, shape)
     else:
-        index, found = _scatter_last(row, column, usable, shape)
+        index, found = _scatter_last(row, column, usable, shape=shape)
     if beams is not None:
         index, found = index[..., np.array(beams), :], found[..., np.array(beams), :]
     lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
@@ -144,7 +144,7 @@ def _with_neighbours(table: Float[Array, " rows"]) -> Float[Array, " rows_2"]:
 
 
 def _scatter_last(
-    row: Int[Array, "*b n"], column: Int[Array, "*b n"], usable: Bool[Array, "*b n"], shape: tuple[int, int]
+    row: Int[Array, "*b n"], column: Int[Array, "*b n"], usable: Bool[Array, "*b n"], *, shape: tuple[int, int]
 ) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
     """Index of each cell's last point (0 where there is none), and whether it has one."""
     *batch, count = row.shape

@@ -24,7 +24,7 @@ def mirrored(pair: Pair) -> Pair:
     return jax.tree.map(lambda raster: np.ascontiguousarray(raster[:, ::-1]), pair)
 
 
-def magnified(pair: Pair, factor: float, place: tuple[float, float], size: tuple[int, int]) -> Pair:
+def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tuple[int, int]) -> Pair:
     """The pair scaled to `factor` times `size` rows and columns, of which `size` are cut out.
 
     `place` says where, from 0 (top, left) to 1. A cell takes the value of the one that its centre falls into.
@@ -76,7 +76,7 @@ def batches(
     def draw(pair: Pair, rng: np.random.Generator) -> Pair:
         if raster is None:
             return pair
-        return magnified(pair, 1 + scale_limit * rng.random(), (rng.random(), rng.random()), raster)
+        return magnified(pair, 1 + scale_limit * rng.random(), (rng.random(), rng.random()), size=raster)
 
     dataset = grain.MapDataset.source(pairs).seed(seed).shuffle().repeat()
     if raster:

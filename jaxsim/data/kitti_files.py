@@ -196,7 +196,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
             numbers[k] = [float(value) for value in row[1:]]
         except ValueError as error:
             raise ValueError(f"kitti: {path}, line {line}: {error}") from None
-        _check_numbers(path, line, row, numbers[k])
+        _check_numbers(path, line, row, numbers=numbers[k])
     kinds = tuple(row[0] for _, row in rows)
     numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
     hidden = numbers[:, 1]
@@ -219,7 +219,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     )
 
 
-def _check_numbers(path: Path, line: int, row: list[str], numbers: Float[Array, " 14"]) -> None:
+def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[Array, " 14"]) -> None:
     """Raises ValueError for columns that hold no object: not finite, a size of 0 or less, a strange `occluded`."""
     if not np.isfinite(numbers).all():
         bad = int(np.argmin(np.isfinite(numbers)))

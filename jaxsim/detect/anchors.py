@@ -126,11 +126,11 @@ def assign(
     An anchor is positive from `matched` overlap on, or if no other overlaps an object more; it learns the object that
     it overlaps most, which for one of the latter may be another.
     """
-    return jax.vmap(lambda b, v: _assign(anchors, b, v, config))(boxes, valid)
+    return jax.vmap(lambda b, v: _assign(anchors, b, v, config=config))(boxes, valid)
 
 
 def _assign(
-    anchors: Float[Array, "a 7"], boxes: Float[Array, "g 7"], valid: Bool[Array, " g"], config: AnchorConfig
+    anchors: Float[Array, "a 7"], boxes: Float[Array, "g 7"], valid: Bool[Array, " g"], *, config: AnchorConfig
 ) -> AnchorTargets:
     overlap = jnp.where(valid[None], iou_2d(nearest_bev(anchors), nearest_bev(boxes)), 0)
     most, mine = overlap.max(axis=1), overlap.argmax(axis=1)

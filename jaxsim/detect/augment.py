@@ -66,7 +66,7 @@ def collide(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"
 def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, rng: np.random.Generator) -> Scene:
     """A changed copy of a scene. Labels and view are not changed: a training scene is not scored."""
     if config.sampled and database:
-        scene = paste(scene, database, config, rng)
+        scene = paste(scene, database, config, rng=rng)
     points, boxes = scene.points.copy(), scene.boxes.copy()
     if rng.random() < config.flip:
         points[:, 1] *= -1
@@ -84,7 +84,7 @@ def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, rng
     return replace(scene, points=points, boxes=boxes)
 
 
-def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, rng: np.random.Generator) -> Scene:
+def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rng: np.random.Generator) -> Scene:
     """The scene with objects of others: as many are drawn, whatever it holds already, and those that would collide
     with an object of the scene or with each other are left out. Points inside them give way.
 

@@ -72,13 +72,13 @@ class VoxelBackBone8x(nnx.Module):
         dropped = {}
         stride = 1
         for name, stage in (("conv2", self.conv2), ("conv3", self.conv3), ("conv4", self.conv4)):
-            sites, x, dropped[name] = _strided(stage.down, name, sites, x, capacities, train=train)
+            sites, x, dropped[name] = _strided(stage.down, name, sites, x=x, capacities=capacities, train=train)
             same = jax.vmap(lambda s: submanifold_tables(s, CUBE))(sites)
             x = stage.first(x, same, sites.valid, train=train)
             x = stage.second(x, same, sites.valid, train=train)
             stride *= 2
             scales.append(Scale(sites, x, stride))
-        sites, x, dropped["out"] = _strided(self.out, "out", sites, x, capacities, train=train)
+        sites, x, dropped["out"] = _strided(self.out, "out", sites, x=x, capacities=capacities, train=train)
         return scales, height_compression(sites, x), dropped
 
 
@@ -86,9 +86,9 @@ def _strided(
     block: SparseBlock,
     name: str,
     sites: Sites,
+    *,
     x: Float[Array, "b n c"],
     capacities: dict[str, int],
-    *,
     train: bool,
 ) -> tuple[Sites, Float[Array, "b m d"], Int[Array, " b"]]:
     form = DOWN[name]

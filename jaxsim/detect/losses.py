@@ -95,7 +95,7 @@ def rpn_losses(
 
 
 def roi_losses(
-    cls: Float[Array, "b r"], box: Float[Array, "b r 7"], targets: RoiTargets, config: DetectorConfig
+    cls: Float[Array, "b r"], box: Float[Array, "b r 7"], targets: RoiTargets, *, config: DetectorConfig
 ) -> dict[str, Float[Array, ""]]:
     """The second stage's weighted terms: scores over all proposals, boxes and corners over the foreground ones."""
     rois, foreground = targets.rois, targets.foreground.astype(cls.dtype)

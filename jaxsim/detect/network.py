@@ -81,9 +81,9 @@ class VoxelRcnn(nnx.Module):
         of_sample, of_dropout = jax.random.split(key)
         stop = jax.lax.stop_gradient
         rois, _, _ = propose(stop(cls), stop(boxes), self.config.train_proposals)
-        targets = assign_rois(rois, objects, is_object, of_sample, self.config.roi)
+        targets = assign_rois(rois, objects, is_object, key=of_sample, config=self.config.roi)
         cls, box = self.roi(scales, targets.rois, self.voxels, key=of_dropout)
-        return terms | roi_losses(cls, box, targets, self.config), dropped
+        return terms | roi_losses(cls, box, targets, config=self.config), dropped
 
     def detect(self, points: Float[Array, "b p 4"], valid: Bool[Array, "b p"]) -> tuple[Detections, dict[str, Array]]:
         """Boxes of scores of `config.score` and more, and what was left out (voxels and sites, a sample)."""
@@ -109,7 +109,7 @@ def bev_channels(config: DetectorConfig, voxels: VoxelConfig) -> int:
             "(--voxels.range-m, --voxels.size-m)"
         )
     for kernel, stride, padding in DOWN.values():
-        shape = strided_shape(shape, kernel, stride, padding)
+        shape = strided_shape(shape, kernel, stride, padding=padding)
     if shape[0] < 1:
         raise ValueError(f"detect: the range is too low for its voxels: {np.round(voxels.range_m, 3)}; no cell is left")
     return shape[0] * config.backbone.out

@@ -83,6 +83,7 @@ def assign_rois(
     rois: Float[Array, "b r 7"],
     boxes: Float[Array, "b g 7"],
     valid: Bool[Array, "b g"],
+    *,
     key: Array,
     config: RoiConfig,
 ) -> RoiTargets:
@@ -92,13 +93,13 @@ def assign_rois(
         overlap, mine = best_objects(rois, boxes, valid)
         chosen = sample_rois(overlap, key, config)
         of_roi = jnp.where(valid.any(), boxes[mine], 0)
-        return targets_of(rois[chosen], of_roi[chosen], overlap[chosen], config)
+        return targets_of(rois[chosen], of_roi[chosen], overlap[chosen], config=config)
 
     return jax.vmap(one)(rois, boxes, valid, jax.random.split(key, len(rois)))
 
 
 def targets_of(
-    rois: Float[Array, "*b s 7"], boxes: Float[Array, "*b s 7"], overlap: Float[Array, "*b s"], config: RoiConfig
+    rois: Float[Array, "*b s 7"], boxes: Float[Array, "*b s 7"], overlap: Float[Array, "*b s"], *, config: RoiConfig
 ) -> RoiTargets:
     """What chosen proposals learn of their objects."""
     low, high = config.score_range

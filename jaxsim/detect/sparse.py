@@ -68,7 +68,7 @@ def key_of(zyx: Int[Array, "*n 3"], shape: Triple) -> Int[Array, "*n"]:
     return (zyx[..., 0] * shape[1] + zyx[..., 1]) * shape[2] + zyx[..., 2]
 
 
-def strided_shape(shape: Triple, kernel: Triple, stride: Triple, padding: Triple) -> Triple:
+def strided_shape(shape: Triple, kernel: Triple, stride: Triple, *, padding: Triple) -> Triple:
     """Grid of a strided convolution's output."""
     z, y, x = ((s + 2 * p - k) // t + 1 for s, k, t, p in zip(shape, kernel, stride, padding, strict=True))
     return z, y, x
@@ -88,7 +88,7 @@ def strided_sites(
     sites: Sites, kernel: Triple, stride: Triple, padding: Triple, *, capacity: int
 ) -> tuple[Sites, Int[Array, ""]]:
     """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
-    shape = strided_shape(sites.shape, kernel, stride, padding)
+    shape = strided_shape(sites.shape, kernel, stride, padding=padding)
     zyx, valid = sites.zyx, sites.valid
     # Input i is seen by outputs o with o t - p <= i < o t - p + k: along each axis the last such o and those below it.
     reach = [-(-k // t) for k, t in zip(kernel, stride, strict=True)]

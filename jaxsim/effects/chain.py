@@ -142,7 +142,7 @@ def _checked(effect: Effect, parameters: Mapping[str, Any]) -> dict[str, Value]:
             raise ValueError(f"{effect.name}: {name} is {given!r}; give a number or a list of numbers") from error
         shape = effect.parameters[name].shape
         if value.ndim > 1 or (value.ndim and (shape == "scalar" or value.shape[0] == 0)):
-            raise ValueError(wrong_length(effect, name, value.shape, 0 if shape == "row" else 1))
+            raise ValueError(wrong_length(effect, name, value.shape, rows=0 if shape == "row" else 1))
         if value.ndim and shape == "class":
             effect.values({name: value}, rows=1)
         for number in value.ravel().tolist():

@@ -84,7 +84,7 @@ class Law:
             value = jnp.asarray(given.get(name, parameter.neutral), jnp.float32)
             dims = parameter.dims(rows)
             if value.ndim and value.shape != dims:
-                raise ValueError(wrong_length(self, name, value.shape, rows))
+                raise ValueError(wrong_length(self, name, value.shape, rows=rows))
             result[name] = jnp.broadcast_to(value, dims)
         return result
 
@@ -122,7 +122,7 @@ def check_bounds(law: Law, name: str, value: float) -> None:
         raise ValueError(f"{law.name}: {name} is {value:g} {p.unit}; it must lie in {p.low:g}..{p.high:g} {p.unit}")
 
 
-def wrong_length(law: Law, name: str, shape: tuple[int, ...], rows: int) -> str:
+def wrong_length(law: Law, name: str, shape: tuple[int, ...], *, rows: int) -> str:
     """The message for a value whose shape does not fit the sensor."""
     p = law.parameters[name]
     right = {

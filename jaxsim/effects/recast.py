@@ -50,9 +50,9 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
 
     def again(_: Any, cell: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         met, _ = _meet(rays, scan, _surface(scan, rays.frame, *cell[:2]), held_turn, held_move)
-        return _look_up(rays, scan, held_turn, held_move, met)
+        return _look_up(rays, scan, held_turn, moved=held_move, met_m=met)
 
-    cell = _look_up(rays, scan, held_turn, held_move, jnp.full(rays.range_m.shape, jnp.inf))
+    cell = _look_up(rays, scan, held_turn, moved=held_move, met_m=jnp.full(rays.range_m.shape, jnp.inf))
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
     surface = _surface(scan, rays.frame, row, column)
     # Rays that keep their own surface are not displaced on it either.
@@ -64,7 +64,7 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
 
 
 def _look_up(
-    rays: Rays, scan: Scan, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"], met_m: Float[Array, "*n"]
+    rays: Rays, scan: Scan, turned: Float[Array, "*n 2"], *, moved: Float[Array, "*n 3"], met_m: Float[Array, "*n"]
 ) -> tuple[Int[Array, "*n"], Int[Array, "*n"], Bool[Array, "*n"]]:
     """The cell in whose direction the rays are at range `met_m`, and whether it lies in the image (else the own)."""
     grid = scan.grid

@@ -75,8 +75,8 @@ def frechet_of_run(
     generate: Generate,
     params: Any,
     judged: PreparedPairs,
-    extractor: Extractor,
     *,
+    extractor: Extractor,
     prepare: PrepareConfig,
     cache: Path,
 ) -> FrechetScore:

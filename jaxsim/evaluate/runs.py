@@ -62,7 +62,7 @@ def score_sensor(
     dataset = open_dataset(data) if data != own else own_dataset
     positions = frames_to_judge(frames, dataset, validation=validation)
     judged = prepared(dataset, positions, data, prepare)
-    before = pairs_before(dataset, positions, data, prepare)
+    before = pairs_before(dataset, positions, data, prepare=prepare)
     train = prepared(own_dataset, select(own.train, own_dataset), own, prepare)
     if extractor:
         require_images(len(judged), extractor)
@@ -75,7 +75,9 @@ def score_sensor(
     frechet = None
     if extractor:
         cache = own.cache / "statistics"
-        frechet = frechet_of_run(learned.generate, learned.params, judged, extractor, prepare=prepare, cache=cache)
+        frechet = frechet_of_run(
+            learned.generate, learned.params, judged, extractor=extractor, prepare=prepare, cache=cache
+        )
     return SensorScores(judged, predict, scores, frechet)
 
 

@@ -22,6 +22,7 @@ def _tangent(
     points: Float[Array, "*b r c 3"],
     range_m: Float[Array, "*b r c"],
     valid: Bool[Array, "*b r c"],
+    *,
     axis: int,
     wraps: Bool[Array, ""],
 ) -> tuple[Float[Array, "*b r c 3"], Bool[Array, "*b r c"]]:
@@ -53,8 +54,8 @@ def normals(
     points = ray * range_m[..., None] + rise
     columns = range_m.shape[-1]
     turn = jnp.abs(grid.azimuth_rad[0] - grid.azimuth_rad[-1]) * columns / (columns - 1)
-    along, along_known = _tangent(points, range_m, valid, -1, turn > 2 * jnp.pi - 1e-3)
-    down, down_known = _tangent(points, range_m, valid, -2, jnp.zeros((), bool))
+    along, along_known = _tangent(points, range_m, valid, axis=-1, wraps=turn > 2 * jnp.pi - 1e-3)
+    down, down_known = _tangent(points, range_m, valid, axis=-2, wraps=jnp.zeros((), bool))
     normal = jnp.cross(along, down)
     length = jnp.sqrt(jnp.sum(normal * normal, axis=-1))
     known = along_known & down_known & (length > 0) & jnp.isfinite(length)

@@ -120,7 +120,7 @@ def classes_in(counts: Mapping[str, CloudCounts], first: str) -> tuple[str, ...]
     return (first, *sorted(number.keys() - {first}, key=lambda kind: (-number[kind], kind)))
 
 
-def distribution_distance(real: CloudCounts, other: CloudCounts, kind: str, quantity: str) -> float:
+def distribution_distance(real: CloudCounts, other: CloudCounts, kind: str, *, quantity: str) -> float:
     """Wasserstein distance (order 1) of a class's histograms: metres, or intensity; NaN where one side has no point."""
     sides = [counts.histograms.get(kind, {}).get(quantity) for counts in (real, other)]
     if any(side is None or not side.sum() for side in sides):
@@ -154,10 +154,10 @@ def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: s
             found = counts.on_objects.get(kind, {}).get(band, [])
             row[band_name(band)] = float(np.median(found)) if found else float("nan")
         row |= {
-            "range_m": distribution_distance(real, counts, kind, "range"),
-            "height_m": distribution_distance(real, counts, kind, "height"),
-            "intensity": distribution_distance(real, counts, kind, "intensity"),
-            "rest_intensity": distribution_distance(real, counts, REST, "intensity"),
+            "range_m": distribution_distance(real, counts, kind, quantity="range"),
+            "height_m": distribution_distance(real, counts, kind, quantity="height"),
+            "intensity": distribution_distance(real, counts, kind, quantity="intensity"),
+            "rest_intensity": distribution_distance(real, counts, REST, quantity="intensity"),
             "empty": float(drop_map(counts).mean()),
             "empty_off": float(np.abs(drop_map(counts) - drop_map(real)).mean()),
         }

@@ -25,6 +25,7 @@ def depth_errors(
     guess_m: Float[Array, "h w"],
     guessed: Bool[Array, "h w"],
     truth_m: Float[Array, "h w"],
+    *,
     known: Bool[Array, "h w"],
 ) -> dict[str, float]:
     """rmse, mae (mm), irmse, imae (1/km) of one image over pixels that are known and guessed, and the share `filled` of
@@ -99,7 +100,7 @@ def benchmark_errors(
             f"depth: {(known & ~filled).sum()} known pixels lie in rows where nothing is guessed, which the benchmark "
             "does not interpolate; complete them, or compare guessed pixels alone (depth_errors)"
         )
-    errors = depth_errors(dense_m, filled, truth_m, known)
+    errors = depth_errors(dense_m, filled, truth_m, known=known)
     return errors | {"filled": float((known & guessed).sum() / known.sum())}
 
 

@@ -23,7 +23,7 @@ from jaxsim.pairs.shards import Job, make_shard, note_of
 POLL_S = 1.0
 
 
-def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, options: Sequence[str], bar: tqdm[Any]) -> None:
+def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: tqdm[Any]) -> None:
     """Makes these files; `options` are Beam's, such as `runner=FlinkRunner`. Shows the finished ones' pairs on `bar`.
 
     Raises ModuleNotFoundError where Beam is not installed, ValueError where a frame lacks what the job asks for.

@@ -46,7 +46,7 @@ def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
 
 
 def make_record(
-    frame: Frame, position: int, spec: LidarSpec, prepare: PrepareConfig, *, scan: bool = True
+    frame: Frame, position: int, spec: LidarSpec, *, prepare: PrepareConfig, scan: bool = True
 ) -> PairRecord:
     """The pair of a data set's frame, ready to be kept; without `scan`, of its camera alone (`prepare_view`).
 
@@ -88,7 +88,9 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
     return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
 
 
-def pairs_before(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> list[Pair | None]:
+def pairs_before(
+    dataset: Any, positions: Sequence[int], data: DataConfig, *, prepare: PrepareConfig
+) -> list[Pair | None]:
     """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
     holds = dataset.holds if data.kind == "prepared" else lambda position: True
     followers = [p for p in positions if p > 0 and holds(p - 1)]
@@ -104,7 +106,7 @@ def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig
     if missing:
         check_networks(prepare)
     for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
-        record = make_record(dataset[i], i, dataset.spec, prepare)
+        record = make_record(dataset[i], i, dataset.spec, prepare=prepare)
         with replacing(folder / f"{i:06d}.npz") as path:
             np.savez(path, **example_of(record))
 

@@ -53,7 +53,7 @@ def make_set(
     lock(Path(out), doing="writing to", instead="another --out")
     try:
         if (folder / "dataset_info.json").is_file():
-            _check_finished(folder, data, prepare, splits)
+            _check_finished(folder, data, prepare, splits=splits)
             _tidy(folder)
         else:
             first = dataset[next(iter(splits.values()))[0]]
@@ -78,7 +78,7 @@ def _make(
     if job.scan:
         check_networks(job.prepare)
     making = folder.with_name(folder.name + MAKING)
-    _claim_plan(making, job, splits, size)
+    _claim_plan(making, job, splits, size=size)
 
     # Files: those that an earlier command made stay as they are.
     shards = cut(splits, size)
@@ -87,7 +87,7 @@ def _make(
     total = sum(map(len, splits.values()))
     with tqdm(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
         if beam is not None:
-            make_by_beam(job, missing, making, beam, bar)
+            make_by_beam(job, missing, making, options=beam, bar=bar)
         elif missing:
             made = make_all(job, positions, min(workers or os.cpu_count() or 1, len(positions)))
             shown = (_counted(pair, bar) for pair in made)
@@ -125,7 +125,7 @@ def _counted(pair: Any, bar: tqdm[Any]) -> Any:
     return pair
 
 
-def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], size: int) -> None:
+def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], *, size: int) -> None:
     """Keeps what the files of `making` are made of. Raises ValueError where they are made of something else."""
     plan = {
         **pair_settings(job.data, job.prepare),
@@ -143,7 +143,7 @@ def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], size: int)
     )
 
 
-def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, splits: dict[str, list[int]]) -> None:
+def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, *, splits: dict[str, list[int]]) -> None:
     """Raises ValueError where a finished set is not of these settings and frames."""
 
     def read(record: bytes) -> dict[str, Any]:

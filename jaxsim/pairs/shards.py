@@ -67,7 +67,7 @@ def _dataset(data: DataConfig) -> Dataset:
 def make(job: Job, position: int) -> Made:
     """The pair at one position. Raises ValueError where the frame lacks what the job asks for."""
     frame = _dataset(job.data)[position]
-    record = make_record(frame, position, job.spec, job.prepare, scan=job.scan)
+    record = make_record(frame, position, job.spec, prepare=job.prepare, scan=job.scan)
     rows, columns = record.pair.target.shape
     labelled = frame.camera.semantic is not None
     return Made(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled)

@@ -46,7 +46,7 @@ def convolve(x: Array, kernel: Array, stride: int, padding: tuple[int, int]) -> 
     b, h, w, _ = x.shape
     rows, columns = (h + 2 * padding[0] - kh) // stride + 1, (w + 2 * padding[1] - kw) // stride + 1
     if b * rows * columns <= 2 * wide:
-        return _patch_product(_zero_pad(x, padding), kernel, (rows, columns), stride)
+        return _patch_product(_zero_pad(x, padding), kernel, (rows, columns), stride=stride)
     if stride > 1:
         return _convolve_strided(x, kernel, stride, padding)
     if padding == (0, 0):
@@ -70,7 +70,7 @@ def upsample_convolve(x: Array, kernel: Array) -> Array:
         by_column = (jnp.stack([left, middle + right], 1), jnp.stack([left + middle, right], 1))
         for q, quarter in enumerate(by_column):
             phases.append(convolve(x[:, p : p + h + 1, q : q + w + 1], quarter, 1, (0, 0)))
-    return _interleave(phases, b, h, w)
+    return _interleave(phases, b, h, w=w)
 
 
 def transposed_convolve(x: Array, kernel: Array) -> Array:
@@ -86,10 +86,10 @@ def transposed_convolve(x: Array, kernel: Array) -> Array:
         for q in (0, 1):
             taps = kernel[1 - p :: 2 if p else 3, 1 - q :: 2 if q else 3]
             phases.append(convolve(x[:, : h + p, : w + q], taps, 1, (0, 0)))
-    return _interleave(phases, b, h, w)
+    return _interleave(phases, b, h, w=w)
 
 
-def _interleave(phases: list[Array], b: int, h: int, w: int) -> Array:
+def _interleave(phases: list[Array], b: int, h: int, *, w: int) -> Array:
     """One raster of the cells (2i, 2j), (2i, 2j + 1), (2i + 1, 2j), (2i + 1, 2j + 1) from a raster of each."""
     y = jnp.stack(phases, axis=3).reshape(b, h, w, 2, 2, -1)
     return y.transpose(0, 1, 3, 2, 4, 5).reshape(b, 2 * h, 2 * w, -1)
@@ -162,7 +162,7 @@ def _strided_backward(
 
     def add_item(total: Array, item: tuple[Array, Array]) -> tuple[Array, None]:
         cells, slope = item
-        taps = _taps(_zero_pad(cells[None], padding), (kh, kw), (rows, columns), stride)
+        taps = _taps(_zero_pad(cells[None], padding), (kh, kw), (rows, columns), stride=stride)
         products = [lax.dot_general(slope, tap[0], (((0, 1), (0, 1)), ((), ()))) for tap in taps]
         return total + jnp.stack(products), None
 
@@ -175,14 +175,14 @@ def _strided_backward(
 _convolve_strided.defvjp(_strided_forward, _strided_backward)
 
 
-def _patch_product(x: Array, kernel: Array, size: tuple[int, int], stride: int) -> Array:
+def _patch_product(x: Array, kernel: Array, size: tuple[int, int], *, stride: int) -> Array:
     """Convolution of the cells that are there, as one matrix product."""
     kh, kw, _, wide = kernel.shape
-    patches = jnp.concatenate(_taps(x, (kh, kw), size, stride), axis=-1)
+    patches = jnp.concatenate(_taps(x, (kh, kw), size, stride=stride), axis=-1)
     return (patches.reshape(-1, patches.shape[-1]) @ kernel.reshape(-1, wide)).reshape(-1, *size, wide)
 
 
-def _taps(x: Array, kernel: tuple[int, int], size: tuple[int, int], stride: int) -> list[Array]:
+def _taps(x: Array, kernel: tuple[int, int], size: tuple[int, int], *, stride: int) -> list[Array]:
     """The cells that each kernel element meets, in the kernel's order."""
     b, _, _, c = x.shape
     down, right = ((n - 1) * stride + 1 for n in size)

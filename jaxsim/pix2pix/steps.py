@@ -144,7 +144,7 @@ def make_train_step(
             generator_optim=optim,
             discriminator=judges,
             discriminator_optim=judges_optim,
-            ema=_average(experiment, state.ema, trained, step),
+            ema=_average(experiment, state.ema, trained, step=step),
         )
         return state, metrics
 
@@ -162,7 +162,7 @@ def make_train_step(
     )
 
 
-def _average(experiment: Experiment, ema: Tree, generator: Network, step: Array) -> Tree:
+def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Array) -> Tree:
     """Moving average of the folded generator; up to `ema_start` updates it is a copy."""
     decay = jnp.where(step <= experiment.optim.ema_start, 0.0, experiment.optim.ema_decay)
     folded = fold_spectral_norm(generator.parameters, generator.vectors)

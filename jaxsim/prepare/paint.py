@@ -83,7 +83,7 @@ def _pixels(
     down, across = _row_of(rho, z, grid), column_of(azimuth_of(x, y), grid)
     away = jnp.sqrt(rho * rho + z * z)
     known = camera_frame.depth_valid.reshape(*batch, h * w) & jnp.isfinite(away)
-    return rho, z, *_winners(away, down, across, known, grid, occlusion_m)
+    return rho, z, *_winners(away, down, across, known=known, grid=grid, occlusion_m=occlusion_m)
 
 
 def _pick(raster: Array, *, winner: Int[Array, "*b cells"], valid: Bool[Array, "*b rows columns"]) -> Array:
@@ -96,6 +96,7 @@ def _winners(
     away_m: Float[Array, "*b n"],
     down: Float[Array, "*b n"],
     across: Float[Array, "*b n"],
+    *,
     known: Bool[Array, "*b n"],
     grid: PolarGrid,
     occlusion_m: float,

@@ -113,7 +113,7 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
-            view = _completed(view, pad_cloud(_measured(frame)), config, rows_cut)
+            view = _completed(view, pad_cloud(_measured(frame)), config, rows_cut=rows_cut)
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -204,6 +204,6 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
         )
 
 
-def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, rows_cut: int) -> CameraFrame:
+def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, *, rows_cut: int) -> CameraFrame:
     depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
     return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)

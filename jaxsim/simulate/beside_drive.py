@@ -90,8 +90,8 @@ def write_pairs(
     learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
-    out: Path,
     *,
+    out: Path,
     batch: int = 8,
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, Path]:

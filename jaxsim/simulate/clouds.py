@@ -78,7 +78,7 @@ def make_cloud(
     where the frame lacks what the recipe needs, and as `check_recipe`.
     """
     check_recipe(recipe, learned, effects_model)
-    dense = _dense(frame, recipe, learned, effects_model, jax.random.key(0) if key is None else key)
+    dense = _dense(frame, recipe, learned, effects_model=effects_model, key=jax.random.key(0) if key is None else key)
     lines = lines_of(recipe)
     if lines != NO_LINES:
         cells, rows = _cells(lines)
@@ -96,7 +96,7 @@ def _cells(lines: str) -> tuple[EvenLines | PolarGrid, Sequence[int] | None]:
 
 
 def _dense(
-    frame: Frame, recipe: CloudRecipe, learned: LearnedSensor | None, effects_model: SensorModel | None, key: Array
+    frame: Frame, recipe: CloudRecipe, learned: LearnedSensor | None, *, effects_model: SensorModel | None, key: Array
 ) -> Cloud:
     view = frame.camera
     if recipe.source == "measured":

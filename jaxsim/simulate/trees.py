@@ -114,7 +114,7 @@ def export_trees(plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 
 
     def write(position: int) -> list[tuple[_Tree, dict[str, Any]]]:
         frame = dataset[position]
-        return [(tree, _write_frame(tree, dataset, position, frame)) for tree in missing[position]]
+        return [(tree, _write_frame(tree, dataset, position, frame=frame)) for tree in missing[position]]
 
     def save() -> None:
         for tree in trees:
@@ -182,7 +182,7 @@ def _number(position: int) -> str:
     return f"{position:06d}"
 
 
-def _write_frame(tree: _Tree, dataset: Dataset, position: int, frame: Frame) -> dict[str, Any]:
+def _write_frame(tree: _Tree, dataset: Dataset, position: int, *, frame: Frame) -> dict[str, Any]:
     """Writes one frame, unless nothing is left of it, and gives its entry in export.json."""
     plan = tree.plan
     boxes = _labels(plan.labels, dataset, position, frame)
@@ -199,7 +199,7 @@ def _write_frame(tree: _Tree, dataset: Dataset, position: int, frame: Frame) -> 
     if not points:
         return entry | {"left_out": "no point"}
     rect = frame.rect_from_velo
-    write_kitti_frame(plan.out, _number(position), frame.camera, cloud, boxes, rect_from_velo=rect)
+    write_kitti_frame(plan.out, _number(position), frame.camera, cloud=cloud, boxes=boxes, rect_from_velo=rect)
     return entry | {"points": points}
 
 

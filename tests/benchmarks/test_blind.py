@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
+from benchmarks.blind import where
 from benchmarks.blind.case import run_case
 from benchmarks.blind.effects import failed, main
 from benchmarks.blind.hidden import list_effects

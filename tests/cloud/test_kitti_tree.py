@@ -62,7 +62,7 @@ def check_same(frame, view, cloud, boxes):
 
 def test_a_frame_reads_back_to_the_last_bit(tmp_path):
     view, cloud, boxes = some_frame()
-    write_kitti_frame(tmp_path, "000012", view, cloud, boxes)
+    write_kitti_frame(tmp_path, "000012", view, cloud=cloud, boxes=boxes)
     dataset = KittiObject(tmp_path, rows="elevation")
     assert (len(dataset), dataset.name_of(0)) == (1, "000012")
     check_same(dataset[0], view, cloud, boxes)
@@ -73,7 +73,7 @@ def test_kittis_own_frames_read_back_to_the_last_bit(tmp_path, samples):
     for k in range(3):
         frame = source[k]
         rect = frame.rect_from_velo
-        write_kitti_frame(tmp_path, frame.name, frame.camera, frame.cloud, frame.boxes, rect_from_velo=rect)
+        write_kitti_frame(tmp_path, frame.name, frame.camera, cloud=frame.cloud, boxes=frame.boxes, rect_from_velo=rect)
     copy = KittiObject(tmp_path)
     for k in range(3):
         check_same(copy[k], source[k].camera, source[k].cloud, source[k].boxes)
@@ -91,7 +91,7 @@ def test_kittis_own_frames_read_back_to_the_last_bit(tmp_path, samples):
 def test_the_tree_is_what_an_independent_reader_asks_for(tmp_path):
     for k in range(3):
         view, cloud, boxes = some_frame(some_boxes(("Car", "DontCare", "Cyclist", "DontCare"), seed=k), seed=k)
-        write_kitti_frame(tmp_path, f"{k:06d}", view, cloud, boxes)
+        write_kitti_frame(tmp_path, f"{k:06d}", view, cloud=cloud, boxes=boxes)
         expected = choose_boxes(boxes, np.array([True, False, True, False]))
         write_image_sets(tmp_path, {"trainval": [f"{i:06d}" for i in range(k + 1)][::-1]})
         frames = rules.accept(tmp_path)
@@ -112,7 +112,7 @@ def test_a_labels_frame_beside_the_camera_becomes_the_fourth_column_of_p2(tmp_pa
     view, cloud, boxes = some_frame()
     rect = view.camera.cam_from_velo.astype(np.float64)
     rect[:3, 3] -= (0.06, 0.001, 0.003)
-    write_kitti_frame(tmp_path, "000000", view, cloud, boxes, rect_from_velo=rect)
+    write_kitti_frame(tmp_path, "000000", view, cloud=cloud, boxes=boxes, rect_from_velo=rect)
     assert (object_rect_from_velo(tmp_path / "training/calib/000000.txt") == rect).all()
     check_same(KittiObject(tmp_path, rows="elevation")[0], view, cloud, boxes)
     turned = rect.copy()
@@ -149,7 +149,7 @@ def test_clouds_that_no_reader_would_take_are_refused_and_nothing_is_written(tmp
     view, cloud, boxes = some_frame()
     cloud = replace(cloud, valid=np.ones(500, bool))
     with pytest.raises(ValueError, match=message):
-        write_kitti_frame(tmp_path, "000000", view, replace(cloud, **change), boxes)
+        write_kitti_frame(tmp_path, "000000", view, cloud=replace(cloud, **change), boxes=boxes)
     assert not (tmp_path / "training").exists()
 
 

@@ -68,10 +68,10 @@ def test_a_batch_that_cannot_be_filled_or_divided_is_refused():
 def test_a_magnified_pair_shows_a_part_of_it_cell_for_cell():
     target = np.arange(24, dtype=np.float32).reshape(4, 6)
     source = PAIRS[0].replace(target=target)
-    np.testing.assert_array_equal(magnified(source, 1.0, (0.5, 0.5), (4, 6)).target, target)
+    np.testing.assert_array_equal(magnified(source, 1.0, (0.5, 0.5), size=(4, 6)).target, target)
     twice = target.repeat(2, 0).repeat(2, 1)
-    np.testing.assert_array_equal(magnified(source, 2.0, (0.0, 0.0), (4, 6)).target, twice[:4, :6])
-    np.testing.assert_array_equal(magnified(source, 2.0, (0.999, 0.999), (4, 6)).target, twice[4:, 6:])
+    np.testing.assert_array_equal(magnified(source, 2.0, (0.0, 0.0), size=(4, 6)).target, twice[:4, :6])
+    np.testing.assert_array_equal(magnified(source, 2.0, (0.999, 0.999), size=(4, 6)).target, twice[4:, 6:])
 
 
 def test_magnification_is_drawn_for_every_pair_and_every_epoch():

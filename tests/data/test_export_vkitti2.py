@@ -88,7 +88,7 @@ def test_levels_are_kittis_or_none_is_visible_or_the_papers_fraction(export, tre
     # No object is wholly visible, none unseen: whatever its height, none is easy, and none is beyond moderate.
     assert all(0 < float(v) <= 1 for v in column(paper))
     truth = read_truth(paper / "training/label_2", ["000000", "000001"])
-    assert not (truth_flags(truth, "Car", DIFFICULTIES["easy"], "openpcdet") == 0).any()
+    assert not (truth_flags(truth, "Car", DIFFICULTIES["easy"], rules="openpcdet") == 0).any()
 
 
 def test_fewer_lines_have_fewer_points_and_both_readings_of_32_are_there(virtual):

@@ -93,7 +93,7 @@ def test_tfds_reads_a_set_without_jaxsim_and_builds_one_in_its_own_way(raw_root,
     frames = open_dataset(kitti(raw_root))
 
     def examples(positions):
-        return (example_of(make_record(frames[p], p, frames.spec, PREPARE)) for p in positions)
+        return (example_of(make_record(frames[p], p, frames.spec, prepare=PREPARE)) for p in positions)
 
     shards = cut({"train": [0, 1], "eval": [2]}, 1)
     JaxsimPairs(data_dir=tmp_path / "own", kind="kitti_raw", shards=shards, examples=examples).download_and_prepare()

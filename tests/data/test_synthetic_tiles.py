@@ -62,7 +62,7 @@ def test_lidar_tiles_lack_nothing(scene: tuple) -> None:
 def test_sunbeam_tiles_lack_nothing(scene: tuple) -> None:
     sun = np.array([0.4, -0.5, 0.6])
     x, y = np.linspace(-10, 60, 65), np.linspace(-30, 30, 49)
-    mask = slanted_mask(scene[2], sun, x[:: TILE[1]], y[:: TILE[0]])
+    mask = slanted_mask(scene[2], sun, x[:: TILE[1]], y_m=y[:: TILE[0]])
     ground = np.stack(np.broadcast_arrays(*np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), 0.0))
     origin = ground + (100 * sun)[:, None, None]
     everything_agrees(scene, origin, np.broadcast_to(-sun[:, None, None], origin.shape), mask)

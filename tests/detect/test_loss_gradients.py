@@ -76,13 +76,13 @@ def test_the_second_stages_gradients_are_its_slopes(term):
     rois, objects = proposals(rng, 5)
     rois[0, 4] = objects[0, 4] = 0  # fills up the list
     overlap = np.array([[0.8, 0.6, 0.5, 0.3, 0.0]])
-    targets = targets_of(jnp.asarray(rois), jnp.asarray(objects), jnp.asarray(overlap), RoiConfig())
+    targets = targets_of(jnp.asarray(rois), jnp.asarray(objects), jnp.asarray(overlap), config=RoiConfig())
     given = {"cls": rng.normal(0, 1, (1, 5)), "box": rng.normal(0, 0.2, (1, 5, 7))}
     name = "cls" if term == "roi_cls" else "box"
 
     def loss(x):
         inputs = {key: jnp.asarray(value) for key, value in given.items()} | {name: x}
-        return roi_losses(inputs["cls"], inputs["box"], targets, CONFIG)[term]
+        return roi_losses(inputs["cls"], inputs["box"], targets, config=CONFIG)[term]
 
     gradient = check(loss, given[name])
     learns = np.array([[True, True, False, False, False]]) if name == "box" else np.ones((1, 5), bool)

@@ -86,7 +86,7 @@ def test_each_proposal_finds_its_published_object(heads):
 
 def test_targets_of_the_published_draw_are_the_published_ones(heads):
     rois, gt, overlap = (heads[f"ptl_out_{name}"] for name in ("rois", "gt_of_rois_src", "gt_iou_of_rois"))
-    targets = targets_of(rois, gt[..., :7], overlap, RoiConfig())
+    targets = targets_of(rois, gt[..., :7], overlap, config=RoiConfig())
     np.testing.assert_allclose(targets.canonical, heads["ptl_out_gt_of_rois"][..., :7], atol=2e-5)
     np.testing.assert_allclose(targets.score, heads["ptl_out_rcnn_cls_labels"], atol=1e-6)
     np.testing.assert_array_equal(targets.foreground, heads["ptl_out_reg_valid_mask"] > 0)
@@ -94,9 +94,9 @@ def test_targets_of_the_published_draw_are_the_published_ones(heads):
 
 def test_second_stage_loss_is_the_published_one(heads, values):
     rois, gt, overlap = (heads[f"ptl_out_{name}"] for name in ("rois", "gt_of_rois_src", "gt_iou_of_rois"))
-    targets = targets_of(rois, gt[..., :7], overlap, RoiConfig())
+    targets = targets_of(rois, gt[..., :7], overlap, config=RoiConfig())
     cls, box = heads["roi_cls_logits"].reshape(1, -1), heads["roi_reg_preds"][None]
-    terms, expected = losses.roi_losses(cls, box, targets, CONFIG), values["heads"]["roi_loss"]
+    terms, expected = losses.roi_losses(cls, box, targets, config=CONFIG), values["heads"]["roi_loss"]
     np.testing.assert_allclose(terms["roi_cls"], expected["rcnn_loss_cls"], rtol=1e-4)
     np.testing.assert_allclose(terms["roi_reg"], expected["rcnn_loss_reg"], rtol=1e-4)
     np.testing.assert_allclose(terms["roi_corner"], expected["rcnn_loss_corner"], rtol=1e-4)
@@ -105,10 +105,10 @@ def test_second_stage_loss_is_the_published_one(heads, values):
 
 def test_second_stage_loss_without_foreground_has_a_finite_gradient(heads):
     nothing = jnp.zeros((1, 128, 7))
-    targets = targets_of(nothing, nothing, jnp.zeros((1, 128)), RoiConfig())
+    targets = targets_of(nothing, nothing, jnp.zeros((1, 128)), config=RoiConfig())
 
     def total(cls, box):
-        return sum(losses.roi_losses(cls, box, targets, CONFIG).values())
+        return sum(losses.roi_losses(cls, box, targets, config=CONFIG).values())
 
     gradients = jax.grad(total, (0, 1))(jnp.zeros((1, 128)), heads["roi_reg_preds"][None])
     assert all(np.isfinite(g).all() for g in gradients)
@@ -143,7 +143,7 @@ def test_proposals_are_drawn_in_the_published_numbers(kinds, drawn):
 
 def test_a_scene_without_objects_gives_background_alone(heads):
     gt = jnp.zeros((1, 4, 7))
-    targets = assign_rois(heads["ptl_rois"], gt, jnp.zeros((1, 4), bool), jax.random.key(0), RoiConfig())
+    targets = assign_rois(heads["ptl_rois"], gt, jnp.zeros((1, 4), bool), key=jax.random.key(0), config=RoiConfig())
     assert not targets.foreground.any()
     assert (targets.score == 0).all()
 

@@ -122,7 +122,7 @@ def test_pasted_cars_are_free_and_hold_their_own_points_alone():
     database = cutouts(scenes[1:], AUGMENT)
     assert len(database) == 18
     for seed in range(6):
-        after = paste(scenes[0], database, AUGMENT, np.random.default_rng(seed))
+        after = paste(scenes[0], database, AUGMENT, rng=np.random.default_rng(seed))
         new = after.boxes[6:]
         assert len(new) <= 4
         assert not collide(new, scenes[0].boxes).any()
@@ -137,9 +137,9 @@ def test_pasted_cars_stand_on_the_road_plane():
     scenes, config = [scene(k) for k in range(3)], replace(AUGMENT, on_ground=True)
     database = cutouts(scenes[1:], config)
     with pytest.raises(ValueError, match="no road plane"):
-        paste(scenes[0], database, config, np.random.default_rng(0))
+        paste(scenes[0], database, config, rng=np.random.default_rng(0))
     ground = np.array([0.0, -1.0, 0.02, 1.5])  # camera: y = 0.02 z + 1.5
-    after = paste(replace(scenes[0], ground=ground), database, config, np.random.default_rng(0))
+    after = paste(replace(scenes[0], ground=ground), database, config, rng=np.random.default_rng(0))
     new = after.boxes[6:]
     assert len(new)
     np.testing.assert_allclose(new[:, 2] - new[:, 5] / 2, -(0.02 * new[:, 0] + 1.5), atol=1e-4)

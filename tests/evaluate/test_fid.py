@@ -35,7 +35,7 @@ def pairs(tmp_path_factory):
 
 def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp_path):
     extractor = Means("torchvision", {}, "ab" * 32, published=False, random=True, width=4)
-    score = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+    score = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor=extractor, prepare=PREPARE, cache=tmp_path)
     assert score.counts == (6, 6)
     assert score.name == "frechet_random_4"
     (kept,) = tmp_path.glob("frechet-inception_torchvision-4-abababababababab-synthetic-6-*.npz")
@@ -54,7 +54,7 @@ def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp
     assert score.value == pytest.approx(want, rel=1e-4)
 
     before = kept.stat().st_mtime_ns
-    again = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+    again = frechet_of_run(generate, jnp.float32(0.5), pairs, extractor=extractor, prepare=PREPARE, cache=tmp_path)
     assert again == score
     assert kept.stat().st_mtime_ns == before
     assert "6 predicted and 6 measured images, 4 features; from half the images" in frechet_line(score)
@@ -73,5 +73,5 @@ def test_drives_of_several_calibrations_are_taken_window_by_window(pairs):
 def test_fewer_frames_than_features_stop_before_any_work(pairs, tmp_path):
     extractor = Means("torchvision", {}, "ab" * 32, published=True, width=2048)
     with pytest.raises(ValueError, match=r"fid: 6 frames to judge, 2048 features.*Judge 2049 frames"):
-        frechet_of_run(generate, jnp.float32(0.5), pairs, extractor, prepare=PREPARE, cache=tmp_path)
+        frechet_of_run(generate, jnp.float32(0.5), pairs, extractor=extractor, prepare=PREPARE, cache=tmp_path)
     assert not list(tmp_path.iterdir())

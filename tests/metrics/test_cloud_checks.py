@@ -35,14 +35,14 @@ def test_points_on_objects_are_counted_by_distance():
 def test_distances_are_in_the_quantitys_own_unit():
     """All points moved by one value: the Wasserstein distance is that value, to a bin."""
     real, other = counts(cloud(50, 200, intensity=0.4)), counts(cloud(50, 200, intensity=0.1))
-    assert distribution_distance(real, other, "Car", "intensity") == pytest.approx(0.3, abs=0.011)
-    assert distribution_distance(real, other, "rest", "intensity") == pytest.approx(0.3, abs=0.011)
-    assert distribution_distance(real, other, "Car", "range") == 0
-    assert np.isnan(distribution_distance(real, other, "Pedestrian", "range"))
+    assert distribution_distance(real, other, "Car", quantity="intensity") == pytest.approx(0.3, abs=0.011)
+    assert distribution_distance(real, other, "rest", quantity="intensity") == pytest.approx(0.3, abs=0.011)
+    assert distribution_distance(real, other, "Car", quantity="range") == 0
+    assert np.isnan(distribution_distance(real, other, "Pedestrian", quantity="range"))
     raised = cloud(50, 0, intensity=0.4) + np.float32([0, 0, 0.2, 0])
-    assert distribution_distance(counts(cloud(50, 0, intensity=0.4)), counts(raised), "Car", "height") == pytest.approx(
-        0.2, abs=0.06
-    )
+    assert distribution_distance(
+        counts(cloud(50, 0, intensity=0.4)), counts(raised), "Car", quantity="height"
+    ) == pytest.approx(0.2, abs=0.06)
 
 
 def test_a_drop_map_says_where_nothing_returns():

@@ -8,7 +8,7 @@ def test_errors_are_the_benchmarks():
     truth = np.array([[10.0, 20.0, 40.0, 5.0]], np.float32)
     guess = np.array([[11.0, 18.0, 40.0, 9.0]], np.float32)
     known, guessed = np.array([[True, True, True, True]]), np.array([[True, True, True, False]])
-    errors = depth_errors(guess, guessed, truth, known)
+    errors = depth_errors(guess, guessed, truth, known=known)
     assert errors["mae"] == pytest.approx(1000.0)
     assert errors["rmse"] == pytest.approx(1e3 * np.sqrt(5 / 3))
     inverse = np.array([1 / 10 - 1 / 11, 1 / 18 - 1 / 20, 0]) * 1e3
@@ -58,7 +58,7 @@ def test_the_benchmark_scores_holes_by_the_nearer_neighbour():
     # 11 for the 20, 38 for the 5 at the row's end, and 38 below it.
     assert errors["mae"] == pytest.approx(1e3 * np.mean([1, 9, 2, 33, 30]))
     assert errors["filled"] == pytest.approx(2 / 5)
-    assert depth_errors(guess, guess > 0, truth, known)["mae"] == pytest.approx(1500)
+    assert depth_errors(guess, guess > 0, truth, known=known)["mae"] == pytest.approx(1500)
 
 
 def test_scores_are_means_over_images_not_over_pixels():
@@ -70,9 +70,9 @@ def test_scores_are_means_over_images_not_over_pixels():
 def test_bad_input_yields_no_number():
     ones, mask = np.ones((2, 2), np.float32), np.ones((2, 2), bool)
     with pytest.raises(ValueError, match="no pixel has both"):
-        depth_errors(ones, ~mask, ones, mask)
+        depth_errors(ones, ~mask, ones, known=mask)
     with pytest.raises(ValueError, match="guessed depths go from 0 to 0"):
-        depth_errors(0 * ones, mask, ones, mask)
+        depth_errors(0 * ones, mask, ones, known=mask)
     rows = np.array([[True, True], [False, False], [True, True]])
     with pytest.raises(ValueError, match="2 known pixels lie in rows where nothing is guessed"):
         benchmark_errors(np.ones((3, 2), np.float32), rows, np.ones((3, 2), np.float32), np.ones((3, 2), bool))

@@ -86,7 +86,11 @@ def test_with_the_published_neighbours_every_cell_is_the_published_one(vectors, 
 
     monkeypatch.setattr(whole, "nearest_patches", published)
     variant, values = network("sigma_25_bw")
-    program = jax.jit(lambda v, x: whole._apply(whole.nnx.merge(whole.definition(variant), v), x, None, "stored", None))
+    program = jax.jit(
+        lambda v, x: whole._apply(
+            whole.nnx.merge(whole.definition(variant), v), x, None, statistics="stored", chunk=None
+        )
+    )
     clean = np.asarray(program(values, image_of(vectors, "synthetic")))[0, ..., 0]
     np.testing.assert_allclose(clean, vectors["sigma_25_bw__synthetic__bneval"], atol=1e-5, rtol=0)
 
@@ -94,8 +98,8 @@ def test_with_the_published_neighbours_every_cell_is_the_published_one(vectors, 
 def test_the_search_finds_the_published_distances(vectors, neighbours):
     image = image_of(vectors, "synthetic")
     image = jnp.asarray(image - image.mean())
-    fine = whole._scale(whole._bordered(image, None, 6)[0], None, 7, 1)
-    coarse = whole._scale(whole._blurred(whole._bordered(image, None, 10)[0], None)[0], None, 7, 2)
+    fine = whole._scale(whole._bordered(image, None, 6)[0], None, 7, d=1)
+    coarse = whole._scale(whole._blurred(whole._bordered(image, None, 10)[0], None)[0], None, 7, d=2)
     at0, at1 = (np.asarray(s.distance).T.reshape(70, 70, 14) for s in (fine, coarse))
     # Ours hold the patch's own variance last; theirs the distance to itself first.
     np.testing.assert_allclose(at0[::7, ::7, :13], neighbours["scale0_dist"][..., 1:], rtol=1e-5)
@@ -114,9 +118,9 @@ def test_the_colour_network_equals_the_oracle():
     _, values = from_published(arrays)
     clean = np.asarray(apply(values, image[None], variant=variant))[0]
     centred, p = jnp.asarray(image[None] - image.mean((0, 1))), variant.p
-    fine = whole._scale(whole._bordered(centred, None, p - 1)[0], None, p, 1)
+    fine = whole._scale(whole._bordered(centred, None, p - 1)[0], None, p, d=1)
     blurred, _ = whole._blurred(*whole._bordered(centred, None, whole.coarse_margin(variant)))
-    chosen = [np.asarray(scale.index).T for scale in (fine, whole._scale(blurred, None, p, 2))]
+    chosen = [np.asarray(scale.index).T for scale in (fine, whole._scale(blurred, None, p, d=2))]
     expected = Oracle(arrays, variant)(image.astype(np.float64), chosen)
     np.testing.assert_allclose(clean, expected, atol=2e-4 * np.abs(expected).max(), rtol=0)
 
@@ -125,7 +129,7 @@ def test_the_colour_network_equals_the_oracle():
 def test_the_oracle_s_neighbours_are_ours(channels, p):
     wide = np.random.default_rng(5).uniform(-1, 1, (16, 15, channels)).astype(np.float32)
     near, distances, shape = look_around(wide.astype(np.float64), p, 2)
-    ours = whole._scale(jnp.asarray(wide[None]), None, p, 2)
+    ours = whole._scale(jnp.asarray(wide[None]), None, p, d=2)
     np.testing.assert_allclose(np.asarray(ours.distance).T, distances, rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(np.asarray(ours.table[ours.index]).transpose(1, 0, 2), near, atol=1e-6)
     assert len(near) == shape[0] * shape[1]

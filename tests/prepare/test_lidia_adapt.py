@@ -81,7 +81,7 @@ def test_training_lowers_the_loss_of_the_very_blocks_that_it_began_with(silent, 
 
 def test_an_image_stands_for_its_own_clean_one_under_new_noise(silent, losses):
     images, valid, _ = blocks()
-    taught = adapt.adapt_to_itself(silent, images, valid, ONE_EPOCH)
+    taught = adapt.adapt_to_itself(silent, images, valid, settings=ONE_EPOCH)
     # What the network makes of the images is the images: what is left is the noise that was added.
     assert losses == pytest.approx([np.log10((2 * ONE_EPOCH.noise) ** 2)], abs=0.1)
     assert any(moved(silent, taught, "weight"))

@@ -160,7 +160,7 @@ def test_trusted_points_are_kept_and_affinities_sum_to_one():
     sparse = jnp.zeros((1, 8, 8)).at[0, 3, 3].set(20.0)
     trust = (sparse > 0).astype(jnp.float32)
     confidence = jnp.full((1, 8, 8, 3), 0.25)
-    out = propagate([from_neighbours(guide)] * 3, confidence, start, sparse, trust, dilation=1)
+    out = propagate([from_neighbours(guide)] * 3, confidence, start, sparse=sparse, trust=trust, dilation=1)
     assert float(out[0, 3, 3]) == 15  # three kernels hold the point's 20
 
 

@@ -109,9 +109,13 @@ def test_the_branches_loss_weighs_each_branch_and_what_both_leave_the_fused_dept
     seen = Backbone(*guesses, *(jnp.zeros((1, 1, 1, 1)),) * 3)
     for weight in (0.0, 0.05, 0.2):
         expected = weight * (1 + 4) + (1 - 2 * weight) * 9
-        assert float(branches_error(seen, frame, jnp.float32(weight), "square")) == pytest.approx(expected, rel=1e-4)
+        assert float(branches_error(seen, frame, jnp.float32(weight), loss="square")) == pytest.approx(
+            expected, rel=1e-4
+        )
         expected = weight * (1 + 3) + (1 - 2 * weight) * 5
-        assert float(branches_error(seen, frame, jnp.float32(weight), "huber")) == pytest.approx(expected, rel=1e-4)
+        assert float(branches_error(seen, frame, jnp.float32(weight), loss="huber")) == pytest.approx(
+            expected, rel=1e-4
+        )
 
 
 @pytest.mark.slow
@@ -175,7 +179,7 @@ def test_the_branches_learn_one_frame_by_heart_better_than_ip_basic_fills_it():
     guess = np.asarray(predict(state.values, frame, config=config, part="branches"))[0]
     dense, filled = complete_depth(one.sparse_m, given, "ip_basic")
     learned, classical = (
-        depth_errors(depth, filled, truth, one.known)["rmse"] for depth in (np.maximum(guess, 0.1), dense)
+        depth_errors(depth, filled, truth, known=one.known)["rmse"] for depth in (np.maximum(guess, 0.1), dense)
     )
     assert learned < 0.6 * classical
 

@@ -32,9 +32,9 @@ def street_surface(
     blotch = smooth_noise(x * 0.9, y * 1.7, seed + 1) - 0.5
     field = smooth_noise(x * 0.11, y * 0.5, seed + 2) - 0.5
 
-    road, road_nir = _asphalt(street, x, off, (grain * fine, blotch * middle, field), seed)
-    paint = _markings(street, x, off, beyond) * (1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8))
-    stone, stone_nir = _paving(street, x, off, (grain * fine, blotch * middle, field), seed)
+    road, road_nir = _asphalt(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
+    paint = _markings(street, x, off, beyond=beyond) * (1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8))
+    stone, stone_nir = _paving(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
     tuft = smooth_noise(x * 5.0, y * 5.0, seed + 3) - 0.5
     lawn = 1.0 + 0.7 * fine * grain + 0.5 * middle * tuft + 0.5 * blotch + 0.5 * field
     lawn, dry = (lawn, jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0))
@@ -60,7 +60,7 @@ def street_surface(
     return vector(*colours), nir, semantic.astype(jnp.int32)
 
 
-def _asphalt(street: Street, x, off, noise, seed):
+def _asphalt(street: Street, x, off, *, noise, seed):
     """Grey with grain, mended rectangles, wheel tracks and covers."""
     grain, blotch, field = noise
     grey = 0.065 + 0.11 * street.tone
@@ -79,7 +79,7 @@ def _asphalt(street: Street, x, off, noise, seed):
     return grey * shade, 0.06 + 1.35 * grey * (1.0 + 0.8 * (shade - 1.0))
 
 
-def _paving(street: Street, x, off, noise, seed):
+def _paving(street: Street, x, off, *, noise, seed):
     """Slabs of half a metre, each of its own shade."""
     grain, blotch, field = noise
     i, j = cell(x / 0.6), cell(off / 0.6)
@@ -91,7 +91,7 @@ def _paving(street: Street, x, off, noise, seed):
     return shade, 0.36 * (1.0 + 0.7 * (shade - 1.0))
 
 
-def _markings(street: Street, x, off, beyond) -> Float[Array, "h w"]:
+def _markings(street: Street, x, off, *, beyond) -> Float[Array, "h w"]:
     """1 where the road is painted: middle line, edge lines, bays, a zebra crossing, give-way lines."""
 
     def near(value, width):

@@ -92,12 +92,12 @@ def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "
     half, extra = look["half"], look["extra"]
     marks = _plain(p, pixel_m)
     for code, marked in (
-        (Pattern.FACADE, _facade(p, n, half, (seed, extra), pixel_m)),
-        (Pattern.CAR_BODY, _car_body(p, n, half, extra)),
-        (Pattern.CAR_CABIN, _car_cabin(p, n, half, extra)),
+        (Pattern.FACADE, _facade(p, n, half, drawn=(seed, extra), pixel_m=pixel_m)),
+        (Pattern.CAR_BODY, _car_body(p, n, half, extra=extra)),
+        (Pattern.CAR_CABIN, _car_cabin(p, n, half, extra=extra)),
         (Pattern.WHEEL, _wheel(p, n, extra)),
         (Pattern.LEAF, _leaf(hit.at)),
-        (Pattern.SIGN, _sign(p, n, half, extra)),
+        (Pattern.SIGN, _sign(p, n, half, extra=extra)),
         (Pattern.TRUCK_BOX, _truck_box(p, n, half)),
     ):
         marks = Marks(*(jnp.where(pattern == code, new, old) for new, old in zip(marked, marks, strict=True)))
@@ -158,7 +158,7 @@ def _leaf(at: Float[Array, "3 h w"]) -> Marks:
     return Marks(0.6 * smooth_noise3(*(at * 0.8)), shade, _none(at), _none(at), _none(at))
 
 
-def _facade(p, n, half, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
+def _facade(p, n, half, *, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
     """Floors of windows; doors and shops below; a roof of tiles. extra: width of a window's bay, style 0..1."""
     seed, (bay, style) = drawn
     roof = n[2] > 0.25
@@ -203,7 +203,7 @@ def _facade(p, n, half, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
     )
 
 
-def _car_body(p, n, half, extra) -> Marks:
+def _car_body(p, n, half, *, extra) -> Marks:
     """Wheel arches, bumpers, lamps, grille, doors and plates. extra: wheel base / 2, wheel radius."""
     length, width, height = half
     axle, radius = extra
@@ -224,7 +224,7 @@ def _car_body(p, n, half, extra) -> Marks:
     return Marks(red.astype(jnp.float32), shade, lamp & front, _none(p), plate & ~lamp)
 
 
-def _car_cabin(p, n, half, extra) -> Marks:
+def _car_cabin(p, n, half, *, extra) -> Marks:
     """Windows all round between the belt and the roof. extra: height of the belt, x of the pillar between the doors."""
     belt, pillar = extra
     up = p[2] - belt
@@ -248,7 +248,7 @@ def _wheel(p, n, extra) -> Marks:
     return Marks(rim.astype(jnp.float32), jnp.ones_like(r), _none(p), _none(p), _none(p))
 
 
-def _sign(p, n, half, extra) -> Marks:
+def _sign(p, n, half, *, extra) -> Marks:
     """Sheeting on the face that looks along x. extra: shape (0 round, 1 triangle, 2 board), width of the rim."""
     shape, rim = extra
     face = n[0] > 0.5

@@ -21,7 +21,7 @@ def _dress(rng: np.random.Generator, semantic: int) -> dict[str, Look]:
     return dressed
 
 
-def _head(model: Model, at: tuple[float, float, float], size: float, dress: dict[str, Look]) -> None:
+def _head(model: Model, at: tuple[float, float, float], size: float, *, dress: dict[str, Look]) -> None:
     x, y, z = at
     model.ball((x, y, z), (0.105 * size, 0.085 * size, 0.13 * size), dress["skin"])
     model.ball((x - 0.02, y, z + 0.035 * size), (0.105 * size, 0.095 * size, 0.115 * size), dress["hair"])
@@ -46,7 +46,7 @@ def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, flo
     model.ball((0.0, 0.0, 0.67 * h), (0.13 * stout, 0.205 * stout, 0.195 * h), dress["coat"])
     model.limb((0.0, 0.0, 0.48 * h), (0.0, 0.0, 0.7 * h), 0.16 * stout, dress["coat"])
     model.cylinder((0.0, 0.0, 0.82 * h), (0.0, 0.0, 0.88 * h), 0.05, dress["skin"])
-    _head(model, (0.015, 0.0, h - 0.14 * size), size, dress)
+    _head(model, (0.015, 0.0, h - 0.14 * size), size, dress=dress)
     return model, (2 * stride + 0.44, 0.64 * stout, h + 0.02)
 
 
@@ -86,5 +86,5 @@ def cyclist(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]
         elbow = (0.27, side * 0.28, 1.2)
         model.limb((shoulder[0], side * 0.19, shoulder[2] + 0.02), elbow, 0.055, dress["coat"])
         model.limb(elbow, (0.38, side * 0.24, 1.05), 0.05, dress["skin"])
-    _head(model, (0.24, 0.0, 1.66), 1.0, dress)
+    _head(model, (0.24, 0.0, 1.66), 1.0, dress=dress)
     return model, (1.78, 0.72, 1.82)

@@ -81,7 +81,7 @@ def cast(
     normal = _round_normal(solids, conic, at)
     normal = jnp.where((solid >= POLYHEDRA + ROUNDS)[None], _leaf_normal(at, normal), normal)
     normal = jnp.where((solid < POLYHEDRA)[None], jnp.moveaxis(flat, -1, 0), normal)
-    normal = jnp.where((solid >= GROUND)[None], ground_normal(street, at[0], at[1], face), normal)
+    normal = jnp.where((solid >= GROUND)[None], ground_normal(street, at[0], at[1], face=face), normal)
     return Hit(distance, solid, normal, at, nearer & face)
 
 

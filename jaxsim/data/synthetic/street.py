@@ -96,7 +96,7 @@ def cast_ground(
 
 
 def ground_normal(
-    street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], face: Bool[Array, "*r"]
+    street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"], *, face: Bool[Array, "*r"]
 ) -> Float[Array, "3 *r"]:
     """Up, and at a kerb's face towards the road."""
     step = 0.02

@@ -70,6 +70,7 @@ def slanted_mask(
     corners: Corners,
     towards: Float[np.ndarray, "3"],
     x_m: Float[np.ndarray, " across1"],
+    *,
     y_m: Float[np.ndarray, " down1"],
 ) -> Mask:
     """Tiles of the ground, by their borders, under parallel rays that come from `towards`. The boxes are in `world`."""

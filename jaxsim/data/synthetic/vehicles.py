@@ -101,11 +101,11 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
             (0.0, -lean, 1.0, lean * 0.6 * inner + height),
         ),
     )
-    _wheels(model, CAR, (axle, -axle), radius, wide)
+    _wheels(model, CAR, (axle, -axle), radius=radius, wide=wide)
     return model, (float(length), float(width), float(height))
 
 
-def _wheels(model: Model, semantic: int, axles: tuple[float, ...], radius: float, wide: float) -> None:
+def _wheels(model: Model, semantic: int, axles: tuple[float, ...], *, radius: float, wide: float) -> None:
     for x in axles:
         look = Look(
             semantic,
@@ -152,5 +152,5 @@ def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     )
     steel = palette.DARK_METAL
     model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), Look(TRUCK, steel.rgb, steel.nir))
-    _wheels(model, TRUCK, (half - 1.2, -half + 1.6), 0.46, wide - 0.02)
+    _wheels(model, TRUCK, (half - 1.2, -half + 1.6), radius=0.46, wide=wide - 0.02)
     return model, (float(length), float(width), float(height))

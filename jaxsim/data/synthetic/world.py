@@ -177,8 +177,10 @@ class SyntheticWorld:
             moment.scene.solids,
             sun.astype(np.float32),
             eye.astype(np.float32),
-            sunward=_ground_candidates(corners, counts, sun, eye, SHADOW_CELLS, SHADOW_TILE),
-            upward=_ground_candidates(corners, counts, np.array([0.0, 0.0, 1.0]), eye, COVER_CELLS, COVER_TILE),
+            sunward=_ground_candidates(corners, counts, sun, eye=eye, cells=SHADOW_CELLS, tile=SHADOW_TILE),
+            upward=_ground_candidates(
+                corners, counts, np.array([0.0, 0.0, 1.0]), eye=eye, cells=COVER_CELLS, tile=COVER_TILE
+            ),
         )
         cam_pose = moment.velo_pose @ np.linalg.inv(self.camera.cam_from_velo.astype(np.float64))
         height, width = self.image_size
@@ -261,7 +263,7 @@ def _into(world_from_frame: Float[np.ndarray, "4 4"], corners: Float[np.ndarray,
     return (corners - world_from_frame[:3, 3]) @ world_from_frame[:3, :3]
 
 
-def _ground_candidates(corners, counts, towards, eye, cells: tuple[int, int], tile: tuple[int, int]) -> Candidates:
+def _ground_candidates(corners, counts, towards, *, eye, cells: tuple[int, int], tile: tuple[int, int]) -> Candidates:
     x, y = map_borders(cells)
-    mask = slanted_mask(corners, towards, x[:: tile[1]] + eye[0], y[:: tile[0]] + eye[1])
+    mask = slanted_mask(corners, towards, x[:: tile[1]] + eye[0], y_m=y[:: tile[0]] + eye[1])
     return candidates(mask, counts)

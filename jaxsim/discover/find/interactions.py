@@ -48,7 +48,7 @@ def interactions(
         rest = additive.z - additive.predicted(list(designs))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
         pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
-        gains = np.stack([_pair_gain(rest, curves[a], curves[b], index, scenes=len(scenes)) for a, b in pairs])
+        gains = np.stack([_pair_gain(rest, curves[a], curves[b], index=index, scenes=len(scenes)) for a, b in pairs])
         best, p = best_of_gains(gains)
         if p <= level:
             share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
@@ -80,8 +80,8 @@ def _pair_gain(
     rest: Float[np.ndarray, " n"],
     first: Float[np.ndarray, "n j"],
     second: Float[np.ndarray, "n k"],
-    index: Int[np.ndarray, " n"],
     *,
+    index: Int[np.ndarray, " n"],
     scenes: int,
 ) -> Float[np.ndarray, " s"]:
     """Held-out nats of each scene by the products of two curves."""

@@ -116,7 +116,7 @@ def _of_intensity(
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
         return _in_channel(0, intensity_by_block(rays, ev, noise, equations=equations, fitted=fitted))
 
-    return _gradient(by_block, fields, constant, ev, noise, counted)
+    return _gradient(by_block, fields, constant, ev=ev, noise=noise, counted=counted)
 
 
 @partial(jax.jit, static_argnames="clutter")
@@ -134,7 +134,7 @@ def _of_returns(
         range_, drop = returns_by_block(rays, ev, noise, equations=equations, clutter=clutter)
         return _in_channel(1, range_) + _in_channel(2, drop)
 
-    return _gradient(by_block, fields, constant, ev, noise, counted)
+    return _gradient(by_block, fields, constant, ev=ev, noise=noise, counted=counted)
 
 
 def _in_channel(number: int, block: Float[Array, " b"]) -> Float[Array, "b 3"]:
@@ -145,6 +145,7 @@ def _gradient(
     by_block: Callable[[Rays, Noise], Array],
     fields: Fields,
     constant: Fields,
+    *,
     ev: Evidence,
     noise: Noise,
     counted: Float[Array, " b"],

@@ -64,7 +64,9 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     # From coarse to fine: each group is off what the coarser ones say.
     for group in (np.asarray(ev.rays.semantic), np.asarray(ev.surface)[np.asarray(ev.strip)]):
-        level = level + _group_offset(np.where(compared, explained, 0), np.where(compared, level, 0), compared, group)
+        level = level + _group_offset(
+            np.where(compared, explained, 0), np.where(compared, level, 0), compared, group=group
+        )
     return np.where(hit, level, 0)
 
 
@@ -72,6 +74,7 @@ def _group_offset(
     value: Float[np.ndarray, "b c r"],
     known: Float[np.ndarray, "b c r"],
     counted: Bool[np.ndarray, "b c r"],
+    *,
     group: Int[np.ndarray, "b c r"],
 ) -> Float[np.ndarray, "b c r"]:
     """By how much each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a

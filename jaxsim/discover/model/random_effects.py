@@ -160,7 +160,7 @@ def levels_of(
     """The levels that fit `residual` (nats) best, given their priors; shared ones from the `fitted` blocks."""
     strips, surfaces = eq.strips, eq.surfaces
     of_strip, of_surface, right = _sums(ev, eq, residual)
-    shared = _shared(ev, eq, fitted, right)
+    shared = _shared(ev, eq, fitted, right=right)
     # Back substitution: street, then surface, then strip, each of what the ones before leave.
     street = jnp.einsum("bpq,bq->bp", eq.street, right - jnp.einsum("bpq,q->bp", eq.gram, shared))
     features = shared[None] + street
@@ -193,7 +193,7 @@ def _sums(
 
 
 def _shared(
-    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], right: Float[Array, "b p"]
+    ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, right: Float[Array, "b p"]
 ) -> Float[Array, " p"]:
     """Coefficients of the features in the `fitted` blocks together, streets' levels taken out."""
     gram = eq.gram - eq.gram @ eq.street @ eq.gram
@@ -209,7 +209,7 @@ def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b
     """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
     residual = ev.log_intensity - ev.rays.log_intensity
     _, _, right = _sums(ev, eq, residual)
-    return _shared(ev, eq, fitted, right)[:-AFTER_CLASSES]
+    return _shared(ev, eq, fitted, right=right)[:-AFTER_CLASSES]
 
 
 def poses(

@@ -87,6 +87,7 @@ def bends(
     range_m: Float[Array, "*n"],
     beside_m: Float[Array, "*n 4"],
     row: Int[Array, "*n"],
+    *,
     elevation_rad: Float[Array, " r"],
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """How far the neighbours to the sides, and those above and below, are from one plane with the ray: their mean of
@@ -107,7 +108,7 @@ def with_planes(scan: Scan) -> Scan:
     noisy, and effects that grow with the tangent of the angle would look weaker than they are."""
     slant, known = incidence(scan.range_m, scan.hit, scan.grid)
     row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
-    sides, stack = bends(scan.range_m, neighbours_m(scan), row, scan.grid.elevation_rad)
+    sides, stack = bends(scan.range_m, neighbours_m(scan), row, elevation_rad=scan.grid.elevation_rad)
     # Both ways, or the edge of a kerb would get the normal of neither side.
     plane = scan.hit & known & (sides < PLANAR) & (stack < PLANAR)
     return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
@@ -121,7 +122,7 @@ def edges(rays: Rays, elevation_rad: Float[Array, " r"]) -> Bool[Array, "*n"]:
     sky = ~jnp.isfinite(rays.beside_m)
     beside = jnp.where(sky, 1e4, rays.beside_m)
     side = jnp.abs(beside[..., :2] - rays.range_m[..., None]) > jnp.maximum(0.3, 0.05 * rays.range_m)[..., None]
-    sides, stack = bends(rays.range_m, rays.beside_m, rays.row, elevation_rad)
+    sides, stack = bends(rays.range_m, rays.beside_m, rays.row, elevation_rad=elevation_rad)
     last = elevation_rad.shape[0] - 1
     # The border repeats the ray itself: half of the step to its one neighbour is left.
     bent = (sides > BEND) | (stack > jnp.where((rays.row == 0) | (rays.row == last), 0.2, BEND))

@@ -133,7 +133,7 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
                 begun[fitted > 0] = 0
             slope += np.bincount(scene, begun.sum(-1), scenes)
             if over_smooth is not None:
-                rough = (result.score - smooth_score(effect, start, fitted, result))[:, used].sum(-1)
+                rough = (result.score - smooth_score(effect, start, fitted, result=result))[:, used].sum(-1)
                 over_smooth += np.bincount(scene, np.where(fitted > 0, 0, rough), scenes)
             gain += np.stack([np.bincount(scene, gained[:, k], scenes) for k in range(3)], axis=-1)
             fits.append(result)
@@ -163,7 +163,7 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
 
 
 def smooth_score(
-    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], result: Fit
+    effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"], *, result: Fit
 ) -> Float[np.ndarray, "b 3"]:
     """Log-likelihood of every block by channel with the beams' numbers of a fit made smooth."""
     kinds = fitted_parameters(effect)

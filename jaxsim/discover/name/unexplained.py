@@ -80,7 +80,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     y, band = curves.mean(0), fold_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
-    character, formula = shape_of(grid, y, weight, place)
+    character, formula = shape_of(grid, y, weight, place=place)
     name = NAMED.get(place.covariate, place.covariate)
     formula += f" (x: {READ.get(place.covariate, place.covariate)})"
     return Unexplained(
@@ -118,7 +118,7 @@ class _Shape:
     values: np.ndarray
 
 
-def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, place: Place) -> tuple[str, str]:
+def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, place: Place) -> tuple[str, str]:
     """The character of a curve y(x) and its formula: the best of a line, a step and a wave by weighted least squares,
     with a price for freedom; `other` where none comes near."""
     if place.covariate == "class":

@@ -69,7 +69,7 @@ def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
     beta = np.zeros(x.shape[1])
     for _ in range(STEPS):
         weight = (DEGREES + 1) / (DEGREES + ((y - x @ beta) / sd) ** 2) / sd**2
-        beta = _solved(x, weight, x.T @ (weight * y), RULES.ridge * weight.mean())
+        beta = _solved(x, weight, x.T @ (weight * y), ridge=RULES.ridge * weight.mean())
     return beta
 
 
@@ -81,11 +81,11 @@ def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
     ridge = RULES.ridge * float(np.mean(p * (1 - p)))
     for _ in range(STEPS):
         now = 1 / (1 + np.exp(-(begin + x @ beta)))
-        step = _solved(x, now * (1 - now), x.T @ (happened - now) - ridge * beta, ridge)
+        step = _solved(x, now * (1 - now), x.T @ (happened - now) - ridge * beta, ridge=ridge)
         # Newton's steps are too long where what is rare turns out to be common.
         beta = beta + step * min(1.0, 1 / max(float(np.abs(step).max()), 1e-9))
     return beta
 
 
-def _solved(x: Design, weight: Line, right: np.ndarray, ridge: float) -> Float[np.ndarray, " k"]:
+def _solved(x: Design, weight: Line, right: np.ndarray, *, ridge: float) -> Float[np.ndarray, " k"]:
     return np.linalg.solve(x.T @ (weight[:, None] * x) + ridge * np.eye(x.shape[1]), right)

@@ -113,7 +113,7 @@ def compare(
     learn = find[scene]
     kind = kinds(comparison)
     law = law_columns(comparison, kind)
-    y = _clipped(comparison.log_intensity, law, learn, sensed)
+    y = _clipped(comparison.log_intensity, law, learn, sensed=sensed)
     patch = patches(comparison, kind)
     variance = _within(y - law @ _ridge(law[learn], y[learn]), patch, learn)
     random = RandomEffects(own_columns(comparison, kind), np.repeat(OWN_SD, 3), patch, PATCH_SD)
@@ -142,7 +142,7 @@ def compare(
     parts: list[tuple[str, Columns]] = []
     for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
         change = change_of(EFFECTS[name], rays, comparison.rows, spread=spread)
-        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, comparison.rows)]
+        parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, rows=comparison.rows)]
     of_effects = len(parts)
     for name, basis in curve_columns(comparison).items():
         parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
@@ -259,7 +259,7 @@ def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.linalg.solve(x.T @ x + RIDGE * np.eye(x.shape[1]), x.T @ y)
 
 
-def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, sensed: np.ndarray) -> Float[np.ndarray, " n"]:
+def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.ndarray) -> Float[np.ndarray, " n"]:
     """Readings held within CLIP of their side's own law."""
     y = y.copy()
     for side in (sensed, ~sensed):

@@ -88,7 +88,7 @@ def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray
     return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
 
 
-def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], rows: int) -> list[Columns]:
+def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:
     """The effect's columns at neutral, or at each of its starts: the change that the start makes, whose size is free,
     and beside it the derivatives in the parameters of beams."""
     if not effect.starts:

@@ -49,7 +49,7 @@ def _described(problem: Conditional, curve: Candidate) -> Unexplained:
     y = fits[0][order]
     band = NORMAL_REACH * np.std(fits[1:], axis=0)[order]
     place = Place("intensity", name, curve.chance, 0.0, curve.total)
-    character, formula = shape_of(knots[order], y, basis.sum(0)[order], place)
+    character, formula = shape_of(knots[order], y, basis.sum(0)[order], place=place)
     formula += " (x: ln of range in m)" if name == "range" else f" (x: {name})"
     return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))
 

@@ -56,7 +56,7 @@ def show_gap(problem: Conditional, steps: Sequence[Step[Candidate]], refined: Re
     row = problem.rays.row[keep]
     column = problem.rays.column[keep]
     maps = [{"intensity": mean_on_grid(off[keep], row, column, shape=shape)} for off in (old, new)]
-    return Judged({"intensity": gap}, closure, maps[0], maps[1], _curves(problem, steps, old, new, keep=keep))
+    return Judged({"intensity": gap}, closure, maps[0], maps[1], _curves(problem, steps, old, after=new, keep=keep))
 
 
 def _solution(problem: Conditional, eq: Equations, blocks: Sequence[Block]) -> Solution:
@@ -108,8 +108,8 @@ def _curves(
     problem: Conditional,
     steps: Sequence[Step[Candidate]],
     before: Float[np.ndarray, " n"],
-    after: Float[np.ndarray, " n"],
     *,
+    after: Float[np.ndarray, " n"],
     keep: Bool[np.ndarray, " n"],
 ) -> tuple[CurveLine, ...]:
     """Mean residual of the rays to `keep` along the named effects' own covariates."""

@@ -158,7 +158,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     grid, ours = read_folder(simulated, "simulated")
     other, theirs = read_folder(measured, "measured")
     same_grid(grid, other, simulated, measured)
-    _no_copy(ours, theirs, simulated, measured)
+    _no_copy(ours, theirs, simulated, measured=measured)
     noise_m = _extra_noise(ours, theirs)
     rng = np.random.default_rng(seed)
     images = [
@@ -203,7 +203,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     )
 
 
-def _no_copy(ours: Folder, theirs: Folder, simulated: Path, measured: Path) -> None:
+def _no_copy(ours: Folder, theirs: Folder, simulated: Path, *, measured: Path) -> None:
     seen = {
         (image.range_m.tobytes(), image.intensity.tobytes()): name
         for name, image in zip(ours.names, ours.images, strict=True)

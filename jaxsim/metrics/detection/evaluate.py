@@ -116,13 +116,13 @@ def evaluate(
     curves = []
     for kind in classes:
         for name, difficulty in DIFFICULTIES.items():
-            flags = truth_flags(truth, kind, difficulty, rules), detection_flags(detections, kind, difficulty)
+            flags = truth_flags(truth, kind, difficulty, rules=rules), detection_flags(detections, kind, difficulty)
             for k, metric in enumerate(METRICS):
                 known: dict[float, _Counted] = {}
                 for overlap_set, least in OVERLAP_SETS.items():
                     minimum = least[kind][k]
                     if minimum not in known:
-                        known[minimum] = _count(frames, flags, metric, minimum)
+                        known[minimum] = _count(frames, flags, metric, minimum=minimum)
                     for measure in (metric, "aos") if metric == "bbox" and oriented else (metric,):
                         curves.append(_curve(known[minimum], kind, name, overlap_set, measure, minimum))
                     done()
@@ -140,7 +140,7 @@ class _Counted(NamedTuple):
 
 
 def _count(
-    frames: _Frames, flags: tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]], metric: str, minimum: float
+    frames: _Frames, flags: tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]], metric: str, *, minimum: float
 ) -> _Counted:
     """Both passes of one class and difficulty, in one metric."""
     of_truth, of_detection = flags

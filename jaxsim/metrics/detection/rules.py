@@ -44,7 +44,7 @@ COLUMNS = (("3d", "0.7"), ("bev", "0.7"), ("3d", "0.5"), ("bev", "0.5"), ("bbox"
 """Metric and overlap set of the columns that papers print."""
 
 
-def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, rules: Rules) -> Int[np.ndarray, " n"]:
+def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: Rules) -> Int[np.ndarray, " n"]:
     """Flags of labelled objects. A height of exactly the limit counts in the official tool, not in OpenPCDet."""
     names, neighbour = truth.lower_kind, CLASSES[kind]
     height = truth.bbox_px[:, 3] - truth.bbox_px[:, 1]

@@ -66,8 +66,8 @@ def write_ablation(
     folder: Path,
     rows: Sequence[AblationRow],
     baselines: Baselines,
-    pictures: Mapping[str, Rgb],
     *,
+    pictures: Mapping[str, Rgb],
     about: Mapping[str, str],
 ) -> Path:
     """Writes ablation.json, ablation.md and ablation.html, self-contained; gives the page. `about`: facts to print."""

@@ -82,7 +82,11 @@ def compare_networks(
     # Scores.
     rows = []
     for name, sensor in sensors.items():
-        rows.append(ablation_row(name, sensor, predicts[name], judged, extractor, cache=data.cache / "statistics"))
+        rows.append(
+            ablation_row(
+                name, sensor, predicts[name], judged=judged, extractor=extractor, cache=data.cache / "statistics"
+            )
+        )
         print(f"ablation: {name}: mae {rows[-1].scores['mae'].value:.4f}", flush=True)
 
     # Pictures: evenly spread over the frames.
@@ -100,7 +104,7 @@ def compare_networks(
     if more := besides(prepare.inputs):
         about["every network also sees"] = ", ".join(more)
     about |= {"updates": str(experiment.optim.steps), "batch": str(experiment.optim.batch)}
-    page = write_ablation(out, rows, baselines, drawn, about=about)
+    page = write_ablation(out, rows, baselines, pictures=drawn, about=about)
     print(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")
 
 

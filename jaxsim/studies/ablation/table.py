@@ -95,14 +95,16 @@ def ablation_row(
     name: str,
     sensor: LearnedSensor,
     predict: Predict,
+    *,
     judged: PreparedPairs,
     extractor: Extractor | None,
-    *,
     cache: Path,
 ) -> AblationRow:
     """Scores of one network. Raises ValueError where there are too few frames for the Fréchet distance."""
     prepare, frechet = sensor.run.experiment.prepare, None
     scores = score_pairs(predict, sensor.params, judged)
     if extractor:
-        frechet = frechet_of_run(sensor.generate, sensor.params, judged, extractor, prepare=prepare, cache=cache)
+        frechet = frechet_of_run(
+            sensor.generate, sensor.params, judged, extractor=extractor, prepare=prepare, cache=cache
+        )
     return AblationRow(name, tuple(prepare.inputs), scores, frechet)

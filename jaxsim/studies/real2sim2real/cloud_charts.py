@@ -44,7 +44,7 @@ def intensity_chart(counts: Counts, kind: str = "Car") -> Canvas:
     """Distribution of intensity on a class of object and elsewhere, a line each kind of cloud."""
     on, rest = (
         _Panel(kind, "intensity", 5, f"intensity on {_name(kind)}", True),
-        _rest("intensity", 5, "intensity", True),
+        _rest("intensity", 5, "intensity", logarithmic=True),
     )
     return _chart(counts, (on, rest))
 
@@ -86,7 +86,7 @@ def _name(kind: str) -> str:
     return f"{kind.lower()}s"
 
 
-def _rest(quantity: str, together: int, words: str, logarithmic: bool) -> _Panel:
+def _rest(quantity: str, together: int, words: str, *, logarithmic: bool) -> _Panel:
     return _Panel(REST, quantity, together, f"{words} elsewhere", logarithmic)
 
 

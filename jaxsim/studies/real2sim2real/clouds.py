@@ -96,7 +96,7 @@ def checked_kinds(out: Path) -> tuple[str, ...]:
     return tuple(json.loads(path.read_text())["clouds"]) if path.is_file() else ()
 
 
-def write_checks(out: Path, counts: Counts, first: str, pictures: Mapping[str, Rgb]) -> dict[str, Rgb]:
+def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Rgb]:
     """Writes OUT/clouds.md, OUT/clouds.json, and OUT/pictures: those given and those of the checks; gives all."""
     pictures = {**pictures, **check_pictures(counts, first)}
     for name, picture in pictures.items():

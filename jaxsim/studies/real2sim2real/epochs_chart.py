@@ -20,7 +20,7 @@ def epochs_chart(loop: Loop) -> Canvas | None:
     line a seed. None where nothing is scored."""
     kinds = (REAL, *loop.config.kinds)
     known = {
-        kind: [found for seed in loop.config.seeds if (found := read_checkpoints(loop, kind, REAL, seed))]
+        kind: [found for seed in loop.config.seeds if (found := read_checkpoints(loop, kind, REAL, seed=seed))]
         for kind in kinds
     }
     key = f"{COLUMNS[0][0]} {COLUMNS[0][1]} moderate"

@@ -25,7 +25,7 @@ Counts = Mapping[str, CloudCounts]
 
 def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
     """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page."""
-    pictures = write_checks(loop.out, counts, loop.target, pictures)
+    pictures = write_checks(loop.out, counts, loop.target, pictures=pictures)
     if epochs := epochs_chart(loop):
         pictures["epochs"] = epochs.pixels()
         save_picture(loop.out / "pictures" / "epochs.png", pictures["epochs"])

@@ -79,19 +79,19 @@ class Average:
     labels: int
 
 
-def read_checkpoints(loop: Loop, trained: str, judged: str, seed: int) -> list[dict[str, Any]]:
+def read_checkpoints(loop: Loop, trained: str, judged: str, *, seed: int) -> list[dict[str, Any]]:
     """What `write_score` kept of one detector, a dict a checkpoint; none where it is not scored."""
     path = loop.score(trained, judged, seed)
     return json.loads(path.read_text())["checkpoints"] if path.is_file() else []
 
 
-def read_average(loop: Loop, trained: str, judged: str, column: tuple[str, str], difficulty: str) -> Average | None:
+def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, str], difficulty: str) -> Average | None:
     """A cell of the tables, over the seeds that were scored; None where none was, or no label counts."""
     key = f"{column[0]} {column[1]} {difficulty}"
     values = []
     labels = 0
     for seed in loop.config.seeds:
-        checkpoints = read_checkpoints(loop, trained, judged, seed)
+        checkpoints = read_checkpoints(loop, trained, judged, seed=seed)
         found = [c["ap_r40"][key] for c in checkpoints if c["ap_r40"].get(key) is not None]
         if found:
             values.append(float(np.mean(found)))

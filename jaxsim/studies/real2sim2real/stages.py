@@ -156,7 +156,7 @@ class Stages:
             return
         counts = {kind: self.counted(kind) for kind in kinds}
         drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
-        write_checks(loop.out, counts, loop.target, drawn)
+        write_checks(loop.out, counts, loop.target, pictures=drawn)
         print(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
 
     def report(self) -> None:

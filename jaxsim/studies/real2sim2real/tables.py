@@ -26,7 +26,10 @@ def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[
         for difficulty in DIFFICULTIES:
             theirs = paper.get(kind, {}).get(difficulty)
             cells = [
-                (read_average(loop, trained, judged, column, difficulty), theirs[k] if theirs else None)
+                (
+                    read_average(loop, trained, judged, column=column, difficulty=difficulty),
+                    theirs[k] if theirs else None,
+                )
                 for k, column in enumerate(COLUMNS)
             ]
             rows.append((kind, difficulty, cells))
@@ -35,7 +38,10 @@ def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[
 
 def answer(loop: Loop) -> str:
     """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone."""
-    found = [read_average(loop, kind, REAL, COLUMNS[0], "moderate") for kind in ("simulated_64", "raw_64", REAL)]
+    found = [
+        read_average(loop, kind, REAL, column=COLUMNS[0], difficulty="moderate")
+        for kind in ("simulated_64", "raw_64", REAL)
+    ]
     simulated, raw, real = found
     if simulated is None or raw is None:
         return "Not all detectors are scored yet."

@@ -76,10 +76,12 @@ def test_a_plane_does_not_bend_and_a_step_does():
     wall = 10 / np.cos(np.array([0.01, 0.01, 0.02, 0.02]))
     one = np.ones((1,), np.float32)
     row = np.ones((1,), np.int32)
-    side, stack = bends(10 * one, wall[None].astype(np.float32), row, elevation)
+    side, stack = bends(10 * one, wall[None].astype(np.float32), row, elevation_rad=elevation)
     assert max(float(side[0]), float(stack[0])) < 1e-3
     stepped = np.array([[10.0, 14.0, 10.0, 10.0]], np.float32)
-    assert float(bends(10 * one, stepped, row, elevation)[0][0]) == pytest.approx((1 - 10 / 14) / 2, rel=1e-4)
+    assert float(bends(10 * one, stepped, row, elevation_rad=elevation)[0][0]) == pytest.approx(
+        (1 - 10 / 14) / 2, rel=1e-4
+    )
 
 
 def test_edges_are_where_the_wall_meets_the_sky_and_not_amid_the_road(frames):

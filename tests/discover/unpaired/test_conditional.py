@@ -14,7 +14,7 @@ def test_readings_are_held_within_reach_of_their_own_side():
     y = rng.normal(0, 0.1, 1000)
     y[:2] = [5.0, -5.0]
     sensed = np.arange(1000) < 500
-    held = _clipped(y, np.ones((1000, 1)), np.ones(1000, bool), sensed)
+    held = _clipped(y, np.ones((1000, 1)), np.ones(1000, bool), sensed=sensed)
     assert np.abs(held).max() < 1.2 * CLIP * 0.1
     np.testing.assert_allclose(held[2:500], y[2:500], atol=0.1)
 

@@ -22,6 +22,6 @@ def test_a_derivative_is_the_change_by_one_scale():
 
 def test_each_start_has_a_column_of_its_own_that_must_be_positive():
     effect = EFFECTS["window_contamination"]
-    starts = columns_of(effect, lambda values: np.ones(4), np.zeros(4, int), 2)
+    starts = columns_of(effect, lambda values: np.ones(4), np.zeros(4, int), rows=2)
     assert len(starts) == len(effect.starts)
     assert all(one.sign == 1 and one.columns[0, 0] == 1 for one in starts)

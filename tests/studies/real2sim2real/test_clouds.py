@@ -29,7 +29,7 @@ def test_each_class_has_its_table_and_a_band_only_where_objects_are():
 def test_the_checks_stand_without_any_detector(tmp_path):
     counts = {name: count_clouds([street(("Car", 10, 40), ("Van", 30, 30))]) for name in ("real", "raw_64")}
     assert checked_kinds(tmp_path) == ()
-    pictures = write_checks(tmp_path, counts, "Car", {"clouds": np.zeros((8, 8, 3), np.uint8)})
+    pictures = write_checks(tmp_path, counts, "Car", pictures={"clouds": np.zeros((8, 8, 3), np.uint8)})
     assert checked_kinds(tmp_path) == ("real", "raw_64")
     assert set(pictures) == {"clouds", "drops", "intensity", "on_car", "on_van", "elsewhere"}
     assert {path.stem for path in (tmp_path / "pictures").iterdir()} == set(pictures)

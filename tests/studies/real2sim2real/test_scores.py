@@ -33,18 +33,18 @@ def test_the_papers_tables_are_whole():
 def test_an_average_is_over_epochs_and_its_spread_over_seeds(loop):
     for seed, aps in ((0, (40.0, 50.0)), (1, (60.0, 70.0))):
         write_score(loop.score("raw_64", "real", seed), [[curve(ap)] for ap in aps], steps=(5, 6), frames=3)
-    found = read_average(loop, "raw_64", "real", ("3d", "0.7"), "moderate")
+    found = read_average(loop, "raw_64", "real", column=("3d", "0.7"), difficulty="moderate")
     assert found is not None
     assert (found.mean, found.seeds, found.labels) == (pytest.approx(55), 2, 10)
     assert found.spread == pytest.approx(np.std([45, 65], ddof=1))
     one = replace(loop, config=replace(loop.config, seeds=(1,)))
-    alone = read_average(one, "raw_64", "real", ("3d", "0.7"), "moderate")
+    alone = read_average(one, "raw_64", "real", column=("3d", "0.7"), difficulty="moderate")
     assert alone is not None
     assert (alone.mean, alone.spread) == (pytest.approx(65), None)
-    assert read_average(loop, "raw_32", "real", ("3d", "0.7"), "moderate") is None
+    assert read_average(loop, "raw_32", "real", column=("3d", "0.7"), difficulty="moderate") is None
 
 
 def test_a_difficulty_without_labels_has_no_average(loop):
     nothing = curve(0, difficulty="easy", truths=0)
     write_score(loop.score("raw_64", "real", 0), [[nothing]], steps=(5,), frames=3)
-    assert read_average(loop, "raw_64", "real", ("3d", "0.7"), "easy") is None
+    assert read_average(loop, "raw_64", "real", column=("3d", "0.7"), difficulty="easy") is None

@@ -56,6 +56,7 @@ def adapt_to_itself(
     network: Lidia,
     intensity: Float[Array, "n rows columns"],
     valid: Bool[Array, "n rows columns"],
+    *,
     settings: Adaptation = INTERNAL,
 ) -> Lidia:
     """Internal adaptation: the network trained to find its own denoised images again under more noise."""
@@ -82,7 +83,7 @@ def adapt(
     check_size(side, side, network.variant)
     images = [np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
               for given in (clean, clean if noisy is None else noisy)]  # fmt: skip
-    cut = _blocks(images, valid, side, settings)
+    cut = _blocks(images, valid, side, settings=settings)
     adam = optax.adam(settings.lr)
     values, memory = network.values, adam.init(network.values)
     deviation = 2 * settings.noise if noisy is None else 0.0
@@ -130,7 +131,7 @@ class _Blocks:
         return [x.T if turn[2] else x for x in parts]
 
 
-def _blocks(images: list[Array], valid: Array, side: int, settings: Adaptation) -> _Blocks:
+def _blocks(images: list[Array], valid: Array, side: int, *, settings: Adaptation) -> _Blocks:
     n, rows, columns = valid.shape
     corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
     places = [
@@ -152,7 +153,7 @@ def _step(
     noisy = noisy + deviation * jax.random.normal(key, noisy.shape, noisy.dtype)
 
     def loss_of(values: Values) -> tuple[Any, Values]:
-        out, seen = apply_and_learn(values, noisy[..., None], valid, variant)
+        out, seen = apply_and_learn(values, noisy[..., None], valid, variant=variant)
         square = jnp.where(valid, (out[..., 0] - clean) ** 2, 0.0)
         return jnp.log10(square.sum() / valid.sum(dtype=jnp.float32)), seen
 

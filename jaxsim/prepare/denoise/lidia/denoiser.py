@@ -71,18 +71,18 @@ def apply(
     `statistics="image"` a batch shares one set of statistics, that of all its patches: give images one by one where
     each is to have its own (`Lidia` does).
     """
-    return _apply(nnx.merge(definition(variant), values), image, measured, statistics, chunk)
+    return _apply(nnx.merge(definition(variant), values), image, measured, statistics=statistics, chunk=chunk)
 
 
 def apply_and_learn(
-    values: Values, image: Float[Array, "b h w c"], measured: Bool[Array, "b h w"] | None, variant: Variant
+    values: Values, image: Float[Array, "b h w c"], measured: Bool[Array, "b h w"] | None, *, variant: Variant
 ) -> tuple[Float[Array, "b h w c"], Values]:
     """As `apply` in training: with the statistics of the patches at hand; and the values whose statistics moved."""
     network = nnx.merge(definition(variant), values)
-    return _apply(network, image, measured, "training", None), nnx.to_pure_dict(nnx.state(network))
+    return _apply(network, image, measured, statistics="training", chunk=None), nnx.to_pure_dict(nnx.state(network))
 
 
-def _apply(network: PatchDenoiser, image: Array, measured: Array | None, statistics: Statistics, chunk: int | None):
+def _apply(network: PatchDenoiser, image: Array, measured: Array | None, *, statistics: Statistics, chunk: int | None):
     variant = network.variant
     b, h, w, c = image.shape
     if c != variant.channels:
@@ -96,7 +96,7 @@ def _apply(network: PatchDenoiser, image: Array, measured: Array | None, statist
     fine_image, fine_mask = _bordered(image, measured, p - 1)
     coarse_image, coarse_mask = _blurred(*_bordered(image, measured, coarse_margin(variant)))
     shape = (b, fine_image.shape[1] - p + 1, fine_image.shape[2] - p + 1)
-    fine, coarse = _scale(fine_image, fine_mask, p, 1), _scale(coarse_image, coarse_mask, p, 2)
+    fine, coarse = _scale(fine_image, fine_mask, p, d=1), _scale(coarse_image, coarse_mask, p, d=2)
     counted = jnp.ones(fine.index.shape[1]) if fine_mask is None else _holds_any(fine_mask, p)
     clean, weight = network(fine, coarse, counted, shape=shape, statistics=statistics, chunk=chunk or CHUNK[statistics])
     total = fold((clean * weight[:, None]).reshape(*shape, -1), p)
@@ -130,7 +130,7 @@ def _holds_any(mask: Array, p: int) -> Array:
     return (unfold(mask, p).sum(-1) > 0).astype(mask.dtype).reshape(-1)
 
 
-def _scale(image: Array, mask: Array | None, p: int, d: int) -> Scale:
+def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
     """Table of patches, neighbours and distances of every patch of `image`."""
     margin, (b, _, _, c) = RADIUS * d, image.shape
     outer = pad(image, margin, "constant", value=FAR)

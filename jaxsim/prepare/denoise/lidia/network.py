@@ -72,7 +72,7 @@ class Part1(nnx.Module):
 
     def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
         x = self.ver_hor_bn_re0(x, counted, statistics)
-        return _blended(self.a, x, self.ver_hor_bn_re1, counted, statistics)
+        return _blended(self.a, x, self.ver_hor_bn_re1, counted=counted, statistics=statistics)
 
 
 class Part2(nnx.Module):
@@ -87,10 +87,10 @@ class Part2(nnx.Module):
 
     def __call__(self, x: Array, counted: Array, statistics: Statistics) -> Array:
         x = self.ver_hor_bn_re2(x, counted, statistics)
-        return self.ver_hor_out(_blended(self.a, x, self.ver_hor_bn_re3, counted, statistics))
+        return self.ver_hor_out(_blended(self.a, x, self.ver_hor_bn_re3, counted=counted, statistics=statistics))
 
 
-def _blended(a: Any, x: Array, layer: VerHorBnRe | None, counted: Array, statistics: Statistics) -> Array:
+def _blended(a: Any, x: Array, layer: VerHorBnRe | None, *, counted: Array, statistics: Statistics) -> Array:
     return x if layer is None else a[0] * x + (1 - a[0]) * layer(x, counted, statistics)
 
 

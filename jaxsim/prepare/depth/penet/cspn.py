@@ -69,9 +69,9 @@ def propagate(
     guides: list[Float[Array, "b h w _kk"]],
     confidence: Float[Array, "b h w 3"],
     start: Float[Array, "b h w"],
+    *,
     sparse: Float[Array, "b h w"],
     trust: Float[Array, "b h w"],
-    *,
     dilation: int,
     iterations: int = 6,
 ) -> Float[Array, "b h w"]:

@@ -142,8 +142,8 @@ class PENet(nnx.Module):
                 [size(from_neighbours(guide)) for guide in guides],
                 size(confidence),
                 depth,
-                size(known),
-                size(trust),
+                sparse=size(known),
+                trust=size(trust),
                 dilation=2 if suffix else 1,
             )
         return depth

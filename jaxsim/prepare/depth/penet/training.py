@@ -96,7 +96,7 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "hub
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
-def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, loss: Literal["square", "huber"]) -> Array:
+def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Literal["square", "huber"]) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
     colour = masked_error(seen.colour, batch, loss)
     depth = masked_error(seen.depth, batch, loss)
@@ -129,7 +129,7 @@ def train_step(
         seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=train)
         if part == "branches":
             guess = seen.fused
-            loss = branches_error(seen, batch, weight, config.loss)
+            loss = branches_error(seen, batch, weight, loss=config.loss)
         else:
             guess = network.refine(seen, batch.sparse_m, batch.given, train=train)
             loss = masked_error(guess, batch, config.loss)
