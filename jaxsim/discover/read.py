@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.pairing import check_pairs
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
-from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.frame import PolarImage
+from jaxsim.geometry import grid_difference
 
 RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 """What the simulated side may have besides range and intensity."""
@@ -34,18 +35,6 @@ class Comparison:
     """What a reader of the verdict must know of the folders."""
 
 
-def same_grid(ours: PolarGrid, theirs: PolarGrid, simulated: Path, measured: Path) -> None:
-    """Raises ValueError where two folders' grids differ."""
-    for what in ("azimuth_rad", "elevation_rad", "origin_m"):
-        a, b = np.asarray(getattr(ours, what)), np.asarray(getattr(theirs, what))
-        if a.shape != b.shape or not np.allclose(a, b, atol=1e-4):
-            detail = f"{a.size} and {b.size} values" if a.shape != b.shape else f"up to {np.abs(a - b).max():.4g} apart"
-            raise ValueError(
-                f"discover: the grids of {simulated} and {measured} differ in {what} ({detail}); simulate on the "
-                "measured sensor's grid.json"
-            )
-
-
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
     """Reads the frames that two folders of polar frames share.
 
@@ -53,36 +42,24 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     show the same street, rasters are given for some frames only, or both folders hold the same readings.
     """
     simulated, measured = Path(simulated), Path(measured)
-    grid, about = read_grid(simulated)
-    other, about_measured = read_grid(measured)
-    same_grid(grid, other, simulated, measured)
-    names_simulated = frame_names(simulated)
-    names_measured = frame_names(measured)
-    names = sorted(set(names_simulated) & set(names_measured))
-    for folder, present in ((simulated, names_simulated), (measured, names_measured)):
-        if not present:
-            raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
+    predicted = open_polar_frames(simulated)
+    recorded = open_polar_frames(measured)
+    grid = predicted.grid
+    check_one_grid(predicted, recorded)
+    names = sorted({*predicted.names} & {*recorded.names})
     if not names:
         raise ValueError(
-            f"discover: no frame of {simulated} ({', '.join(names_simulated[:3])} ...) has the name of one of "
-            f"{measured} ({', '.join(names_measured[:3])} ...); frames of the same name are compared"
+            f"discover: no frame of {simulated} ({', '.join(predicted.names[:3])} ...) has the name of one of "
+            f"{measured} ({', '.join(recorded.names[:3])} ...); frames of the same name are compared"
         )
     images: list[PolarImage] = []
     sensed: list[PolarImage] = []
     extra: list[Mapping[str, np.ndarray]] = []
     for name in names:
-        image, rasters = read_frame(simulated, name)
+        image, rasters = predicted.read(name)
         images.append(image)
         extra.append(rasters)
-        sensed.append(read_frame(measured, name)[0])
-        if image.valid.shape != sensed[-1].valid.shape or image.valid.shape != (
-            len(grid.elevation_rad),
-            len(grid.azimuth_rad),
-        ):
-            raise ValueError(
-                f"discover: {name} is {image.valid.shape} simulated and {sensed[-1].valid.shape} measured; the grid "
-                f"has {len(grid.elevation_rad)} rows and {len(grid.azimuth_rad)} columns"
-            )
+        sensed.append(recorded.read(name)[0])
         plausible(name, image, "simulated")
         plausible(name, sensed[-1], "measured")
     if all(
@@ -94,10 +71,11 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         )
     check_pairs(names, images, sensed)
     all_or_none(simulated, names, extra)
-    notes = [*unpartnered(names_simulated, names_measured), *constant_intensity(images, sensed)]
+    notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
     facts = []
     for name in names:
-        ours, theirs = about.get(name, {}), about_measured.get(name, {})
+        ours = predicted.about.get(name, {})
+        theirs = recorded.about.get(name, {})
         if "scene" in ours and "scene" in theirs and ours["scene"] != theirs["scene"]:
             raise ValueError(
                 f"discover: {name} is of scene {ours['scene']!r} in {simulated}, of {theirs['scene']!r} in {measured}; "
@@ -113,6 +91,15 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         scenes=tuple(str(fact.get("scene", name)) for name, fact in zip(names, facts, strict=True)),
         notes=(*notes, *sceneless(names, facts)),
     )
+
+
+def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
+    """Raises ValueError where two folders' grids differ."""
+    if difference := grid_difference(simulated.grid, measured.grid):
+        raise ValueError(
+            f"discover: the grids of {simulated.folder} and {measured.folder} differ in {difference}; simulate on the "
+            "measured sensor's grid.json"
+        )
 
 
 def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:

@@ -15,9 +15,9 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.read import plausible, same_grid
+from jaxsim.discover.read import check_one_grid, plausible
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.scan import scan_of
@@ -112,27 +112,18 @@ class UnpairedComparison:
         return len(np.asarray(self.grid.elevation_rad))
 
 
-def read_folder(folder: Path, word: str) -> tuple[PolarGrid, Folder]:
-    """One folder; `word` (simulated, measured) is for its scenes and errors. Raises ValueError as `read_comparison`
-    does."""
-    grid, about = read_grid(folder)
-    names = frame_names(folder)
-    if not names:
-        raise ValueError(f"discover: no frames (NAME.npz) in {folder}")
+def read_folder(frames: PolarFrames, word: str) -> Folder:
+    """One side's frames; `word` (simulated, measured) is for its scenes and errors. Raises ValueError as
+    `read_comparison` does."""
     images, labels = [], []
-    for name in names:
-        image, rasters = read_frame(folder, name)
-        if image.valid.shape != (len(grid.elevation_rad), len(grid.azimuth_rad)):
-            raise ValueError(
-                f"discover: {word} frame {name} is {image.valid.shape}; the grid has {len(grid.elevation_rad)} rows "
-                f"and {len(grid.azimuth_rad)} columns"
-            )
+    for name in frames.names:
+        image, rasters = frames.read(name)
         plausible(name, image, word)
         images.append(image)
         labels.append(rasters.get("semantic"))
-    semantic = _all_or_none(folder, "semantic", labels)
-    scenes = tuple(f"{word}/{about.get(name, {}).get('scene', name)}" for name in names)
-    return grid, Folder(tuple(names), scenes, tuple(images), semantic)
+    semantic = _all_or_none(frames.folder, "semantic", labels)
+    scenes = tuple(f"{word}/{frames.about.get(name, {}).get('scene', name)}" for name in frames.names)
+    return Folder(frames.names, scenes, tuple(images), semantic)
 
 
 def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float[np.ndarray, "r c"]:
@@ -154,10 +145,12 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     Raises ValueError where grids differ, values have wrong units, frames are empty, or both folders hold a frame of
     the same readings.
     """
-    simulated, measured = Path(simulated), Path(measured)
-    grid, ours = read_folder(simulated, "simulated")
-    other, theirs = read_folder(measured, "measured")
-    same_grid(grid, other, simulated, measured)
+    predicted = open_polar_frames(simulated)
+    recorded = open_polar_frames(measured)
+    check_one_grid(predicted, recorded)
+    grid = predicted.grid
+    ours = read_folder(predicted, "simulated")
+    theirs = read_folder(recorded, "measured")
     _no_copy(ours, theirs, simulated, measured=measured)
     noise_m = _extra_noise(ours, theirs)
     rng = np.random.default_rng(seed)
