@@ -40,16 +40,16 @@ class Split:
     sha256: str
 
 
-def split(names: Sequence[str]) -> Split:
+def split(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> Split:
     """Divides scenes by the hash of their names: two thirds to find, one third to judge; the same names always divide
     alike.
 
-    Raises ValueError for fewer than `Rules.fewest_scenes`.
+    Raises ValueError for fewer scenes than `fewest`.
     """
     names = list(dict.fromkeys(names))
-    if len(names) < RULES.fewest_scenes:
+    if len(names) < fewest:
         raise ValueError(
-            f"discover: {len(names)} independent scenes; a verdict needs {RULES.fewest_scenes} or more (16 to tell "
+            f"discover: {len(names)} independent scenes; a verdict needs {fewest} or more (16 to tell "
             "effects apart well). Frames of one drive count as one scene: give more drives, or one drive alone, which "
             "is cut into sectors of azimuth"
         )

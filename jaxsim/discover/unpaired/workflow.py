@@ -110,7 +110,7 @@ def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"
                 f"discover: {len(names)} {word} scenes; where the streets differ each side needs "
                 f"{RULES.unpaired_fewest_scenes} or more. Frames of one drive count as one scene: give more drives"
             )
-        parts.append(split(names))
+        parts.append(split(names, fewest=RULES.unpaired_fewest_scenes))
     simulated, measured = parts
     together = hashlib.sha256((simulated.sha256 + measured.sha256).encode()).hexdigest()
     whole = Split((*simulated.find, *measured.find), (*simulated.judge, *measured.judge), together)

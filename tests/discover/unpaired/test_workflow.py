@@ -10,6 +10,7 @@ from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
 from jaxsim.discover.unpaired.read import read_unpaired
+from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.effects.chain import SensorModel
 from tests.discover.unpaired.made import RAYS, SMALL
 
@@ -85,6 +86,13 @@ def test_too_few_streets(tmp_path, standard_promotion):
             measured=folder / "measured", simulated=folder / "simulated", out=tmp_path / "out", unpaired=True
         )()
     assert "7 simulated scenes; where the streets differ each side needs 8" in str(stop.value)
+
+
+def test_eight_streets_a_side_are_enough(tmp_path, standard_promotion):
+    folder = tmp_path / "case"
+    make_unpaired(folder, seed=1, **SMALL | {"scenes": 8})
+    parts, find = divide(read_unpaired(folder / "simulated", folder / "measured"))
+    assert (len(parts.find), len(parts.judge), int(find.sum())) == (10, 6, 10)
 
 
 def test_frames_of_the_same_readings_are_an_error(gains):
