@@ -1,6 +1,6 @@
 """One network of the paper's first table, on the embedded world, small: `--prepare.inputs` says which.
 
-    python eval.py ablation --train ablation --fid random --fid-features 64     # all five, and the table
+    jaxsim eval ablation --train ablation --fid random --fid-features 64     # all five, and the table
 
 All five trained and judged in 23 minutes on two cores, from nothing. Intensity MAE on 80 frames of unseen streets: rgb
 0.0885, semantic 0.0910, edges 0.1001, depth 0.0986, combined 0.0724; per-class mean 0.1128.

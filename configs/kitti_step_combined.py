@@ -1,6 +1,6 @@
 """The paper's experiment on KITTI tracking and KITTI-STEP, all inputs: *combined* of its first table (FID 73.81).
 
-    python train.py kitti_step_combined --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
+    jaxsim train kitti_step_combined --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
         --prepare.denoise-weights lidia.npz --optim.precision bfloat16
 
 16 sequences, 20 epochs of batch 8, local enhancer, no flip; all else is Imaginaire's shipped configuration

@@ -1,6 +1,6 @@
 """The camera's image alone: *rgb* of the paper's first table (FID 89.44).
 
-    python train.py kitti_step_rgb --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
+    jaxsim train kitti_step_rgb --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
         --prepare.denoise-weights lidia.npz
 
 All else is as in kitti_step_combined. Not run here.

@@ -1,6 +1,6 @@
 """Classes alone: *semantic* of the paper's first table (FID 77.01).
 
-    python train.py kitti_step_semantic --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
+    jaxsim train kitti_step_semantic --data.root KITTI_TRACKING --loss.vgg-weights vgg19.npz \\
         --prepare.denoise-weights lidia.npz
 
 All else is as in kitti_step_combined. Not run here.

@@ -1,6 +1,6 @@
 """PENet on KITTI's depth completion set, at the published settings.
 
-    python train.py penet_kitti --depth-root KITTI_DEPTH --data.root KITTI_RAW --depth-validation val_selection_cropped
+    jaxsim train penet_kitti --depth-root KITTI_DEPTH --data.root KITTI_RAW --depth-validation val_selection_cropped
 
 85 898 training frames of both cameras; judged by the 1000 selected images, as the published program, or, without the
 last flag, by all 6852 of val/. 131.9 million parameters, 30 + 30 + 60 epochs, on all GPUs of one machine that divide

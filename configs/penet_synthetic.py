@@ -1,6 +1,6 @@
 """PENet, a small one, on the embedded world: dense depth where the truth is known.
 
-    python train.py penet_synthetic
+    jaxsim train penet_synthetic
 
 80 frames of as many streets, 8.4 million parameters, 1200 updates of the branches, 160 of the refinement, 160 of all:
 24 to 44 minutes of processor time. On ten frames of other streets: RMSE 2881 mm, MAE 852 mm, iRMSE 22.2 /km, iMAE

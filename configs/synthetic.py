@@ -1,7 +1,7 @@
 """The embedded world, on a laptop CPU: no files, no GPU.
 
-    python train.py
-    python eval.py runs/synthetic
+    jaxsim train
+    jaxsim eval runs/synthetic
 
 On two cores that other work shared: 55 minutes of training. Intensity MAE 0.0524 on 40 frames of unseen streets;
 per-class mean 0.1078, per-row mean 0.1183, previous frame 0.0807.

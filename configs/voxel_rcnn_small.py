@@ -1,7 +1,7 @@
 """A small Voxel R-CNN on the embedded world, on a laptop CPU: no files, no GPU.
 
-    python train.py voxel_rcnn_small
-    python eval.py runs/voxel_rcnn_small
+    jaxsim train voxel_rcnn_small
+    jaxsim eval runs/voxel_rcnn_small
 
 Cars up to 45 m ahead of the camera, 720 steps of two scenes: 11 minutes on two cores that other work shared. On 20
 frames of other streets (61 moderate cars), AP R40 of moderate ones: 3D@0.7 71.7 at the end and 57.5 in the mean of the

@@ -3,7 +3,7 @@
 What the model itself assumes (noise scales, priors of effects, bounds, steps of an optimiser) stands with the model
 (`discover/model`). Here stands what turns its numbers into an answer: how many scenes, how many nats, which
 probability, how much worse. Those of which it says so were set on development cases of `benchmarks/blind` (seeds below
-10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover.md). The others are
+10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover-rates.md). The others are
 conventions, or follow from another rule.
 """
 

@@ -170,7 +170,7 @@ class Verdict:
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
     def to_json(self) -> dict[str, Any]:
-        """The content of verdict.json (docs/discover.md)."""
+        """The content of verdict.json (docs/verdict.md)."""
         # A channel that was not compared (unpaired: all but the intensity) is null.
         gap: dict[str, Any] = {name: _plain(self.gap.get(name)) for name in ("intensity", "range", "drop")}
         for name, one in self.gap.items():
