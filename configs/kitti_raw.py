@@ -5,8 +5,8 @@
 
 Six consecutive frames of one drive, on two cores that other work shared: 13 minutes. Intensity MAE 0.0755 on frames
 4-5 (0.0780 without the row channel: `--prepare.inputs rgb depth incidence`); global mean 0.1513, per-row mean
-0.1377, previous frame 0.0815. On three frames of unseen drives (`jaxsim eval ... --data kitti_object`): 0.1962, worse than
-the global mean's 0.1484: four frames of one street do not make a sensor model.
+0.1377, previous frame 0.0815. On three frames of unseen drives (`jaxsim eval ... --data.kind kitti_object`): 0.1962,
+worse than the global mean's 0.1484: four frames of one street do not make a sensor model.
 """
 
 from jaxsim.config import (
