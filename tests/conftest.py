@@ -8,6 +8,8 @@ os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 
 from jaxtyping import install_import_hook
 
+import tests.typechecker  # noqa: F401  (the hook finds it as an attribute of the package)
+
 STAGES = (
     "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
     "report", "train", "studies", "cli", "discover.model",
@@ -35,7 +37,7 @@ install_import_hook(
         *(f"jaxsim.discover.{name}" for name in DISCOVER),
         "jaxsim.discover.workflow",
     ],
-    "beartype.beartype",
+    "tests.typechecker.check",
 )
 
 import jax

@@ -55,10 +55,10 @@ def complaint(folders: Folders, out: Path) -> str:
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(*, simulated, measured, known, nulls, say):
+    def answer(*, simulated, measured, known, nulls, log):
         seen.extend([measured, simulated, nulls])
         assert known == SensorModel()
-        say("fitting")
+        log("fitting")
         return make()
 
     monkeypatch.setattr(discover, "discover_folders", answer)

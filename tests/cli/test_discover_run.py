@@ -110,7 +110,7 @@ def test_a_scan_without_laser_lines_cannot_be_compared(run: Path):
 def test_the_command_compares_what_it_wrote(run: Path, tmp_path: Path, monkeypatch, capsys):
     seen = []
 
-    def answer(*, simulated, measured, known, nulls, say):
+    def answer(*, simulated, measured, known, nulls, log):
         assert not known.effects
         assert nulls == 7
         seen.extend([simulated, measured, *read_comparison(simulated, measured).names])

@@ -7,12 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import train
 from jaxsim.detect import LeftOut
 from jaxsim.detect.backbone3d import DOWN
 from jaxsim.detect.left_out import REMEDIES
 from jaxsim.metrics import Score
 from jaxsim.runs.kinds import DetectorRun
+from jaxsim.train import loop
+from jaxsim.train.training import Training
 from tests.detect.tiny import EXPERIMENT
 
 
@@ -50,35 +51,38 @@ class Counter:
     step: int
 
 
-def training(drops, card):
+def training(drops, experiment):
     """Four steps, of which each drops so many voxels; nothing is learned."""
 
-    def step(state, batch):
-        return Counter(state.step + 1), {"finite": jnp.array(True), **lost(voxels=drops[batch], conv2=0)}
+    def step(state, batch, k):
+        return Counter(state.step + 1), {"finite": jnp.array(True), **lost(voxels=drops[k], conv2=0)}
 
-    return train.Training(
-        run=DetectorRun(EXPERIMENT, len(drops), 8),
+    return Training(
+        run=DetectorRun(experiment, len(drops), 8),
         steps=len(drops),
         save_every=100,
         judge_every=100,
         state=Counter(0),
-        batches=lambda a, b: range(a, b),
+        mesh=lambda k: None,
+        batches=lambda a, b: [{"number": np.int32(k)} for k in range(a, b)],
         step=step,
-        name="network",
+        network="network",
         used=lambda state: {"step": np.int32(state.step)},
-        judge=lambda used, title: ({"AP": Score(0.0, "%", 1)}, np.zeros((8, 8, 3), np.uint8)),
-        card=card,
+        judge=lambda used, step: ({"AP": Score(0.0, "%", 1)}, np.zeros((8, 8, 3), np.uint8)),
+        facts=(),
+        scored=lambda scores: "",
+        use="",
         hint="",
     )
 
 
 @pytest.mark.parametrize(("drops", "steps"), [((0, 9, 0, 0), 1), ((0, 0, 0, 0), 0)])
 def test_a_step_that_is_not_logged_is_counted_and_told(tmp_path, monkeypatch, capsys, drops, steps):
-    monkeypatch.setattr(train, "detector", lambda experiment, mesh: training(drops, lambda *a, **k: None))
-    monkeypatch.setattr(train, "Checkpoints", Kept)
-    monkeypatch.setattr(train.devices, "everywhere", lambda mesh, state: state)
+    monkeypatch.setattr(loop, "build", lambda experiment: training(drops, experiment))
+    monkeypatch.setattr(loop, "Checkpoints", Kept)
+    monkeypatch.setattr(loop.devices, "everywhere", lambda mesh, state: state)
     settings = replace(EXPERIMENT.run, name="short", out=tmp_path, log_every=4)
-    train.main(replace(EXPERIMENT, run=settings), "")
+    loop.train(replace(EXPERIMENT, run=settings))
     lines = [json.loads(line) for line in (tmp_path / "short" / "metrics.jsonl").read_text().splitlines()]
     assert [line["dropped/voxels"] for line in lines if "loss/total" in line] == [max(drops)]
     said = capsys.readouterr()
@@ -90,6 +94,7 @@ class Kept:
     """Checkpoints that keep nothing."""
 
     latest = None
+    steps = ()
 
     def __init__(self, folder, keep):
         pass

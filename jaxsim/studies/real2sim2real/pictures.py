@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from jaxsim.detect.results import Found
-from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.detect.scenes import Scene
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.pictures import beside
 from jaxsim.studies.real2sim2real.settings import Loop
@@ -18,7 +18,7 @@ PANEL = 620
 """Height of a cloud from above, pixels."""
 
 
-def draw_kinds(loop: Loop, scenes: Mapping[str, Scenes]) -> dict[str, Rgb]:
+def draw_kinds(loop: Loop, scenes: Mapping[str, Sequence[Scene]]) -> dict[str, Rgb]:
     """One frame of the renderer as each kind of cloud, labelled; nothing where no frame is in all of them."""
     kinds, span = loop.config.kinds, loop.config.detector.voxels.range_m
     shared = set.intersection(*({scene.name for scene in scenes[kind]} for kind in kinds))
@@ -47,7 +47,7 @@ def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -
     )
 
 
-def _grid(panels: Sequence[Rgb], *, across: int = 3) -> Rgb:
+def _grid(panels: Sequence[Rgb], *, across: int = 3) -> UInt8[np.ndarray, "rows columns 3"]:
     """Panels of one size in rows."""
     rows = [beside(panels[k : k + across]) for k in range(0, len(panels), across)]
     width = max(row.shape[1] for row in rows)

@@ -15,7 +15,7 @@ from tqdm import tqdm
 from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
-from jaxsim.detect.scenes import Scene, Scenes
+from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
@@ -73,7 +73,7 @@ class Stages:
         """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds: commands, which lie
         above. `trainer` is the program that trains the experiment of a file."""
         self.loop, self.discover_lacking, self.export, self.trainer = loop, discover, export, trainer
-        self.scenes_of: dict[tuple[str, str], Scenes] = {}
+        self.scenes_of: dict[tuple[str, str], Sequence[Scene]] = {}
         self.counts_of: dict[str, CloudCounts] = {}
 
     def all(self) -> None:
@@ -117,7 +117,7 @@ class Stages:
         if not (self.loop.effects.parent / "verdict.json").is_file():
             self.discover_lacking(self.loop)
 
-    def scenes(self, kind: str, part: str) -> Scenes:
+    def scenes(self, kind: str, part: str) -> Sequence[Scene]:
         """Scenes of a kind of cloud: of `train` or of `validation`."""
         if (kind, part) not in self.scenes_of:
             data = self.loop.data_of(kind)
