@@ -60,3 +60,10 @@ def samples() -> Path:
 @pytest.fixture(scope="session")
 def golden(samples: Path) -> Path:
     return samples / "golden"
+
+
+@pytest.fixture(scope="module")
+def standard_promotion():
+    """SciPy's and NumPy's float64 meet the kernels' float32 here."""
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        yield

@@ -137,9 +137,8 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work,
         atol=0.25,
     )
     assert len(list((simulated / "previews").glob("*.png"))) == 6
-    compared = finish(
-        start(work, "eval.py", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same")
-    )
+    command = [ROOT / "eval.py", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same"]
+    compared = said(work, *command)
     assert "3 simulated and 3 measured frames" in compared
     written = json.loads((work / "same" / "generation.json").read_text())["scores"]
     assert written["chamfer_distance_m"] == {"value": 0.0, "unit": "m", "count": 3}

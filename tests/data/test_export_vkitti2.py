@@ -25,7 +25,8 @@ from tests.cloud import openpcdet_rules as rules
 def export(virtual, tmp_path_factory):
     def export(**settings) -> Path:
         out = tmp_path_factory.mktemp("tree")
-        Export(out=out, data=Source("vkitti2", root=virtual.root, scenes=("Scene01",)), frames="0-1", **settings)()
+        data = Source("vkitti2", root=virtual.root, scenes=("Scene01",), lidar=settings.pop("lidar", None))
+        Export(out=out, data=data, frames="0-1", **settings)()
         return out
 
     return export

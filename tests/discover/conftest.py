@@ -1,4 +1,3 @@
-import jax
 import numpy as np
 import pytest
 
@@ -12,10 +11,3 @@ def evidence() -> Evidence:
     frames = np.arange(6)
     columns = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
     return gather(*device(scan, measured), frame=frames, column=columns, unit=frames)
-
-
-@pytest.fixture(scope="module")
-def standard_promotion():
-    """SciPy's and NumPy's float64 meet the kernels' float32 here."""
-    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
-        yield
