@@ -16,6 +16,6 @@ experiment = replace(
     synthetic,
     data=replace(synthetic.data, train="0-959:4"),
     generator=replace(synthetic.generator, filters=16),
-    optim=replace(synthetic.optim, steps=500),
+    optim=replace(synthetic.optim, steps=1500),
     run=replace(synthetic.run, name="embedded", save_every=100, picture_every=250),
 )
