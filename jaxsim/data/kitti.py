@@ -18,6 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
 from jaxsim.data.kitti_files import (
     listing,
     object_camera,
@@ -28,7 +29,6 @@ from jaxsim.data.kitti_files import (
     read_motion,
     read_plane,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 

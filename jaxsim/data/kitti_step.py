@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Int
 
 from jaxsim.data.cityscapes import VOID, ids_of_train_ids
+from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
 from jaxsim.data.kitti_files import (
     NO_BOXES,
     listing,
@@ -26,7 +27,6 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.data.synthetic import noise
+from jaxsim.data.synthetic import fields
 from jaxsim.data.synthetic.raycast import FAR_M, LEAF_M, enter_crown, enter_polyhedron, enter_round
 from jaxsim.data.synthetic.solids import Look, Model
 from jaxsim.data.synthetic.street import Street, cast_ground, past_kerb
@@ -145,7 +145,7 @@ def slow_noise(x: np.ndarray) -> float:
 
 def test_noise_is_the_lattice_s_hash_interpolated() -> None:
     points = np.random.default_rng(0).uniform(-50, 50, (200, 3)).astype(np.float32)
-    fast = np.asarray(noise.smooth_noise3(*jnp.asarray(points.T)))
+    fast = np.asarray(fields.smooth_noise3(*jnp.asarray(points.T)))
     np.testing.assert_allclose(fast, [slow_noise(p.astype(np.float64)) for p in points], atol=1e-5)
     assert abs(fast.mean() - 0.5) < 0.05
 

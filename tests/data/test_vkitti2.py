@@ -8,10 +8,9 @@ from PIL import Image
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.png import read_indexed
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2 import LENGTHS, VARIATIONS, VirtualKitti2
-from jaxsim.data.vkitti2_files import CLASSES, COLOURS, KINDS, boxes_of, read_objects
+from jaxsim.data.vkitti2_files import CLASSES, COLOURS, KINDS, boxes_of, read_indexed, read_objects
 from jaxsim.geometry import preset, unproject
 from jaxsim.prepare import dense_view, prepare_frame
 from tests.data.virtual_drives import BASELINE_M, CLASS_OF, K

@@ -13,8 +13,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.noise import smooth_noise
-from jaxsim.data.synthetic.vectors import dot, vector
+from jaxsim.data.synthetic.fields import dot, smooth_noise, vector
 from jaxsim.frame import Array
 
 BEHIND_M = 12.0

@@ -18,12 +18,10 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.ground import street_surface
-from jaxsim.data.synthetic.noise import cell, cell_hash, smooth_noise, smooth_noise3
+from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
 from jaxsim.data.synthetic.raycast import GROUND, Hit
 from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
-from jaxsim.data.synthetic.street import Street
-from jaxsim.data.synthetic.vectors import vector
+from jaxsim.data.synthetic.street import Street, street_surface
 from jaxsim.frame import Array
 
 SKY_ID = 23

@@ -16,10 +16,9 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.noise import smooth_noise3
+from jaxsim.data.synthetic.fields import smooth_noise3, unit, vector
 from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
-from jaxsim.data.synthetic.vectors import unit, vector
 from jaxsim.frame import Array
 
 FAR_M = 1e4

@@ -12,12 +12,12 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxsim.data.synthetic.fields import dot, turned, unit, vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
 from jaxsim.data.synthetic.raycast import GROUND, Candidates, Hit, cast, cast_solids
 from jaxsim.data.synthetic.solids import Solids
 from jaxsim.data.synthetic.street import Street
-from jaxsim.data.synthetic.vectors import dot, turned, unit, vector
 from jaxsim.frame import Array, PolarGrid
 from jaxsim.geometry import directions
 
