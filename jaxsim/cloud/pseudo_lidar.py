@@ -21,10 +21,7 @@ from jaxsim.geometry import unproject
 
 MAX_HIGH_M = 1.0
 """Highest point that is kept, above the LiDAR."""
-BASELINE_M = 0.54
-"""Between KITTI's colour cameras, as the published program has it."""
 _CROP = (352, 1216)
-_NOWHERE = 1e-6
 
 
 @partial(jax.jit, static_argnames=("drop_zero",))
@@ -32,8 +29,8 @@ def depth_to_cloud(
     camera: Camera,
     depth_m: Float[Array, "*b h w"],
     valid: Bool[Array, "*b h w"],
-    intensity: Float[Array, "*b h w"] | None = None,
     *,
+    intensity: Float[Array, "*b h w"] | None = None,
     drop_zero: bool = True,
     max_high_m: Float[Array, ""] | float = MAX_HIGH_M,
 ) -> Cloud:
@@ -55,34 +52,6 @@ def depth_to_cloud(
         known = known & (intensity > 0)
     kept = known.reshape(flat) & (xyz[..., 0] >= 0) & (xyz[..., 2] < max_high_m)
     return Cloud(xyz, brightness.reshape(flat), kept)
-
-
-def published_camera(projection: Float[np.ndarray, "3 4"], rect_from_velo: Float[np.ndarray, "4 4"]) -> Camera:
-    """The camera of a KITTI P2 as the published program reads it: without P2[2, 3], the 2.7 mm that its depth lacks."""
-    projection = np.asarray(projection, np.float64)
-    shift = np.eye(4)
-    shift[:2, 3] = projection[0, 3] / projection[0, 0], projection[1, 3] / projection[1, 1]
-    cam_from_velo = shift @ np.asarray(rect_from_velo, np.float64)
-    return Camera(projection[:, :3].astype(np.float32), cam_from_velo.astype(np.float32))
-
-
-def depth_of_disparity(
-    disparity_px: Float[np.ndarray, "h w"], focal_px: float, *, baseline_m: float = BASELINE_M
-) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """Depth in metres of a stereo disparity, and where there is one (> 0).
-
-    Disparities count in steps of 1/256 pixel, as the published program rounds them down; 0 and less stand for none.
-    Raises ValueError for what does not fit its 16 bits.
-    """
-    steps = np.asarray(disparity_px, np.float64) * 256
-    if not (np.isfinite(steps).all() and (steps < 65536).all()):
-        raise ValueError(
-            f"pseudo-LiDAR: disparity spans {disparity_px.min():g}..{disparity_px.max():g} px; it must lie below 256 "
-            "(a 16-bit PNG holds it times 256: divide)"
-        )
-    steps = np.floor(steps)
-    depth = focal_px * baseline_m / np.maximum(steps / 256, _NOWHERE)
-    return np.where(steps > 0, depth, 0).astype(np.float32), steps > 0
 
 
 def place_intensity(

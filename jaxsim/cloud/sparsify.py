@@ -94,7 +94,7 @@ def sparsify(
     else:
         usable = usable & (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     if winner == "nearest":
-        index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, usable, shape)
+        index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
     else:
         index, found = _scatter_last(row, column, usable, shape=shape)
     if beams is not None:

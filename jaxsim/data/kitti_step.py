@@ -156,7 +156,7 @@ def read_panoptic(path: Path, size: tuple[int, int]) -> tuple[Int[np.ndarray, "h
     if image.shape[:2] != tuple(size):
         h, w = image.shape[:2]
         raise ValueError(f"kitti_step: {path} is {w} x {h}, its image {size[1]} x {size[0]}; they must be one frame's")
-    blue, green, red = (image[..., k] for k in range(3))
+    blue, green, red = np.moveaxis(image, -1, 0)
     try:
         semantic = ids_of_train_ids(red)
     except ValueError as error:

@@ -10,7 +10,6 @@ from jaxsim.geometry.boxes import (
     nms_bev,
     pair_overlap,
     points_in_boxes,
-    points_per_box,
     wrapped,
 )
 from jaxsim.geometry.camera import (
@@ -24,22 +23,23 @@ from jaxsim.geometry.camera import (
     transform,
     unproject,
 )
-from jaxsim.geometry.grids import grid_difference, pad_cloud, pad_points, room_for, same_grid
 from jaxsim.geometry.normals import incidence, normals
 from jaxsim.geometry.polar import (
     azimuth_of,
     column_of,
-    crop,
     directions,
+    pad_cloud,
+    pad_points,
     points_to_polar,
     polar_to_points,
     resample,
-    resample_grid,
+    room_for,
     rows_of,
+    scan_on_window,
     scatter_nearest,
 )
 from jaxsim.geometry.rows import UnorderedCloud, fit_beams, recover_rows, rows_by_elevation
-from jaxsim.geometry.sensor import PRESETS, LidarSpec, full_grid, preset, window_grid
+from jaxsim.geometry.sensor import PRESETS, LidarSpec, full_grid, grid_difference, preset, same_grid, window_grid
 
 __all__ = [
     "PRESETS",
@@ -53,7 +53,6 @@ __all__ = [
     "camera_rows",
     "camera_window",
     "column_of",
-    "crop",
     "crop_camera",
     "directions",
     "fit_beams",
@@ -71,18 +70,17 @@ __all__ = [
     "pad_points",
     "pair_overlap",
     "points_in_boxes",
-    "points_per_box",
     "points_to_polar",
     "polar_to_points",
     "preset",
     "project",
     "recover_rows",
     "resample",
-    "resample_grid",
     "room_for",
     "rows_by_elevation",
     "rows_of",
     "same_grid",
+    "scan_on_window",
     "scatter_nearest",
     "transform",
     "unproject",

@@ -99,8 +99,8 @@ def camera_window(
     camera: Camera,
     size: tuple[int, int],
     spec: LidarSpec,
-    columns: int,
     *,
+    columns: int,
     rows_from: Cloud | None = None,
 ) -> PolarGrid:
     """The polar window that a camera with an image of `size` (h, w) sees.
@@ -113,7 +113,7 @@ def camera_window(
     back leaves no cell empty. Raises ValueError as `camera_rows` does.
     """
     rows = camera_rows(camera, size, spec, rows_from=rows_from)
-    return window_grid(spec, *_azimuth_extent(camera, size), columns, rows)
+    return window_grid(spec, *_azimuth_extent(camera, size), columns=columns, rows=rows)
 
 
 def camera_rows(

@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.cloud.pseudo_lidar import depth_of_disparity, depth_to_cloud, place_intensity, published_camera
+from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Camera
 from jaxsim.geometry import camera_at_lidar, project
+from tests.cloud.published import published_camera
 
 CAMERA = kitti_camera((30, 40))
 
@@ -47,16 +48,6 @@ def test_points_of_a_whole_kitti_image_are_those_of_the_published_program(golden
     assert (np.asarray(cloud.valid) == keep).all()
     assert np.abs(kept(cloud)[vectors["full_sample_row"]] - vectors["full_sample_points"]).max() < 2e-4
     assert kept(cloud).mean(axis=0, dtype=float) == pytest.approx(vectors["full_points_float64_mean"], abs=1e-5)
-
-
-def test_points_of_a_disparity_are_those_of_the_published_program(golden, vectors):
-    camera = golden_camera(golden / "pseudo_lidar" / "calib_scaled.txt")
-    depth, valid = depth_of_disparity(vectors["disp_small"], float(camera.intrinsics[0, 0]))
-    theirs = vectors["points_small_from_disp"]
-    assert np.abs(kept(depth_to_cloud(camera, depth, valid)) - theirs).max() < 2e-4
-    assert len(kept(depth_to_cloud(camera, depth, valid))) == len(theirs)
-    with pytest.raises(ValueError, match="must lie below 256"):
-        depth_of_disparity(np.full((2, 2), 300.0), 700.0)
 
 
 def test_pixels_of_depth_0_lie_in_the_cameras_centre_if_they_are_said_to_be_valid():
@@ -103,8 +94,8 @@ def test_points_of_zero_intensity_are_dropped_or_kept_with_0_and_never_1():
     depth, valid = np.full((30, 40), 10.0, np.float32), np.ones((30, 40), bool)
     intensity = np.zeros((30, 40), np.float32)
     intensity[10:, 20:] = 0.37
-    dropped = depth_to_cloud(CAMERA, depth, valid, intensity)
-    kept_zero = depth_to_cloud(CAMERA, depth, valid, intensity, drop_zero=False)
+    dropped = depth_to_cloud(CAMERA, depth, valid, intensity=intensity)
+    kept_zero = depth_to_cloud(CAMERA, depth, valid, intensity=intensity, drop_zero=False)
     without = depth_to_cloud(CAMERA, depth, valid)
     assert (
         np.asarray(dropped.valid).reshape(30, 40) == (np.asarray(without.valid).reshape(30, 40) & (intensity > 0))

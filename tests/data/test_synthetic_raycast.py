@@ -106,16 +106,20 @@ def test_rays_enter_balls_and_cylinders(kind: str, seed: int) -> None:
     model, start = Model(), rng.uniform(-2, 2, 3)
     end = start + rng.normal(size=3)
     if kind == "ball":
-        model.limb(tuple(start), tuple(end), 0.4, STONE)
+        model.limb(tuple(start), tuple(end), STONE, radius=0.4)
     elif kind == "thin pole":
-        model.cylinder(tuple(start), (*start[:2], start[2] + 6.0), 0.03, STONE)
+        model.cylinder(tuple(start), (*start[:2], start[2] + 6.0), STONE, radius=0.03)
     else:
-        model.cylinder(tuple(start), tuple(end), 0.6, STONE, bore=0.7 if kind == "ring" else 0.0)
+        model.cylinder(tuple(start), tuple(end), STONE, radius=0.6, bore=0.7 if kind == "ring" else 0.0)
     conic, roundness, bore, _ = model.rounds[0]
     thin = kind == "thin pole"
     eye, aim = rays_at(rng, start + np.array([0, 0, 1.0]) if thin else (start + end) / 2, 0.03 if thin else 0.4)
-    shape = (np.array([roundness], np.float32), np.array([bore], np.float32))
-    fast = enter_round(*bundle(eye, aim), conic[None].astype(np.float32), *shape)
+    fast = enter_round(
+        *bundle(eye, aim),
+        conic[None].astype(np.float32),
+        roundness=np.array([roundness], np.float32),
+        bore=np.array([bore], np.float32),
+    )
     slow = slow_round(eye, aim, conic, ball=kind == "ball", bore=bore)
     agree(np.asarray(fast)[0], slow, 0.01 if thin else 3e-3, share=0.98)
 
@@ -157,7 +161,7 @@ def test_leaves_stop_rays_after_their_free_path(seed: int) -> None:
     model.crown(tuple(middle), (1.5, 1.2, 1.0), STONE, path_m=path)
     conic = model.crowns[0][0]
     eye, aim = rays_at(rng, middle, 0.8)
-    fast = enter_crown(*bundle(eye, aim), conic[None].astype(np.float32), np.array([path], np.float32))
+    fast = enter_crown(*bundle(eye, aim), conic[None].astype(np.float32), path_m=np.array([path], np.float32))
     enter = slow_round(eye, aim, conic, ball=True)
     leave = -slow_round(eye + 200 * aim, -aim, conic, ball=True) + 200
     slow = np.full(RAYS, FAR_M)

@@ -113,7 +113,7 @@ def test_the_cropped_camera_sees_44_lines_in_372_columns(samples, scan):
     row = recover_rows(data[:, :3])
     cloud = Cloud(data[:, :3], data[:, 3], np.ones(len(data), bool), row)
     for spec in (SPEC, fit_beams(data[:, :3], row)):
-        window = camera_window(one, CROP, spec, 372)
+        window = camera_window(one, CROP, spec, columns=372)
         assert window.elevation_rad.shape == (44,)
         assert window.azimuth_rad.shape == (372,)
         assert camera_rows(one, CROP, spec) == (0, 44)
@@ -126,7 +126,7 @@ def test_the_cropped_camera_sees_44_lines_in_372_columns(samples, scan):
 
 def test_the_window_is_what_the_image_spans(samples):
     one, size = camera(samples, RAW[0])
-    window = camera_window(one, size, SPEC, 100)
+    window = camera_window(one, size, SPEC, columns=100)
     step = window.azimuth_rad[0] - window.azimuth_rad[1]
     for edge, u in ((window.azimuth_rad[0] + step / 2, -0.5), (window.azimuth_rad[-1] - step / 2, size[1] - 0.5)):
         far = 1e4 * np.array([[np.cos(edge), np.sin(edge), 0.0]], np.float32)
@@ -146,7 +146,7 @@ def test_lines_above_a_low_image_are_left_out():
 
 def test_a_camera_to_the_rear_has_a_window_across_the_cut():
     turned = CAM_FROM_VELO @ np.diag([-1, -1, 1, 1]).astype(np.float32)
-    window = camera_window(dataclasses.replace(CAMERA, cam_from_velo=turned), (375, 1200), SPEC, 50)
+    window = camera_window(dataclasses.replace(CAMERA, cam_from_velo=turned), (375, 1200), SPEC, columns=50)
     assert window.azimuth_rad[0] > np.pi > window.azimuth_rad[-1] > 2
 
 

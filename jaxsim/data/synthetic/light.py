@@ -67,7 +67,9 @@ def map_place(
 
 
 @jax.jit
-def lit(shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+def lit(
+    shadows: Shadows, light: Light, at: Float[Array, "3 *r"], *, normal: Float[Array, "3 *r"]
+) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
     cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)

@@ -69,7 +69,7 @@ def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "
     """
     looks = _looks_at(solids, hit)
     marks = _marks(looks, hit, pixel_m)
-    ground = street_surface(street, hit.at, hit.kerb, pixel_m)
+    ground = street_surface(street, hit.at, hit.kerb, pixel_m=pixel_m)
     return _compose(looks, marks, hit, ground=ground)
 
 

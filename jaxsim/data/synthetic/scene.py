@@ -103,6 +103,7 @@ def place(
     parts: Parts,
     position_m: Float[np.ndarray, "things 3"],
     heading_rad: Float[np.ndarray, " things"],
+    *,
     instance: Int[np.ndarray, " things"],
 ) -> tuple[Solids, Float[np.ndarray, "solids 8 3"]]:
     """Solids in `world`, padded to capacity, and the corners of the boxes that bound them, not padded."""

@@ -106,7 +106,6 @@ def ground_normal(
 ) -> Float[Array, "3 *r"]:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
-    x, y = (x, y)
     here = past_kerb(street, x, y)
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
@@ -117,11 +116,11 @@ def ground_normal(
 
 @jax.jit
 def street_surface(
-    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], pixel_m: Float[Array, "h w"]
+    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
 ) -> tuple[Float[Array, "3 h w"], Float[Array, "h w"], Int[Array, "h w"]]:
     """Linear albedo, reflectance at 905 nm and Cityscapes id of the ground."""
     x, y = at[0], at[1]
-    off, beyond = (aside(street, x, y), past_kerb(street, x, y))
+    off, beyond = aside(street, x, y), past_kerb(street, x, y)
     seed = street.seed.astype(jnp.int32)
     fine = jnp.clip(1.0 - 5.0 * pixel_m, 0.0, 1.0)
     middle = jnp.clip(1.0 - 0.6 * pixel_m, 0.0, 1.0)
@@ -134,7 +133,7 @@ def street_surface(
     stone, stone_nir = _paving(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
     tuft = smooth_noise(x * 5.0, y * 5.0, seed + 3) - 0.5
     lawn = 1.0 + 0.7 * fine * grain + 0.5 * middle * tuft + 0.5 * blotch + 0.5 * field
-    lawn, dry = (lawn, jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0))
+    dry = jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0)
 
     # Clearly above the road's level, so that rounding cannot put road on the pavement's side.
     is_road = (beyond < 0.0) & ~kerb
@@ -172,7 +171,6 @@ def _asphalt(street: Street, x, off, *, noise, seed):
     shade = jnp.where(mended, 0.68 + 0.5 * grain, shade)
     shade = jnp.where(cover, 0.5 + 0.5 * grain, shade)
     # Old, pale asphalt shows its stones: brighter in both bands.
-    shade = shade
     return grey * shade, 0.06 + 1.35 * grey * (1.0 + 0.8 * (shade - 1.0))
 
 

@@ -63,14 +63,14 @@ def tree(rng: np.random.Generator) -> Model:
     bark = Look(VEGETATION, palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir)
     height, path = float(rng.uniform(5.0, 11.0)), float(rng.uniform(0.7, 1.3))
     if rng.random() < 0.15:
-        model.cylinder((0, 0, 0), (0, 0, 0.3 * height), 0.16, bark)
+        model.cylinder((0, 0, 0), (0, 0, 0.3 * height), bark, radius=0.16)
         for share, width in ((0.25, 0.24), (0.45, 0.19), (0.65, 0.13), (0.85, 0.07)):
             radii = (width * height, width * height, 0.2 * height)
             model.crown((0, 0, share * height), radii, look, path_m=path)
         return model
     fork = height * float(rng.uniform(0.28, 0.4))
     radius = 0.018 * height + 0.05
-    model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), radius, bark)
+    model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), bark, radius=radius)
     spread = height * float(rng.uniform(0.17, 0.26))
     count = int(rng.integers(6, 10))
     turn = rng.uniform(0, 2 * np.pi)
@@ -82,7 +82,7 @@ def tree(rng: np.random.Generator) -> Model:
         size = spread * rng.uniform(0.5, 0.9)
         model.crown((x, y, up), (size, size, 0.85 * size), look, path_m=path)
         if 0 < i < 4:
-            model.cylinder((0, 0, fork), (x * 0.8, y * 0.8, up), 0.4 * radius, bark)
+            model.cylinder((0, 0, fork), (x * 0.8, y * 0.8, up), bark, radius=0.4 * radius)
     return model
 
 
@@ -118,9 +118,9 @@ def lamp_post(rng: np.random.Generator) -> Model:
     paint = palette.METAL if rng.random() < 0.6 else palette.DARK_METAL
     look = Look(POLE, paint.rgb, paint.nir, gloss=paint.gloss)
     height = float(rng.uniform(5.5, 8.0))
-    model.cylinder((0, 0, 0), (0, 0, height), 0.065, look)
-    model.cylinder((0, 0, 0), (0, 0, 1.1), 0.09, look)
-    model.cylinder((0, 0, height - 0.1), (0, 1.3, height + 0.15), 0.04, look)
+    model.cylinder((0, 0, 0), (0, 0, height), look, radius=0.065)
+    model.cylinder((0, 0, 0), (0, 0, 1.1), look, radius=0.09)
+    model.cylinder((0, 0, height - 0.1), (0, 1.3, height + 0.15), look, radius=0.04)
     model.box((-0.13, 1.2, height + 0.08), (0.13, 1.8, height + 0.22), look)
     return model
 
@@ -128,7 +128,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
 def bollard() -> Model:
     model = Model()
     paint = palette.DARK_METAL
-    model.cylinder((0, 0, 0), (0, 0, 0.95), 0.06, Look(POLE, paint.rgb, paint.nir))
+    model.cylinder((0, 0, 0), (0, 0, 0.95), Look(POLE, paint.rgb, paint.nir), radius=0.06)
     return model
 
 
@@ -159,9 +159,9 @@ def sign(rng: np.random.Generator) -> Model:
         extra=(shape, 0.22 * r if shape < 1.5 else 0.03),
         axis_z_m=height,
     )
-    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), 0.035, Look(POLE, steel.rgb, steel.nir))
+    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), Look(POLE, steel.rgb, steel.nir), radius=0.035)
     if shape < 0.5:
-        model.cylinder((0.04, 0, height), (0.06, 0, height), r, look)
+        model.cylinder((0.04, 0, height), (0.06, 0, height), look, radius=r)
     elif shape < 1.5:
         slant = [(0.0, side * 0.866, 0.5, 0.5 * height + 0.5 * r) for side in (-1, 1)]
         model.box((0.04, -r, height - 0.5 * r), (0.06, r, height + r), look, cuts=slant)

@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from jaxsim.data.synthetic.render import Scan
 from jaxsim.frame import Array, PolarImage
@@ -83,19 +83,6 @@ class Truth:
     scan: Scan
     detection: Float[Array, "rows columns"]
     """Probability that the beam comes back."""
-
-    @property
-    def semantic(self) -> Int[Array, "rows columns"]:
-        """Cityscapes ids of what the rays meet."""
-        return self.scan.semantic
-
-    @property
-    def instance(self) -> Int[Array, "rows columns"]:
-        return self.scan.instance
-
-    @property
-    def incidence_rad(self) -> Float[Array, "rows columns"]:
-        return self.scan.incidence_rad
 
 
 def beam_gain(sensor: TrueSensor, rows: int) -> Float[np.ndarray, " rows"]:

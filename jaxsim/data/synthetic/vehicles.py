@@ -117,7 +117,7 @@ def _wheels(model: Model, semantic: int, axles: tuple[float, ...], *, radius: fl
             extra=(abs(x), radius),
         )
         for side in (-1, 1):
-            model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), radius, look)
+            model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), look, radius=radius)
 
 
 def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
