@@ -69,11 +69,7 @@ def _vkitti2(config: DataConfig) -> Dataset:
     from jaxsim.data.vkitti2 import VirtualKitti2
 
     return VirtualKitti2(
-        _root(config),
-        scenes=config.scenes,
-        variations=config.variations,
-        camera=config.camera,
-        lidar=config.lidar,
+        _root(config), scenes=config.scenes, variations=config.variations, camera=config.camera, lidar=config.lidar
     )
 
 

@@ -49,12 +49,7 @@ def check_rows(rows: str) -> str:
 def read_scan(path: Path, rows: str) -> Cloud:
     """The points of a `.bin` with their laser lines. Raises UnorderedCloud where the order hides them."""
     xyz_m, intensity = read_velodyne(path)
-    return Cloud(
-        xyz_m=xyz_m,
-        intensity=intensity,
-        valid=np.ones(len(xyz_m), bool),
-        row=_lines(path, xyz_m, rows),
-    )
+    return Cloud(xyz_m=xyz_m, intensity=intensity, valid=np.ones(len(xyz_m), bool), row=_lines(path, xyz_m, rows))
 
 
 @cache

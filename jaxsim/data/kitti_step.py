@@ -90,10 +90,7 @@ class KittiStep:
             name=self.name_of(index),
             scene=sequence,
             camera=CameraFrame(
-                rgb=rgb,
-                camera=tracking_camera(calibration, rgb.shape[:2]),
-                semantic=semantic,
-                instance=instance,
+                rgb=rgb, camera=tracking_camera(calibration, rgb.shape[:2]), semantic=semantic, instance=instance
             ),
             cloud=read_scan(self._path("velodyne", index, ".bin"), self._rows),
             boxes=self._boxes(sequence, int(number)),

@@ -1,17 +1,8 @@
-"""Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees."""
+"""Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees.
 
-from jaxsim.geometry.boxes import (
-    box_corners,
-    camera_boxes,
-    iou_2d,
-    iou_3d,
-    iou_bev,
-    lidar_boxes,
-    nms_bev,
-    pair_overlap,
-    points_in_boxes,
-    wrapped,
-)
+`jaxsim.geometry.boxes` has the boxes around objects.
+"""
+
 from jaxsim.geometry.camera import (
     camera_at_lidar,
     camera_from_projection,
@@ -46,9 +37,7 @@ __all__ = [
     "LidarSpec",
     "UnorderedCloud",
     "azimuth_of",
-    "box_corners",
     "camera_at_lidar",
-    "camera_boxes",
     "camera_from_projection",
     "camera_rows",
     "camera_window",
@@ -60,16 +49,9 @@ __all__ = [
     "grid_difference",
     "incidence",
     "invert",
-    "iou_2d",
-    "iou_3d",
-    "iou_bev",
-    "lidar_boxes",
-    "nms_bev",
     "normals",
     "pad_cloud",
     "pad_points",
-    "pair_overlap",
-    "points_in_boxes",
     "points_to_polar",
     "polar_to_points",
     "preset",
@@ -85,5 +67,4 @@ __all__ = [
     "transform",
     "unproject",
     "window_grid",
-    "wrapped",
 ]

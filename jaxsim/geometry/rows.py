@@ -173,14 +173,9 @@ def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.
 
 
 def fit_beams(
-    xyz: Float[np.ndarray, "n 3"],
-    row: Int[np.ndarray, " n"],
-    lines: int = 64,
-    *,
-    name: str = "fitted",
+    xyz: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], lines: int = 64, *, name: str = "fitted"
 ) -> LidarSpec:
-    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a
-    beam.
+    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a beam.
 
     Robust least squares (Cauchy weights). A beam with fewer than 30 points keeps the value of the
     first preset with so many lines; one whose points are all equally far leans on its origin. Of

@@ -132,8 +132,7 @@ def preset(name: str) -> LidarSpec:
 
 
 def full_grid(spec: LidarSpec, columns: int | None = None) -> PolarGrid:
-    """The whole turn, cut behind the car: azimuth falls from just under +pi to just over -pi, forward in the
-    middle."""
+    """The whole turn, cut behind the car: azimuth falls from just under +pi to just over -pi, forward in the middle."""
     return window_grid(spec, np.pi, -np.pi, columns=columns or spec.columns)
 
 
@@ -145,11 +144,9 @@ def window_grid(
     columns: int,
     rows: tuple[int, int] | None = None,
 ) -> PolarGrid:
-    """Lines `rows` (first, stop; all by default) between two azimuths, which are the outer edges of the
-    border cells.
+    """Lines `rows` (first, stop; all by default) between two azimuths, which are the outer edges of the border cells.
 
-    Raises ValueError for an empty or reversed window, more than a turn, and lines that the sensor does not
-    have.
+    Raises ValueError for an empty or reversed window, more than a turn, and lines that the sensor does not have.
     """
     first, stop = rows or (0, spec.rows)
     width = float(azimuth_left_rad) - float(azimuth_right_rad)

@@ -22,7 +22,7 @@ EYE = np.array([0.0, -1.8, 1.7])
 def scene(request: pytest.FixtureRequest) -> tuple[Drive, Solids, np.ndarray]:
     drive = lay_out(9, request.param)
     pose = poses(drive.things, float(drive.street.curvature), 0.0)
-    solids, corners = place(drive.parts, *pose, np.ones(len(drive.things), np.int64))
+    solids, corners = place(drive.parts, *pose, instance=np.ones(len(drive.things), np.int64))
     return drive, solids, corners
 
 

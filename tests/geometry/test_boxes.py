@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.data.kitti_files import object_rect_from_velo, read_labels
 from jaxsim.frame import Boxes
-from jaxsim.geometry import (
+from jaxsim.geometry.boxes import (
     box_corners,
     camera_boxes,
     iou_2d,

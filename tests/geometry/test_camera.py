@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.frame import Camera, Cloud
+from jaxsim.frame import Camera
 from jaxsim.geometry import (
     camera_from_projection,
     camera_rows,
@@ -111,13 +111,11 @@ def test_the_cropped_camera_sees_44_lines_in_372_columns(samples, scan):
     one = cropped_camera(samples, scan)
     data = points(samples, scan)
     row = recover_rows(data[:, :3])
-    cloud = Cloud(data[:, :3], data[:, 3], np.ones(len(data), bool), row)
     for spec in (SPEC, fit_beams(data[:, :3], row)):
         window = camera_window(one, CROP, spec, columns=372)
         assert window.elevation_rad.shape == (44,)
         assert window.azimuth_rad.shape == (372,)
         assert camera_rows(one, CROP, spec) == (0, 44)
-        assert camera_rows(one, CROP, spec, rows_from=cloud) == (0, 44)
     span = np.rad2deg(window.azimuth_rad[0] - window.azimuth_rad[-1]) * 372 / 371
     assert span == pytest.approx(81.38 if scan == OBJECT[0] else 80.23, abs=0.01)
     # Coarser than the sensor's own step of 0.179 degrees.
@@ -161,9 +159,3 @@ def test_a_batch_of_cameras_has_no_one_window():
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * 2), CAMERA)
     with pytest.raises(ValueError, match="takes one camera"):
         camera_rows(batch, (375, 1200), SPEC)
-
-
-def test_a_cloud_without_rows_tells_no_lines():
-    cloud = Cloud(np.ones((1, 3), np.float32), np.ones(1, np.float32), np.ones(1, bool))
-    with pytest.raises(ValueError, match="rows_from has no rows"):
-        camera_rows(CAMERA, (375, 1200), SPEC, rows_from=cloud)

@@ -12,11 +12,10 @@ import numpy as np
 
 from jaxsim.data.synthetic import surroundings
 from jaxsim.data.synthetic.light import Light
-from jaxsim.data.synthetic.people import cyclist, pedestrian
+from jaxsim.data.synthetic.road_users import CAR_SHAPES, car, cyclist, pedestrian, truck
 from jaxsim.data.synthetic.scene import Parts, Thing, gather
 from jaxsim.data.synthetic.solids import Model
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street
-from jaxsim.data.synthetic.vehicles import CAR_SHAPES, car, truck
 
 FROM_M, TO_M = -70.0, 150.0
 """Stretch of the street that is built up."""

@@ -72,12 +72,7 @@ class Scan:
 
 @jax.jit
 def cast_shadows(
-    solids: Solids,
-    sun: Float[Array, "3"],
-    eye_m: Float[Array, "2"],
-    *,
-    sunward: Candidates,
-    upward: Candidates,
+    solids: Solids, sun: Float[Array, "3"], eye_m: Float[Array, "2"], *, sunward: Candidates, upward: Candidates
 ) -> Shadows:
     """Shadow map and sky cover of the ground around and ahead of `eye_m`."""
     heights = _heights(solids, sun, eye_m, cells=SHADOW_CELLS, tile=SHADOW_TILE, candidates=sunward)
