@@ -328,7 +328,10 @@ def _people(plan: _Plan, *, urban: bool) -> None:
         along = 1 if rng.random() < 0.5 else -1
         off = side * (half + float(rng.uniform(1.3, max(1.5, pavement - 0.3))))
         if plan.clear_of_sides(x, side, 1.5):
-            _walker(plan, (x, off), along)
+            model, size = pedestrian(rng)
+            speed = along * float(rng.uniform(0.8, 1.6))
+            turn = 0.0 if along > 0 else np.pi
+            plan.place((x, off), model, turn=turn, kind="Pedestrian", size_m=size, speed_mps=speed)
     crossing = float(street.crossing_x_m)
     if crossing > 14:
         for _ in range(int(rng.integers(0, 3))):
@@ -337,10 +340,3 @@ def _people(plan: _Plan, *, urban: bool) -> None:
             turn = float(rng.choice([-1, 1])) * np.pi / 2
             spot = (crossing + float(rng.uniform(-1.2, 1.2)), off)
             plan.place(spot, model, turn=turn, kind="Pedestrian", size_m=size)
-
-
-def _walker(plan: _Plan, spot: tuple[float, float], along: int) -> None:
-    model, size = pedestrian(plan.rng)
-    speed = along * float(plan.rng.uniform(0.8, 1.6))
-    turn = 0.0 if along > 0 else np.pi
-    plan.place(spot, model, turn=turn, kind="Pedestrian", size_m=size, speed_mps=speed)

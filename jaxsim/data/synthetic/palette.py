@@ -7,9 +7,11 @@ of magnitude, chosen so that colour tells part of the reflectance and class anot
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from jaxsim.data.synthetic.solids import Look
 
 Rgb = tuple[float, float, float]
 
@@ -19,6 +21,12 @@ class Paint(NamedTuple):
     nir: float
     gloss: float = 0.0
     absorbing: float = 0.0
+
+
+def look_of(semantic: int, paint: Paint, second: Paint | None = None, **more: Any) -> Look:
+    """The look of a solid in one paint or two; `more` are further fields: gloss and absorption too."""
+    two: dict[str, Any] = {} if second is None else {"rgb2": second.rgb, "nir2": second.nir}
+    return Look(semantic, paint.rgb, paint.nir, **two, **more)
 
 
 def srgb(code: str) -> Rgb:

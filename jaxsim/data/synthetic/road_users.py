@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsim.data.synthetic import palette
+from jaxsim.data.synthetic.palette import look_of
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
 PERSON, RIDER = 24, 25
@@ -68,18 +69,16 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
     size = (half, wide, height)
     seed = int(rng.integers(1 << 20))
 
-    def look(pattern: Pattern, extra: tuple[float, float]) -> Look:
-        red = palette.RED_LAMP
-        first = {"rgb": paint.rgb, "nir": paint.nir, "gloss": paint.gloss, "absorbing": paint.absorbing}
-        second = {"rgb2": red.rgb, "nir2": red.nir}
-        return Look(CAR, pattern=pattern, half_m=size, seed=seed, extra=extra, **first, **second)
-
+    shared = {"half_m": size, "seed": seed, "gloss": paint.gloss, "absorbing": paint.absorbing}
+    body = look_of(CAR, paint, palette.RED_LAMP, pattern=Pattern.CAR_BODY, extra=(axle, radius), **shared)
+    pillar = (belt, 0.5 * (head + rear_head))
+    cabin = look_of(CAR, paint, palette.RED_LAMP, pattern=Pattern.CAR_CABIN, extra=pillar, **shared)
     model = Model()
     lean = 0.10
     model.box(
         (-half, -wide, 0.19),
         (half, wide, belt),
-        look(Pattern.CAR_BODY, (axle, radius)),
+        body,
         cuts=(
             plane((half, bonnet), (foot, belt)),
             plane((rear_foot, belt), (-half - 0.02, tail - 0.03)),
@@ -93,7 +92,7 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
     model.box(
         (rear_foot - 0.02, -inner, belt - 0.05),
         (foot + 0.02, inner, height),
-        look(Pattern.CAR_CABIN, (belt, 0.5 * (head + rear_head))),
+        cabin,
         cuts=(
             plane((foot, belt), (head, height)),
             plane((rear_head, height), (rear_foot, belt)),
@@ -109,15 +108,7 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
 
 def _wheels(model: Model, semantic: int, axles: tuple[float, ...], *, radius: float, wide: float) -> None:
     for x in axles:
-        look = Look(
-            semantic,
-            palette.TYRE.rgb,
-            palette.TYRE.nir,
-            Pattern.WHEEL,
-            rgb2=palette.RIM.rgb,
-            nir2=palette.RIM.nir,
-            extra=(abs(x), radius),
-        )
+        look = look_of(semantic, palette.TYRE, palette.RIM, pattern=Pattern.WHEEL, extra=(abs(x), radius))
         for side in (-1, 1):
             model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), look, radius=radius)
 
@@ -131,29 +122,33 @@ def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     cab_end, cab_height = half - rng.uniform(1.8, 2.1), rng.uniform(2.3, 2.6)
     paint, box = palette.car_paint(rng), palette.wall(rng, brick=False)
     band = palette.car_paint(rng)
-    colours = {"rgb": paint.rgb, "nir": paint.nir, "gloss": 0.05, "absorbing": paint.absorbing}
     model = Model()
-    cab = Look(TRUCK, pattern=Pattern.CAR_CABIN, half_m=(half, wide, cab_height - 0.15), **colours)
-    cab_middle = (cab_end + half) / 2
+    cab = look_of(
+        TRUCK,
+        paint,
+        pattern=Pattern.CAR_CABIN,
+        half_m=(half, wide, cab_height - 0.15),
+        extra=(1.35, (cab_end + half) / 2),
+        gloss=0.05,
+        absorbing=paint.absorbing,
+    )
     model.box(
         (cab_end, -wide + 0.05, 0.45),
         (half, wide - 0.05, cab_height),
-        Look(**{**cab.__dict__, "extra": (1.35, cab_middle)}),
+        cab,
         cuts=(
             plane((half, 1.3), (half - 0.28, cab_height)),
             (1.0, 0.7, 0.0, half + 0.7 * (wide - 0.25)),
             (1.0, -0.7, 0.0, half + 0.7 * (wide - 0.25)),
         ),
     )
-    side = {"rgb": box.rgb, "nir": box.nir, "rgb2": band.rgb, "nir2": band.nir}
     seed = int(rng.integers(1 << 20))
     model.box(
         (-half, -wide, 0.95),
         (cab_end - 0.15, wide, height),
-        Look(TRUCK, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed, **side),
+        look_of(TRUCK, box, band, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed),
     )
-    steel = palette.DARK_METAL
-    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), Look(TRUCK, steel.rgb, steel.nir))
+    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), look_of(TRUCK, palette.DARK_METAL))
     _wheels(model, TRUCK, (half - 1.2, -half + 1.6), radius=0.46, wide=wide - 0.02)
     return model, (float(length), float(width), float(height))
 
@@ -161,7 +156,7 @@ def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
 def _dress(rng: np.random.Generator, semantic: int) -> dict[str, Look]:
     hair = palette.vary(rng, palette.srgb(str(rng.choice(("2a2019", "5a4028", "8d7350", "b9b3a8")))), 0.1)
     looks = {"coat": palette.cloth(rng), "trousers": palette.cloth(rng), "skin": palette.skin(rng)}
-    dressed = {name: Look(semantic, paint.rgb, paint.nir) for name, paint in looks.items()}
+    dressed = {name: look_of(semantic, paint) for name, paint in looks.items()}
     dressed["hair"] = Look(semantic, hair, 0.25)
     dressed["shoes"] = Look(semantic, palette.TYRE.rgb, 0.15)
     return dressed
@@ -200,8 +195,8 @@ def cyclist(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]
     """A rider on a bicycle, and length, width, height of the box."""
     dress = _dress(rng, RIDER)
     paint = palette.car_paint(rng)
-    frame = Look(BICYCLE, paint.rgb, paint.nir, gloss=0.05)
-    tyre = Look(BICYCLE, palette.TYRE.rgb, palette.TYRE.nir, Pattern.PLAIN)
+    frame = look_of(BICYCLE, paint, gloss=0.05)
+    tyre = look_of(BICYCLE, palette.TYRE)
     model = Model()
     for x in (-0.52, 0.52):
         model.cylinder((x, -0.02, 0.34), (x, 0.02, 0.34), tyre, radius=0.34, bore=0.88)

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxsim.data.synthetic import palette
 from jaxsim.data.synthetic.materials import FLOOR_M
+from jaxsim.data.synthetic.palette import look_of
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
 BUILDING = 11
@@ -23,17 +24,8 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     bay = length / max(1, round(length / rng.uniform(2.4, 3.6)))
     style = float(rng.uniform(0.72, 1.0) if shops else rng.uniform(0.0, 0.69))
     seed = 2 * int(rng.integers(1 << 18)) + brick
-    look = Look(
-        BUILDING,
-        wall.rgb,
-        wall.nir,
-        Pattern.FACADE,
-        rgb2=roof.rgb,
-        nir2=roof.nir,
-        half_m=(length / 2, depth / 2, eaves),
-        seed=seed,
-        extra=(bay, style),
-    )
+    size = (length / 2, depth / 2, eaves)
+    look = look_of(BUILDING, wall, roof, pattern=Pattern.FACADE, half_m=size, seed=seed, extra=(bay, style))
     model = Model()
     half, pitched = length / 2, bool(rng.random() < (0.55 if floors > 3 else 0.9))
     if not pitched:
@@ -47,14 +39,14 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     model.box((-half, -depth / 2, 0.0), (half, depth / 2, ridge), look, cuts=cuts)
     if rng.random() < 0.7:
         x, y = rng.uniform(-0.6, 0.6) * half, rng.uniform(-0.2, 0.2) * depth
-        pot = Look(BUILDING, roof.rgb, roof.nir)
+        pot = look_of(BUILDING, roof)
         model.box((x - 0.35, y - 0.3, eaves), (x + 0.35, y + 0.3, ridge + 0.8), pot)
     return model, depth
 
 
 def _leaf_look(rng: np.random.Generator) -> Look:
     dark, light = palette.leaves(rng)
-    return Look(VEGETATION, dark.rgb, dark.nir, Pattern.LEAF, rgb2=light.rgb, nir2=light.nir)
+    return look_of(VEGETATION, dark, light, pattern=Pattern.LEAF)
 
 
 def tree(rng: np.random.Generator) -> Model:
@@ -107,8 +99,7 @@ def fence(rng: np.random.Generator, length: float) -> Model:
     model = Model()
     paint = palette.wall(rng, brick=bool(rng.random() < 0.4))
     height = float(rng.uniform(0.6, 1.5))
-    look = Look(FENCE, paint.rgb, paint.nir)
-    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look)
+    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look_of(FENCE, paint))
     return model
 
 
@@ -116,7 +107,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
     """A post whose arm reaches along +y, over the road."""
     model = Model()
     paint = palette.METAL if rng.random() < 0.6 else palette.DARK_METAL
-    look = Look(POLE, paint.rgb, paint.nir, gloss=paint.gloss)
+    look = look_of(POLE, paint, gloss=paint.gloss)
     height = float(rng.uniform(5.5, 8.0))
     model.cylinder((0, 0, 0), (0, 0, height), look, radius=0.065)
     model.cylinder((0, 0, 0), (0, 0, 1.1), look, radius=0.09)
@@ -127,8 +118,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
 
 def bollard() -> Model:
     model = Model()
-    paint = palette.DARK_METAL
-    model.cylinder((0, 0, 0), (0, 0, 0.95), Look(POLE, paint.rgb, paint.nir), radius=0.06)
+    model.cylinder((0, 0, 0), (0, 0, 0.95), look_of(POLE, palette.DARK_METAL), radius=0.06)
     return model
 
 
@@ -145,21 +135,18 @@ _SIGNS = (
 def sign(rng: np.random.Generator) -> Model:
     """A sheet on a post, looking along +x."""
     model = Model()
-    steel = palette.METAL
     shape, sheet, rim = _SIGNS[int(rng.integers(len(_SIGNS)))]
     height, r = float(rng.uniform(2.2, 2.6)), float(rng.uniform(0.3, 0.42))
-    look = Look(
+    look = look_of(
         SIGN,
-        palette.srgb(sheet),
-        0.6,
-        Pattern.SIGN,
-        rgb2=palette.srgb(rim),
-        nir2=0.6,
+        palette.Paint(palette.srgb(sheet), 0.6),
+        palette.Paint(palette.srgb(rim), 0.6),
+        pattern=Pattern.SIGN,
         half_m=(0.02, r, r),
         extra=(shape, 0.22 * r if shape < 1.5 else 0.03),
         axis_z_m=height,
     )
-    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), Look(POLE, steel.rgb, steel.nir), radius=0.035)
+    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), look_of(POLE, palette.METAL), radius=0.035)
     if shape < 0.5:
         model.cylinder((0.04, 0, height), (0.06, 0, height), look, radius=r)
     elif shape < 1.5:
