@@ -85,7 +85,8 @@ def candidates(mask: Mask, counts: tuple[int, int, int]) -> Candidates:
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
-    return Candidates(*lists, np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32))
+    met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
+    return Candidates(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:
