@@ -92,6 +92,7 @@ def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None 
     shift = cam_from_velo @ np.linalg.inv(rect) if rect_from_velo is not None else np.eye(4)
     if np.abs(shift[:3, :3] - np.eye(3)).max() > 1e-4:
         raise ValueError("kitti: the labels' frame is turned against the camera's; KITTI knows only a shift (P2)")
+    # P2 = K [I | t], t from the labels' frame to the camera.
     projection = np.column_stack([intrinsics, intrinsics @ shift[:3, 3]])
     eye = np.eye(4)[:3]
     rows = {f"P{k}": projection for k in range(4)}
@@ -124,8 +125,10 @@ def label_lines(boxes: Boxes) -> list[str]:
             )
         if not kind or kind.split() != [kind]:
             raise ValueError(f"kitti: object {i} is called {kind!r}; columns are divided by blanks, write one word")
+        # KITTI's observation angle: rotation_y less the angle of the ray to the object.
         alpha = _turn(float(yaw[i]) - float(np.arctan2(centre[i, 0], centre[i, 2])))
         hidden = str(int(level[i])) if level[i] == int(level[i]) else _exact(level[i])
+        # The file has height, width, length.
         sizes = " ".join(map(_exact, size[i][[2, 1, 0]]))
         place = " ".join(map(_exact, centre[i]))
         objects.append(f"{kind} {_exact(truncated[i])} {hidden} {alpha:.6f} {corners} {sizes} {place} {_exact(yaw[i])}")

@@ -46,6 +46,7 @@ def depth_to_cloud(
     *batch, height, width = depth_m.shape
     flat = (*batch, height * width)
     known = valid & jnp.isfinite(depth_m)
+    # Unknown depth may be NaN, which would pass into the gradient of the whole image.
     xyz = unproject(camera, jnp.where(known, depth_m, jnp.zeros_like(depth_m))).reshape(*flat, 3)
     brightness = jnp.zeros_like(depth_m) if intensity is None else intensity
     if intensity is not None and drop_zero:
@@ -80,5 +81,6 @@ def place_intensity(
     placed = np.zeros((len(flat), *size), np.float32)
     method = {"nearest": cv2.INTER_NEAREST_EXACT, "linear": cv2.INTER_LINEAR}[how]
     for out, image in zip(placed, flat, strict=True):
+        # Bottom and middle, where depth completion has cropped.
         out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=method)
     return placed.reshape(*batch, *size)

@@ -58,6 +58,7 @@ def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"
             "carla: red, green and blue of the depth buffer are alike everywhere: this is ColorConverter.Depth's or "
             "LogarithmicDepth's picture; pass the raw buffer (ColorConverter.Raw), which has 24 bits"
         )
+    # 24 bits over 0 .. FAR_M; the largest is the far plane, which is the sky.
     code = red + 256 * green + 65536 * blue
     return (code * (FAR_M / (2**24 - 1))).astype(np.float32), code < 2**24 - 1
 

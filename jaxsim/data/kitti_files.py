@@ -185,6 +185,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
             raise ValueError(f"kitti: {path}, line {line}: {error}") from None
         _check_numbers(path, line, row, numbers=numbers[k])
     kinds = tuple(row[0] for _, row in rows)
+    # Of a region without an object the rectangle alone means anything; the files have -1, -10 and -1000.
     numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
     hidden = numbers[:, 1]
     fractions = hidden != np.round(hidden)
@@ -197,6 +198,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     n = numbers.astype(np.float32)
     return Boxes(
         centre_m=n[:, 10:13],
+        # The file has height, width, length.
         size_m=n[:, [9, 8, 7]],
         yaw_rad=n[:, 13],
         bbox_px=n[:, 3:7],

@@ -54,6 +54,7 @@ def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Swe
         xyz_m=np.stack([y, -x, z], axis=1),
         intensity=intensity / np.float32(255),
         valid=np.linalg.norm(points[:, :3], axis=1) >= spec.min_range_m,
+        # Ring 0 is the lowest beam, row 0 the top one.
         row=(spec.rows - 1 - ring).astype(np.int32),
     )
     grid = full_grid(spec, columns)

@@ -107,6 +107,7 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster
     image = _read(path)
     if image.dtype != np.uint8 or image.ndim != 3:
         raise ValueError(f"vkitti2: {path} is {image.dtype} with shape {image.shape}; classes are an 8-bit RGB PNG")
+    # OpenCV's channels are blue, green, red.
     code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
     table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
     known, ids = np.array(table, np.int32).T

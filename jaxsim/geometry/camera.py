@@ -64,6 +64,7 @@ def unproject(camera: Camera, depth_m: Float[Array, "*b h w"]) -> Float[Array, "
     cu = k[..., 0, 2, None, None]
     fv = k[..., 1, 1, None, None]
     cv = k[..., 1, 2, None, None]
+    # K is upper triangular: solved from the bottom row up.
     y = (v - cv) / fv
     x = (u - cu - skew * y) / fu
     cam = jnp.stack([x * depth_m, y * depth_m, depth_m], axis=-1).reshape(*batch, height * width, 3)

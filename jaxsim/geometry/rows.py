@@ -138,6 +138,7 @@ def _rows_by_beams(
     rows = np.arange(spec.rows)
     misses = votes @ np.minimum(np.abs(rows[:, None] - rows), _WIDE_MISS)
 
+    # Dynamic programming over the pieces: the least cost so far with the last piece in each row, and whence.
     total, came_from = misses[0], []
     for cost, new_line in zip(misses[1:], firm[1:], strict=True):
         best = np.minimum.accumulate(total)

@@ -35,11 +35,13 @@ def turned(rotation: Float[Array, "3 3"], v: Float[Array, "3 *r"]) -> Float[Arra
 
 def cell_hash(x: Int[Array, "..."], y: Int[Array, "..."], z: Int[Array, "..."]) -> Float[Array, "..."]:
     """A number in [0, 1) for each integer cell, uniform and without visible pattern."""
+    # The coordinates are mixed by xxHash's primes; the end is Wellons' lowbias32.
     h = x.astype(jnp.uint32) * jnp.uint32(0x9E3779B1)
     h = (h ^ (h >> 15)) + y.astype(jnp.uint32) * jnp.uint32(0x85EBCA77)
     h = (h ^ (h >> 13)) + z.astype(jnp.uint32) * jnp.uint32(0xC2B2AE3D)
     h = (h ^ (h >> 16)) * jnp.uint32(0x7FEB352D)
     h = (h ^ (h >> 15)) * jnp.uint32(0x846CA68B)
+    # 24 bits: as many as a float32 holds.
     return (h >> 8).astype(jnp.float32) * jnp.float32(2.0**-24)
 
 
@@ -66,6 +68,7 @@ def smooth_noise3(x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array
 
 
 def _ease(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    # Smoothstep: no slope where two cells meet.
     return t * t * (3.0 - 2.0 * t)
 
 

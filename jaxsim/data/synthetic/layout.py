@@ -99,6 +99,7 @@ def lay_out(seed: int, drive: int, streets: str = "town") -> Drive:
     width = float(plan.street.half_width_m)
     parking = float(plan.street.parking) > 0.5
     lane = width - (2.25 if parking else 0.0)
+    # Traffic keeps right, where aside is negative.
     ego = -0.5 * lane
     urban = rng.random() < statistics.urban
     _houses(plan, urban=bool(urban))

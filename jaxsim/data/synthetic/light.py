@@ -61,6 +61,7 @@ def map_place(
     x: Float[Array, "*r"], y: Float[Array, "*r"], shape: tuple[int, ...]
 ) -> tuple[Float[Array, "*r"], Float[Array, "*r"]]:
     """Row and column of a place in a map of that shape, whole numbers at cell centres; x, y from its origin."""
+    # The inverse of `map_borders`.
     u = jnp.log1p(jnp.maximum(x + BEHIND_M, 0.0) / GROWTH_X_M) / _TURNS_X
     v = 0.5 + 0.5 * jnp.arcsinh(y / GROWTH_Y_M) / _TURNS_Y
     return v * shape[0] - 0.5, u * shape[1] - 0.5
@@ -72,6 +73,7 @@ def lit(
 ) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
+    # A point is lifted off its surface by about a cell of the map, or the surface would shade itself.
     cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)
     lift = 0.04 + 1.1 * cell_m
     px = x + lift * normal[0]
@@ -155,6 +157,7 @@ def shade(
     facing = dot(view, normal)
     sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
     above, below = 0.8 * (0.5 + 0.5 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
+    # Schlick's form of Fresnel's law, stronger off the normal than in nature.
     fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
     fresnel = jnp.clip(fresnel, 0.0, 0.8)
     # Low mirrored directions meet the houses opposite, not the horizon.

@@ -84,6 +84,7 @@ def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "
     cos, sin = look["heading"]
     x, y, z = hit.at - look["centre"]
     nx, ny, nz = hit.normal
+    # Turned back by the heading, into the object's own frame.
     p = (cos * x + sin * y, cos * y - sin * x, z)
     n = (cos * nx + sin * ny, cos * ny - sin * nx, nz)
     pattern, seed = look["pattern"][0].astype(jnp.int32), look["seed"][0].astype(jnp.int32)

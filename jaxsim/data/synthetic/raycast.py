@@ -74,6 +74,7 @@ def cast(
     solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
     at = origin + distance[None] * direction
 
+    # The code of a hit with a polyhedron is the number of its plane among all of them.
     planes = solids.planes[:, :, :3].reshape(-1, 3)
     flat = planes[jnp.where((code >= 0) & (solid < POLYHEDRA), code, 0)]
     conic = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
@@ -169,6 +170,7 @@ def enter_polyhedron(
     for f in range(FACES):
         nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
         towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
+        # n.(o + s d) = w at s = (w - n.o) / (n.d); inside is from the last entry to the first exit.
         room = w - (nx * origin[0] + ny * origin[1] + nz * origin[2])
         s = room / towards
         later = (towards < 0.0) & (s > enter)
@@ -225,6 +227,7 @@ def enter_round(
     """
     q, p, enter, leave = _span(origin, direction, conic, weight=roundness[:, None])
     along = jnp.where(jnp.abs(p[2]) < 1e-12, 1e-12, p[2])
+    # The caps are the planes z = -1 and z = 1 of the solid's own frame.
     one, other = (-1.0 - q[2]) / along, (1.0 - q[2]) / along
     cap = jnp.minimum(one, other)
     leave = jnp.minimum(leave, jnp.maximum(one, other))
@@ -260,6 +263,7 @@ def enter_crown(
 def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     rows = solids.conics.reshape(-1, 12)[conic]
     own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
+    # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
     cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
     weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]

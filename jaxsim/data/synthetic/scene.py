@@ -113,6 +113,7 @@ def place(
     turn = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
     n_planes, n_rounds, _ = parts.counts
 
+    # With p = R q + t, n.q <= w becomes (R n).p <= w + (R n).t, and A q + b becomes A R^T p + (b - A R^T t).
     normal = parts.planes[..., :3] @ turn[:n_planes].swapaxes(1, 2)
     offset = parts.planes[..., 3] + np.einsum("pfi,pi->pf", normal, at[:n_planes])
     matrix = parts.conics[..., :3] @ turn[n_planes:].swapaxes(1, 2)

@@ -155,6 +155,7 @@ def _axes(start: Vector, end: Vector, radius: float) -> Float[np.ndarray, "3 3"]
 
 
 def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, "3 4"]:
+    # Takes the half axes to unit vectors, and the centre to 0.
     inverse = np.linalg.inv(axes)
     return np.concatenate([inverse, -(inverse @ np.asarray(centre, np.float64))[:, None]], axis=1)
 

@@ -44,6 +44,7 @@ def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) ->
     half = abs(azimuth[1] - azimuth[0])
     x, y, z = np.moveaxis(corners_velo, -1, 0)
     starts = np.arange(0, len(azimuth), tile[1])
+    # Azimuth falls from column to column: a tile's left border is its larger one.
     left = azimuth[starts] + half
     right = azimuth[np.minimum(starts + tile[1], len(azimuth)) - 1] - half
     beyond_left = y * np.cos(left)[:, None, None] - x * np.sin(left)[:, None, None]
