@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from jaxsim.data.synthetic import SyntheticWorld, TrueSensor, Truth, beam_gain, kitti_camera
-from jaxsim.data.synthetic.layout import STATISTICS, lay_out
+from jaxsim.data.synthetic.layout import lay_out
 from jaxsim.data.synthetic.solids import CAPACITY
+from jaxsim.data.synthetic.traffic import STATISTICS
 from jaxsim.frame import Frame
 from jaxsim.geometry import points_to_polar, preset, project, recover_rows
 

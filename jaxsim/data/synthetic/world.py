@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.synthetic.boxes import label
-from jaxsim.data.synthetic.layout import STATISTICS, Drive, lay_out
+from jaxsim.data.synthetic.layout import Drive, lay_out
 from jaxsim.data.synthetic.light import map_borders
 from jaxsim.data.synthetic.raycast import Candidates
 from jaxsim.data.synthetic.render import (
@@ -29,6 +29,7 @@ from jaxsim.data.synthetic.render import (
 )
 from jaxsim.data.synthetic.scene import along_street, place, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.data.synthetic.traffic import STATISTICS
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
