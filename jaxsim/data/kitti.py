@@ -77,7 +77,6 @@ class KittiRaw:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         drive, number = self._frames[index]
         return f"{drive.name}-{number}"
 
@@ -126,7 +125,6 @@ class KittiObject:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         return self._frames[index]
 
     @property

@@ -98,7 +98,6 @@ class KittiStep:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         return "-".join(self._frames[index])
 
     def _path(self, kind: str, index: int, suffix: str) -> Path:

@@ -116,7 +116,6 @@ class VirtualKitti2:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
 

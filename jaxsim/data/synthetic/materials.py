@@ -18,13 +18,13 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
 from jaxsim.data.synthetic.raycast import GROUND, Hit
 from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
 from jaxsim.data.synthetic.street import Street, street_surface
 from jaxsim.frame import Array
 
-SKY_ID = 23
 FLOOR_M = 2.9
 TRIM, TRIM_NIR = (0.5, 0.5, 0.47), 0.55
 GLASS, GLASS_NIR = (0.02, 0.025, 0.03), 0.08
@@ -136,7 +136,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         glass=things & marks.glass,
         retro=things & marks.retro,
         absorbing=own & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
-        semantic=jnp.where(in_sky, SKY_ID, semantic),
+        semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
         bend=bend,
     )

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.solids import Look
 
 Rgb = tuple[float, float, float]
@@ -23,10 +24,10 @@ class Paint(NamedTuple):
     absorbing: float = 0.0
 
 
-def look_of(semantic: int, paint: Paint, second: Paint | None = None, **more: Any) -> Look:
-    """The look of a solid in one paint or two; `more` are further fields: gloss and absorption too."""
+def look_of(class_name: str, paint: Paint, second: Paint | None = None, **more: Any) -> Look:
+    """A solid of a Cityscapes class in one paint or two; `more` are further fields, gloss and absorption among them."""
     two: dict[str, Any] = {} if second is None else {"rgb2": second.rgb, "nir2": second.nir}
-    return Look(semantic, paint.rgb, paint.nir, **two, **more)
+    return Look(IDS[class_name], paint.rgb, paint.nir, **two, **more)
 
 
 def srgb(code: str) -> Rgb:

@@ -14,10 +14,6 @@ from jaxsim.data.synthetic import palette
 from jaxsim.data.synthetic.palette import look_of
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
-PERSON, RIDER = 24, 25
-CAR, TRUCK = 26, 27
-BICYCLE = 33
-
 
 @dataclass(frozen=True)
 class CarShape:
@@ -70,9 +66,9 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
     seed = int(rng.integers(1 << 20))
 
     shared = {"half_m": size, "seed": seed, "gloss": paint.gloss, "absorbing": paint.absorbing}
-    body = look_of(CAR, paint, palette.RED_LAMP, pattern=Pattern.CAR_BODY, extra=(axle, radius), **shared)
+    body = look_of("car", paint, palette.RED_LAMP, pattern=Pattern.CAR_BODY, extra=(axle, radius), **shared)
     pillar = (belt, 0.5 * (head + rear_head))
-    cabin = look_of(CAR, paint, palette.RED_LAMP, pattern=Pattern.CAR_CABIN, extra=pillar, **shared)
+    cabin = look_of("car", paint, palette.RED_LAMP, pattern=Pattern.CAR_CABIN, extra=pillar, **shared)
     model = Model()
     lean = 0.10
     model.box(
@@ -102,13 +98,13 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
             (0.0, -lean, 1.0, lean * 0.6 * inner + height),
         ),
     )
-    _wheels(model, CAR, (axle, -axle), radius=radius, wide=wide)
+    _wheels(model, "car", (axle, -axle), radius=radius, wide=wide)
     return model, (float(length), float(width), float(height))
 
 
-def _wheels(model: Model, semantic: int, axles: tuple[float, ...], *, radius: float, wide: float) -> None:
+def _wheels(model: Model, class_name: str, axles: tuple[float, ...], *, radius: float, wide: float) -> None:
     for x in axles:
-        look = look_of(semantic, palette.TYRE, palette.RIM, pattern=Pattern.WHEEL, extra=(abs(x), radius))
+        look = look_of(class_name, palette.TYRE, palette.RIM, pattern=Pattern.WHEEL, extra=(abs(x), radius))
         for side in (-1, 1):
             model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), look, radius=radius)
 
@@ -124,7 +120,7 @@ def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     band = palette.car_paint(rng)
     model = Model()
     cab = look_of(
-        TRUCK,
+        "truck",
         paint,
         pattern=Pattern.CAR_CABIN,
         half_m=(half, wide, cab_height - 0.15),
@@ -146,19 +142,19 @@ def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     model.box(
         (-half, -wide, 0.95),
         (cab_end - 0.15, wide, height),
-        look_of(TRUCK, box, band, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed),
+        look_of("truck", box, band, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed),
     )
-    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), look_of(TRUCK, palette.DARK_METAL))
-    _wheels(model, TRUCK, (half - 1.2, -half + 1.6), radius=0.46, wide=wide - 0.02)
+    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), look_of("truck", palette.DARK_METAL))
+    _wheels(model, "truck", (half - 1.2, -half + 1.6), radius=0.46, wide=wide - 0.02)
     return model, (float(length), float(width), float(height))
 
 
-def _dress(rng: np.random.Generator, semantic: int) -> dict[str, Look]:
+def _dress(rng: np.random.Generator, class_name: str) -> dict[str, Look]:
     hair = palette.vary(rng, palette.srgb(str(rng.choice(("2a2019", "5a4028", "8d7350", "b9b3a8")))), 0.1)
     looks = {"coat": palette.cloth(rng), "trousers": palette.cloth(rng), "skin": palette.skin(rng)}
-    dressed = {name: look_of(semantic, paint) for name, paint in looks.items()}
-    dressed["hair"] = Look(semantic, hair, 0.25)
-    dressed["shoes"] = Look(semantic, palette.TYRE.rgb, 0.15)
+    dressed = {name: look_of(class_name, paint) for name, paint in looks.items()}
+    dressed["hair"] = look_of(class_name, palette.Paint(hair, 0.25))
+    dressed["shoes"] = look_of(class_name, palette.Paint(palette.TYRE.rgb, 0.15))
     return dressed
 
 
@@ -174,7 +170,7 @@ def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, flo
     size = h / 1.75
     stride = float(rng.uniform(0.05, 0.28))
     stout = float(rng.uniform(0.9, 1.25))
-    dress = _dress(rng, PERSON)
+    dress = _dress(rng, "person")
     model = Model()
     for side in (-1, 1):
         foot = side * stride
@@ -193,10 +189,10 @@ def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, flo
 
 def cyclist(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
     """A rider on a bicycle, and length, width, height of the box."""
-    dress = _dress(rng, RIDER)
+    dress = _dress(rng, "rider")
     paint = palette.car_paint(rng)
-    frame = look_of(BICYCLE, paint, gloss=0.05)
-    tyre = look_of(BICYCLE, palette.TYRE)
+    frame = look_of("bicycle", paint, gloss=0.05)
+    tyre = look_of("bicycle", palette.TYRE)
     model = Model()
     for x in (-0.52, 0.52):
         model.cylinder((x, -0.02, 0.34), (x, 0.02, 0.34), tyre, radius=0.34, bore=0.88)

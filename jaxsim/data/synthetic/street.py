@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, vector
 from jaxsim.frame import Array
 
@@ -19,10 +20,8 @@ SIDE_STREETS = 2
 ROUNDING_M = 3.0
 """How far kerbs are rounded where a side street meets the road."""
 HALVINGS = 6
-ROAD = 7
-PAVEMENT = 8
-OPEN_GROUND = 6
-TERRAIN = 22
+ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
+OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
 LINE_M = 0.13
 
 

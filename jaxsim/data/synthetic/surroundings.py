@@ -9,12 +9,6 @@ from jaxsim.data.synthetic.materials import FLOOR_M
 from jaxsim.data.synthetic.palette import look_of
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
 
-BUILDING = 11
-FENCE = 13
-POLE = 17
-SIGN = 20
-VEGETATION = 21
-
 
 def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) -> tuple[Model, float]:
     """A house whose fronts run along x, about its middle; and its depth."""
@@ -25,7 +19,7 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     style = float(rng.uniform(0.72, 1.0) if shops else rng.uniform(0.0, 0.69))
     seed = 2 * int(rng.integers(1 << 18)) + brick
     size = (length / 2, depth / 2, eaves)
-    look = look_of(BUILDING, wall, roof, pattern=Pattern.FACADE, half_m=size, seed=seed, extra=(bay, style))
+    look = look_of("building", wall, roof, pattern=Pattern.FACADE, half_m=size, seed=seed, extra=(bay, style))
     model = Model()
     half, pitched = length / 2, bool(rng.random() < (0.55 if floors > 3 else 0.9))
     if not pitched:
@@ -39,20 +33,20 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     model.box((-half, -depth / 2, 0.0), (half, depth / 2, ridge), look, cuts=cuts)
     if rng.random() < 0.7:
         x, y = rng.uniform(-0.6, 0.6) * half, rng.uniform(-0.2, 0.2) * depth
-        pot = look_of(BUILDING, roof)
+        pot = look_of("building", roof)
         model.box((x - 0.35, y - 0.3, eaves), (x + 0.35, y + 0.3, ridge + 0.8), pot)
     return model, depth
 
 
 def _leaf_look(rng: np.random.Generator) -> Look:
     dark, light = palette.leaves(rng)
-    return look_of(VEGETATION, dark, light, pattern=Pattern.LEAF)
+    return look_of("vegetation", dark, light, pattern=Pattern.LEAF)
 
 
 def tree(rng: np.random.Generator) -> Model:
     """A trunk with limbs under a crown of several balls; sometimes a conifer."""
     model, look = Model(), _leaf_look(rng)
-    bark = Look(VEGETATION, palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir)
+    bark = look_of("vegetation", palette.Paint(palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir))
     height, path = float(rng.uniform(5.0, 11.0)), float(rng.uniform(0.7, 1.3))
     if rng.random() < 0.15:
         model.cylinder((0, 0, 0), (0, 0, 0.3 * height), bark, radius=0.16)
@@ -99,7 +93,7 @@ def fence(rng: np.random.Generator, length: float) -> Model:
     model = Model()
     paint = palette.wall(rng, brick=bool(rng.random() < 0.4))
     height = float(rng.uniform(0.6, 1.5))
-    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look_of(FENCE, paint))
+    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look_of("fence", paint))
     return model
 
 
@@ -107,7 +101,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
     """A post whose arm reaches along +y, over the road."""
     model = Model()
     paint = palette.METAL if rng.random() < 0.6 else palette.DARK_METAL
-    look = look_of(POLE, paint, gloss=paint.gloss)
+    look = look_of("pole", paint, gloss=paint.gloss)
     height = float(rng.uniform(5.5, 8.0))
     model.cylinder((0, 0, 0), (0, 0, height), look, radius=0.065)
     model.cylinder((0, 0, 0), (0, 0, 1.1), look, radius=0.09)
@@ -118,7 +112,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
 
 def bollard() -> Model:
     model = Model()
-    model.cylinder((0, 0, 0), (0, 0, 0.95), look_of(POLE, palette.DARK_METAL), radius=0.06)
+    model.cylinder((0, 0, 0), (0, 0, 0.95), look_of("pole", palette.DARK_METAL), radius=0.06)
     return model
 
 
@@ -138,7 +132,7 @@ def sign(rng: np.random.Generator) -> Model:
     shape, sheet, rim = _SIGNS[int(rng.integers(len(_SIGNS)))]
     height, r = float(rng.uniform(2.2, 2.6)), float(rng.uniform(0.3, 0.42))
     look = look_of(
-        SIGN,
+        "traffic sign",
         palette.Paint(palette.srgb(sheet), 0.6),
         palette.Paint(palette.srgb(rim), 0.6),
         pattern=Pattern.SIGN,
@@ -146,7 +140,7 @@ def sign(rng: np.random.Generator) -> Model:
         extra=(shape, 0.22 * r if shape < 1.5 else 0.03),
         axis_z_m=height,
     )
-    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), look_of(POLE, palette.METAL), radius=0.035)
+    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), look_of("pole", palette.METAL), radius=0.035)
     if shape < 0.5:
         model.cylinder((0.04, 0, height), (0.06, 0, height), look, radius=r)
     elif shape < 1.5:

@@ -132,7 +132,6 @@ class SyntheticWorld:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without rendering it."""
         return f"synthetic-{self.seed}-{index:06d}"
 
     def truth(self, index: int) -> Truth:
