@@ -8,7 +8,6 @@ points behind the LiDAR and higher than 1 m are left out.
 from __future__ import annotations
 
 from functools import partial
-from typing import Literal
 
 import cv2
 import jax
@@ -21,7 +20,6 @@ from jaxsim.geometry import unproject
 
 MAX_HIGH_M = 1.0
 """Highest point that is kept, above the LiDAR."""
-_CROP = (352, 1216)
 
 
 @partial(jax.jit, static_argnames=("drop_zero",))
@@ -56,19 +54,15 @@ def depth_to_cloud(
 
 
 def place_intensity(
-    intensity: Float[np.ndarray, "*b rows columns"],
-    size: tuple[int, int],
-    *,
-    crop: tuple[int, int] = _CROP,
-    how: Literal["nearest", "linear"] = "nearest",
+    intensity: Float[np.ndarray, "*b rows columns"], size: tuple[int, int], *, crop: tuple[int, int]
 ) -> Float[np.ndarray, "*b h w"]:
     """A predicted intensity image at the size (h, w) of the camera's image: scaled up to `crop`, bottom and middle of
     it, 0 around.
 
     The border is what depth completion crops off, so nothing is known there: 23 rows above and 13 columns at each side
-    of KITTI's 375 x 1242. The paper does not say how it scales up. `nearest` by default: a 0 is a lost ray, and
-    `linear` would give the rays beside it an intensity that no ray has, and shrink the holes. Raises ValueError where
-    the crop does not fit.
+    of KITTI's 375 x 1242. The paper does not say how it scales up; here a pixel takes the nearest cell: a 0 is a lost
+    ray, and linear interpolation would give the rays beside it an intensity that no ray has, and shrink the holes.
+    Raises ValueError where the crop does not fit.
     """
     *batch, rows, columns = intensity.shape
     top, left = size[0] - crop[0], round((size[1] - crop[1]) / 2)
@@ -79,8 +73,7 @@ def place_intensity(
         )
     flat = np.asarray(intensity, np.float32).reshape(-1, rows, columns)
     placed = np.zeros((len(flat), *size), np.float32)
-    method = {"nearest": cv2.INTER_NEAREST_EXACT, "linear": cv2.INTER_LINEAR}[how]
     for out, image in zip(placed, flat, strict=True):
         # Bottom and middle, where depth completion has cropped.
-        out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=method)
+        out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
     return placed.reshape(*batch, *size)

@@ -51,13 +51,11 @@ PUBLISHED_RANGE_M = ((0.0, 120.0), (-50.0, 50.0), (-2.5, 1.5))
 """Where the published program looks at all: x, y, z from (included) and to (excluded)."""
 
 
-@partial(jax.jit, static_argnames=("within_m",))
-def crop_cloud(
-    cloud: Cloud, within_m: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] = PUBLISHED_RANGE_M
-) -> Cloud:
-    """The cloud with only the points inside `within_m` valid: from (included), to (excluded) of x, y and z."""
+@jax.jit
+def crop_cloud(cloud: Cloud) -> Cloud:
+    """The cloud with only the points inside PUBLISHED_RANGE_M valid."""
     inside = cloud.valid
-    for axis, (low, high) in enumerate(within_m):
+    for axis, (low, high) in enumerate(PUBLISHED_RANGE_M):
         inside = inside & (cloud.xyz_m[..., axis] >= low) & (cloud.xyz_m[..., axis] < high)
     return cloud.replace(valid=inside)  # type: ignore[attr-defined]
 

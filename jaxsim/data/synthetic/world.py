@@ -91,7 +91,6 @@ class SyntheticWorld:
         columns: int = 1024,
         *,
         image_size: tuple[int, int] = KITTI_SIZE,
-        sensor: TrueSensor | None = None,
         camera: Camera | None = None,
         streets: str = "town",
     ):
@@ -101,7 +100,7 @@ class SyntheticWorld:
         self.seed, self.columns = seed, columns
         self.image_size, self.streets = image_size, streets
         self.spec = spec or preset("hdl64e")
-        self.sensor = sensor or TrueSensor()
+        self.sensor = TrueSensor()
         self.grid = full_grid(self.spec, columns)
         self.camera = camera or kitti_camera(image_size)
 
