@@ -138,13 +138,7 @@ def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
 def _selected(root: Path) -> list[_Files]:
     files = []
     for image in sorted((root / "image").glob("*.png")):
-        one = lambda folder: image.name.replace("_sync_image_", f"_sync_{folder}_")  # noqa: B023, E731
-        files.append(
-            _Files(
-                image,
-                root / "velodyne_raw" / one("velodyne_raw"),
-                root / "groundtruth_depth" / one("groundtruth_depth"),
-                root / "intrinsics" / f"{image.stem}.txt",
-            )
-        )
+        sparse = root / "velodyne_raw" / image.name.replace("_sync_image_", "_sync_velodyne_raw_")
+        truth = root / "groundtruth_depth" / image.name.replace("_sync_image_", "_sync_groundtruth_depth_")
+        files.append(_Files(image, sparse, truth, root / "intrinsics" / f"{image.stem}.txt"))
     return files
