@@ -223,7 +223,7 @@ def in_numba(grid: PolarGrid) -> Callable[[CameraFrame], Painted]:
 
 def main() -> None:
     frame = street(np.random.default_rng(0))
-    grid = camera_window(CAMERA, SIZE, SPEC, 372)
+    grid = camera_window(CAMERA, SIZE, SPEC, columns=372)
     peers = {
         "numba": in_numba(grid),
         "numpy ufunc.at": in_numpy(grid, sort=False),

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from timing import interleave
 
-from jaxsim.geometry import iou_bev, nms_bev
+from jaxsim.geometry.boxes import iou_bev, nms_bev
 
 
 def street(rng: np.random.Generator, count: int) -> np.ndarray:

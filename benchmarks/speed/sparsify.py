@@ -92,7 +92,7 @@ def main() -> None:
     points = np.asarray(dense.xyz_m)[np.asarray(dense.valid)]
     cloud = jax.device_put(Cloud(points, np.zeros(len(points), np.float32), np.ones(len(points), bool)))
     even, _ = LINES["64"]
-    beams = window_grid(preset("hdl64e"), math.radians(45), math.radians(-45), 512)
+    beams = window_grid(preset("hdl64e"), math.radians(45), math.radians(-45), columns=512)
 
     def last(cloud: Cloud) -> Cloud:
         return jax.block_until_ready(sparsify(crop_cloud(cloud), even, winner="last", clamp=True))

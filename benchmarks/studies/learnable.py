@@ -22,7 +22,7 @@ def main(frames: int) -> None:
         rows = np.broadcast_to(np.arange(len(counts))[:, None], counts.shape)
         intensity.append(np.asarray(measured.intensity)[counts])
         exact.append(np.asarray(truth.image.intensity)[counts])
-        group.append(np.stack([np.zeros(counts.sum(), int), np.asarray(truth.semantic)[counts], rows[counts]]))
+        group.append(np.stack([np.zeros(counts.sum(), int), np.asarray(truth.scan.semantic)[counts], rows[counts]]))
     y, x, groups = np.concatenate(intensity), np.concatenate(exact), np.concatenate(group, axis=1)
     print(f"{frames} streets, {y.size} rays")
     for name, g in zip(("global mean", "per-class mean", "per-row mean"), groups, strict=True):

@@ -1,7 +1,7 @@
 """Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open."""
 
 from jaxsim.cloud.export import FORMATS, points_of, save_cloud
-from jaxsim.cloud.pseudo_lidar import depth_of_disparity, depth_to_cloud, place_intensity, published_camera
+from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity
 from jaxsim.cloud.sparsify import LINES, PUBLISHED_RANGE_M, EvenLines, crop_cloud, sparsify
 
 __all__ = [
@@ -10,11 +10,9 @@ __all__ = [
     "PUBLISHED_RANGE_M",
     "EvenLines",
     "crop_cloud",
-    "depth_of_disparity",
     "depth_to_cloud",
     "place_intensity",
     "points_of",
-    "published_camera",
     "save_cloud",
     "sparsify",
 ]

@@ -46,12 +46,7 @@ def _npz(points: Points, file: BinaryIO) -> None:
     np.savez_compressed(file, xyz=points[:, :3], intensity=points[:, 3])
 
 
-FORMATS: dict[str, Callable[[Points, BinaryIO], None]] = {
-    ".bin": _bin,
-    ".pcd": _pcd,
-    ".ply": _ply,
-    ".npz": _npz,
-}
+FORMATS: dict[str, Callable[[Points, BinaryIO], None]] = {".bin": _bin, ".pcd": _pcd, ".ply": _ply, ".npz": _npz}
 
 
 def save_cloud(path: Path | str, cloud: Cloud) -> Path:

@@ -8,15 +8,18 @@ Numbers are written so that they read back to the last bit, which two decimals (
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from jaxsim.cloud.export import points_of, save_cloud
-from jaxsim.files import replacing
+from jaxsim.files import claim, replacing
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 
 SUFFIXES = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}
@@ -89,6 +92,7 @@ def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None 
     shift = cam_from_velo @ np.linalg.inv(rect) if rect_from_velo is not None else np.eye(4)
     if np.abs(shift[:3, :3] - np.eye(3)).max() > 1e-4:
         raise ValueError("kitti: the labels' frame is turned against the camera's; KITTI knows only a shift (P2)")
+    # P2 = K [I | t], t from the labels' frame to the camera.
     projection = np.column_stack([intrinsics, intrinsics @ shift[:3, 3]])
     eye = np.eye(4)[:3]
     rows = {f"P{k}": projection for k in range(4)}
@@ -121,8 +125,10 @@ def label_lines(boxes: Boxes) -> list[str]:
             )
         if not kind or kind.split() != [kind]:
             raise ValueError(f"kitti: object {i} is called {kind!r}; columns are divided by blanks, write one word")
+        # KITTI's observation angle: rotation_y less the angle of the ray to the object.
         alpha = _turn(float(yaw[i]) - float(np.arctan2(centre[i, 0], centre[i, 2])))
         hidden = str(int(level[i])) if level[i] == int(level[i]) else _exact(level[i])
+        # The file has height, width, length.
         sizes = " ".join(map(_exact, size[i][[2, 1, 0]]))
         place = " ".join(map(_exact, centre[i]))
         objects.append(f"{kind} {_exact(truncated[i])} {hidden} {alpha:.6f} {corners} {sizes} {place} {_exact(yaw[i])}")
@@ -161,3 +167,51 @@ def write_image_sets(root: Path, sets: dict[str, Iterable[str]]) -> None:
     for name, numbers in sets.items():
         with replacing(root / "ImageSets" / f"{name}.txt") as path:
             path.write_text("".join(f"{number}\n" for number in sorted(numbers)))
+
+
+@dataclass
+class TreeRecord:
+    """OUT/export.json: what a tree is made with and what became of each frame, by which a killed export goes on."""
+
+    settings: dict[str, Any]
+    frames: dict[str, dict[str, Any]]
+
+    @classmethod
+    def open(cls, out: Path, settings: dict[str, Any]) -> TreeRecord:
+        """The record of `out`, a new one where there is none.
+
+        Raises ValueError where the tree was made with other settings, or by something else.
+        """
+        path = out / "export.json"
+        frames: dict[str, dict[str, Any]] = {}
+
+        def read(record: bytes) -> dict[str, Any]:
+            content = json.loads(record)
+            frames.update(content["frames"])
+            begun = frames or any((out / "training").glob("*/*"))
+            return content["settings"] if begun else settings
+
+        filled = path.is_file() or any((out / "training").glob("*/*"))
+        claim(path, settings, by="export", filled=filled, read=read)
+        return cls(settings, frames)
+
+    def check_names(self, out: Path, names: dict[str, str]) -> None:
+        """Raises ValueError where the tree holds another frame under a number than `names` has there."""
+        other = [number for number, name in names.items() if self.frames.get(number, {"name": name})["name"] != name]
+        if other:
+            was, now = self.frames[other[0]]["name"], names[other[0]]
+            raise ValueError(
+                f"export: {out} holds {was} as {other[0]}, which is {now} now ({len(other)} such): the data set "
+                "has gained or lost frames; give another --out, or delete the folder"
+            )
+
+    def has(self, out: Path, number: str) -> bool:
+        """Whether a frame is done: all its files are there, or it was left out."""
+        about = self.frames.get(number)
+        return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
+
+    def save(self, out: Path) -> None:
+        with replacing(out / "export.json") as path:
+            path.write_text(
+                json.dumps({"settings": self.settings, "frames": dict(sorted(self.frames.items()))}, indent=1)
+            )

@@ -8,7 +8,6 @@ points behind the LiDAR and higher than 1 m are left out.
 from __future__ import annotations
 
 from functools import partial
-from typing import Literal
 
 import cv2
 import jax
@@ -21,10 +20,6 @@ from jaxsim.geometry import unproject
 
 MAX_HIGH_M = 1.0
 """Highest point that is kept, above the LiDAR."""
-BASELINE_M = 0.54
-"""Between KITTI's colour cameras, as the published program has it."""
-_CROP = (352, 1216)
-_NOWHERE = 1e-6
 
 
 @partial(jax.jit, static_argnames=("drop_zero",))
@@ -32,8 +27,8 @@ def depth_to_cloud(
     camera: Camera,
     depth_m: Float[Array, "*b h w"],
     valid: Bool[Array, "*b h w"],
-    intensity: Float[Array, "*b h w"] | None = None,
     *,
+    intensity: Float[Array, "*b h w"] | None = None,
     drop_zero: bool = True,
     max_high_m: Float[Array, ""] | float = MAX_HIGH_M,
 ) -> Cloud:
@@ -49,6 +44,7 @@ def depth_to_cloud(
     *batch, height, width = depth_m.shape
     flat = (*batch, height * width)
     known = valid & jnp.isfinite(depth_m)
+    # Unknown depth may be NaN, which would pass into the gradient of the whole image.
     xyz = unproject(camera, jnp.where(known, depth_m, jnp.zeros_like(depth_m))).reshape(*flat, 3)
     brightness = jnp.zeros_like(depth_m) if intensity is None else intensity
     if intensity is not None and drop_zero:
@@ -57,48 +53,16 @@ def depth_to_cloud(
     return Cloud(xyz, brightness.reshape(flat), kept)
 
 
-def published_camera(projection: Float[np.ndarray, "3 4"], rect_from_velo: Float[np.ndarray, "4 4"]) -> Camera:
-    """The camera of a KITTI P2 as the published program reads it: without P2[2, 3], the 2.7 mm that its depth lacks."""
-    projection = np.asarray(projection, np.float64)
-    shift = np.eye(4)
-    shift[:2, 3] = projection[0, 3] / projection[0, 0], projection[1, 3] / projection[1, 1]
-    cam_from_velo = shift @ np.asarray(rect_from_velo, np.float64)
-    return Camera(projection[:, :3].astype(np.float32), cam_from_velo.astype(np.float32))
-
-
-def depth_of_disparity(
-    disparity_px: Float[np.ndarray, "h w"], focal_px: float, *, baseline_m: float = BASELINE_M
-) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """Depth in metres of a stereo disparity, and where there is one (> 0).
-
-    Disparities count in steps of 1/256 pixel, as the published program rounds them down; 0 and less stand for none.
-    Raises ValueError for what does not fit its 16 bits.
-    """
-    steps = np.asarray(disparity_px, np.float64) * 256
-    if not (np.isfinite(steps).all() and (steps < 65536).all()):
-        raise ValueError(
-            f"pseudo-LiDAR: disparity spans {disparity_px.min():g}..{disparity_px.max():g} px; it must lie below 256 "
-            "(a 16-bit PNG holds it times 256: divide)"
-        )
-    steps = np.floor(steps)
-    depth = focal_px * baseline_m / np.maximum(steps / 256, _NOWHERE)
-    return np.where(steps > 0, depth, 0).astype(np.float32), steps > 0
-
-
 def place_intensity(
-    intensity: Float[np.ndarray, "*b rows columns"],
-    size: tuple[int, int],
-    *,
-    crop: tuple[int, int] = _CROP,
-    how: Literal["nearest", "linear"] = "nearest",
+    intensity: Float[np.ndarray, "*b rows columns"], size: tuple[int, int], *, crop: tuple[int, int]
 ) -> Float[np.ndarray, "*b h w"]:
     """A predicted intensity image at the size (h, w) of the camera's image: scaled up to `crop`, bottom and middle of
     it, 0 around.
 
     The border is what depth completion crops off, so nothing is known there: 23 rows above and 13 columns at each side
-    of KITTI's 375 x 1242. The paper does not say how it scales up. `nearest` by default: a 0 is a lost ray, and
-    `linear` would give the rays beside it an intensity that no ray has, and shrink the holes. Raises ValueError where
-    the crop does not fit.
+    of KITTI's 375 x 1242. The paper does not say how it scales up; here a pixel takes the nearest cell: a 0 is a lost
+    ray, and linear interpolation would give the rays beside it an intensity that no ray has, and shrink the holes.
+    Raises ValueError where the crop does not fit.
     """
     *batch, rows, columns = intensity.shape
     top, left = size[0] - crop[0], round((size[1] - crop[1]) / 2)
@@ -109,7 +73,7 @@ def place_intensity(
         )
     flat = np.asarray(intensity, np.float32).reshape(-1, rows, columns)
     placed = np.zeros((len(flat), *size), np.float32)
-    method = {"nearest": cv2.INTER_NEAREST_EXACT, "linear": cv2.INTER_LINEAR}[how]
     for out, image in zip(placed, flat, strict=True):
-        out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=method)
+        # Bottom and middle, where depth completion has cropped.
+        out[top:, left : left + crop[1]] = cv2.resize(image, crop[::-1], interpolation=cv2.INTER_NEAREST_EXACT)
     return placed.reshape(*batch, *size)

@@ -51,13 +51,11 @@ PUBLISHED_RANGE_M = ((0.0, 120.0), (-50.0, 50.0), (-2.5, 1.5))
 """Where the published program looks at all: x, y, z from (included) and to (excluded)."""
 
 
-@partial(jax.jit, static_argnames=("within_m",))
-def crop_cloud(
-    cloud: Cloud, within_m: tuple[tuple[float, float], tuple[float, float], tuple[float, float]] = PUBLISHED_RANGE_M
-) -> Cloud:
-    """The cloud with only the points inside `within_m` valid: from (included), to (excluded) of x, y and z."""
+@jax.jit
+def crop_cloud(cloud: Cloud) -> Cloud:
+    """The cloud with only the points inside PUBLISHED_RANGE_M valid."""
     inside = cloud.valid
-    for axis, (low, high) in enumerate(within_m):
+    for axis, (low, high) in enumerate(PUBLISHED_RANGE_M):
         inside = inside & (cloud.xyz_m[..., axis] >= low) & (cloud.xyz_m[..., axis] < high)
     return cloud.replace(valid=inside)  # type: ignore[attr-defined]
 
@@ -86,6 +84,7 @@ def sparsify(
     if beams is not None and (not beams or min(beams) < 0 or max(beams) >= shape[0]):
         raise ValueError(f"sparsify: beams {beams} do not lie in the {shape[0]} rows of the cells (0..{shape[0] - 1})")
     xyz = cloud.xyz_m
+    # Not finite where any coordinate is not.
     square = (xyz * xyz).sum(axis=-1)
     usable = cloud.valid & jnp.isfinite(square)
     row, column = _even_cell(xyz, cells) if isinstance(cells, EvenLines) else _beam_cell(xyz, cells)
@@ -94,7 +93,7 @@ def sparsify(
     else:
         usable = usable & (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     if winner == "nearest":
-        index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, usable, shape)
+        index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
     else:
         index, found = _scatter_last(row, column, usable, shape=shape)
     if beams is not None:
@@ -125,6 +124,7 @@ def _even_cell(xyz: Float[Array, "*b n 3"], cells: EvenLines) -> tuple[Int[Array
     top = math.radians(cells.top_deg)
     step = math.radians(cells.step_deg)
     elevation = azimuth_of(jnp.sqrt(x * x + y * y), z)
+    # Cut off, not rounded: `top` and `left` are borders of the first cell.
     row = jnp.floor((top - elevation) / step)
     column = jnp.floor((left - azimuth_of(x, y)) / (2 * left / cells.columns))
     return row.astype(jnp.int32), column.astype(jnp.int32)
@@ -133,6 +133,7 @@ def _even_cell(xyz: Float[Array, "*b n 3"], cells: EvenLines) -> tuple[Int[Array
 def _beam_cell(xyz: Float[Array, "*b n 3"], grid: PolarGrid) -> tuple[Int[Array, "*b n"], Int[Array, "*b n"]]:
     """The beam that passes nearest and the column; -1 or too large for points more than half a step outside."""
     wider = PolarGrid(grid.azimuth_rad, _with_neighbours(grid.elevation_rad), _with_neighbours(grid.origin_m))
+    # Columns of a grid are whole at their centres; the first of the wider beams is the neighbour above.
     column = jnp.floor(column_of(azimuth_of(xyz[..., 0], xyz[..., 1]), grid) + 0.5)
     return rows_of(xyz, wider) - 1, column.astype(jnp.int32)
 
@@ -150,6 +151,7 @@ def _scatter_last(
     *batch, count = row.shape
     cells = shape[0] * shape[1]
     frames = math.prod(batch)
+    # Cells are numbered through all frames, for one scatter; what is left out gets a number behind the last.
     first = jnp.arange(frames, dtype=jnp.int32)[:, None] * cells
     cell = jnp.where(usable, row * shape[1] + column, cells * frames).reshape(frames, count)
     cell = jnp.where(usable.reshape(frames, count), cell + first, cells * frames)

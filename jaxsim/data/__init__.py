@@ -16,10 +16,8 @@ from typing import Any, Protocol, runtime_checkable
 from jaxsim.config import DataConfig
 from jaxsim.data.kitti import KittiObject, KittiRaw
 from jaxsim.data.kitti_step import KittiStep
-from jaxsim.data.nuscenes import read_lidar_top
-from jaxsim.data.ouster import read_pcap
 from jaxsim.data.select import select
-from jaxsim.data.sweep import Sweep
+from jaxsim.data.sweeps import Sweep, read_lidar_top, read_pcap
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec, camera_at_lidar, preset
 
@@ -71,11 +69,7 @@ def _vkitti2(config: DataConfig) -> Dataset:
     from jaxsim.data.vkitti2 import VirtualKitti2
 
     return VirtualKitti2(
-        _root(config),
-        scenes=config.scenes,
-        variations=config.variations,
-        camera=config.camera,
-        lidar=config.lidar,
+        _root(config), scenes=config.scenes, variations=config.variations, camera=config.camera, lidar=config.lidar
     )
 
 

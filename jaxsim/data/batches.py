@@ -34,6 +34,7 @@ def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tu
         for axis, (n, share) in enumerate(zip(size, place, strict=True)):
             large = max(round(factor * n), n)
             start = min(int(share * (large - n + 1)), large - n)
+            # Centres of the cells that are cut out, in cells of the original.
             cells = (start + np.arange(n) + 0.5) * raster.shape[axis] / large
             raster = raster.take(cells.astype(int), axis=axis)
         return raster

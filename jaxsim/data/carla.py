@@ -19,8 +19,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from jaxsim.data.cityscapes import IDS
 from jaxsim.frame import Camera, CameraFrame
 
-Array = np.ndarray
-Raster = Int[Array, "h w"]
+Raster = Int[np.ndarray, "h w"]
 Real = int | float
 
 FAR_M = 1000.0
@@ -43,12 +42,12 @@ _FLIP_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 _CAM_FROM_UNREAL = np.array([[0, 1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], float)
 
 
-def read_rgb(raw: Any, size: tuple[int, int]) -> UInt8[Array, "h w 3"]:
+def read_rgb(raw: Any, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
     """RGB of a colour camera's buffer of `size` (h, w)."""
     return np.ascontiguousarray(_bgra(raw, size)[..., 2::-1])
 
 
-def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres, and where something is: False in the sky.
 
     Raises ValueError for a picture of the depth (all channels alike), which `ColorConverter.Depth` makes.
@@ -59,6 +58,7 @@ def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[Array, "h w"], Bo
             "carla: red, green and blue of the depth buffer are alike everywhere: this is ColorConverter.Depth's or "
             "LogarithmicDepth's picture; pass the raw buffer (ColorConverter.Raw), which has 24 bits"
         )
+    # 24 bits over 0 .. FAR_M; the largest is the far plane, which is the sky.
     code = red + 256 * green + 65536 * blue
     return (code * (FAR_M / (2**24 - 1))).astype(np.float32), code < 2**24 - 1
 
@@ -98,7 +98,7 @@ def tags_of(version: str) -> tuple[str, ...]:
     return TAGS_0_9_14 if parts >= (0, 9, 14) else TAGS_0_9_13
 
 
-def intrinsics(size: tuple[int, int], fov_deg: Real) -> Float[Array, "3 3"]:
+def intrinsics(size: tuple[int, int], fov_deg: Real) -> Float[np.ndarray, "3 3"]:
     """K of a camera of `size` (h, w) and horizontal field of view.
 
     CARLA counts pixels from the image's corner, so that its optical axis is at (w / 2, h / 2); here pixel (0, 0) has
@@ -111,7 +111,7 @@ def intrinsics(size: tuple[int, int], fov_deg: Real) -> Float[Array, "3 3"]:
     return np.array([[focal, 0, (w - 1) / 2], [0, focal, (h - 1) / 2], [0, 0, 1]], np.float32)
 
 
-def cam_from_velo(camera: Any, lidar: Any) -> Float[Array, "4 4"]:
+def cam_from_velo(camera: Any, lidar: Any) -> Float[np.ndarray, "4 4"]:
     """From `velo` (y left) to `cam` (x right, y down, z forward), of two sensors' `transform.get_matrix()`.
 
     Both matrices, world_from_sensor or vehicle_from_sensor, are in CARLA's left-handed axes; the result is a proper
@@ -125,23 +125,7 @@ def cam_from_velo(camera: Any, lidar: Any) -> Float[Array, "4 4"]:
     return (_CAM_FROM_UNREAL @ camera_from_lidar @ _FLIP_Y).astype(np.float32)
 
 
-def pose_matrix(
-    *, x: Real = 0, y: Real = 0, z: Real = 0, pitch: Real = 0, yaw: Real = 0, roll: Real = 0
-) -> Float[Array, "4 4"]:
-    """`carla.Transform.get_matrix()` of a place in metres and angles in degrees, for mounts that are written down.
-
-    Pitch is positive upwards, yaw to the right, roll to the right (clockwise ahead).
-    """
-    (cp, sp), (cy, sy), (cr, sr) = ((np.cos(a), np.sin(a)) for a in np.deg2rad([pitch, yaw, roll]))
-    turn_yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    turn_pitch = np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
-    turn_roll = np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
-    out = np.eye(4)
-    out[:3, :3], out[:3, 3] = turn_yaw @ turn_pitch @ turn_roll, (x, y, z)
-    return out
-
-
-def mirror_y(xyz_m: Float[Array, "*b 3"]) -> Float[Array, "*b 3"]:
+def mirror_y(xyz_m: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3"]:
     """Points of CARLA's LiDAR in `velo`, or points of `velo` in CARLA's axes: y changes its sign."""
     return xyz_m * np.array([1, -1, 1], xyz_m.dtype)
 
@@ -154,7 +138,7 @@ def read_view(
     size: tuple[int, int],
     fov_deg: Real,
     version: str,
-    cam_from_velo: Float[Array, "4 4"],
+    cam_from_velo: Float[np.ndarray, "4 4"],
     instance: Any | None = None,
 ) -> CameraFrame:
     """The camera frame of buffers that were taken at one tick from one place.
@@ -178,7 +162,7 @@ def read_view(
     )
 
 
-def _bgra(raw: Any, size: tuple[int, int]) -> UInt8[Array, "h w 4"]:
+def _bgra(raw: Any, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 4"]:
     data = np.frombuffer(raw, np.uint8)
     if data.size != size[0] * size[1] * 4:
         raise ValueError(

@@ -10,42 +10,19 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 IDS: dict[str, int] = {
-    "unlabeled": 0,
-    "ego vehicle": 1,
-    "rectification border": 2,
-    "out of roi": 3,
-    "static": 4,
-    "dynamic": 5,
-    "ground": 6,
-    "road": 7,
-    "sidewalk": 8,
-    "parking": 9,
-    "rail track": 10,
-    "building": 11,
-    "wall": 12,
-    "fence": 13,
-    "guard rail": 14,
-    "bridge": 15,
-    "tunnel": 16,
-    "pole": 17,
-    "polegroup": 18,
-    "traffic light": 19,
-    "traffic sign": 20,
-    "vegetation": 21,
-    "terrain": 22,
-    "sky": 23,
-    "person": 24,
-    "rider": 25,
-    "car": 26,
-    "truck": 27,
-    "bus": 28,
-    "caravan": 29,
-    "trailer": 30,
-    "train": 31,
-    "motorcycle": 32,
-    "bicycle": 33,
+    name: number
+    for number, name in enumerate(
+        (
+            *("unlabeled", "ego vehicle", "rectification border", "out of roi", "static", "dynamic", "ground"),
+            *("road", "sidewalk", "parking", "rail track"),  # flat: 7 to 10
+            *("building", "wall", "fence", "guard rail", "bridge", "tunnel"),  # construction: 11 to 16
+            *("pole", "polegroup", "traffic light", "traffic sign"),  # objects: 17 to 20
+            *("vegetation", "terrain", "sky"),  # 21 to 23
+            *("person", "rider"),  # humans: 24 and 25
+            *("car", "truck", "bus", "caravan", "trailer", "train", "motorcycle", "bicycle"),  # vehicles: 26 to 33
+        )
+    )
 }
-
 TRAIN_CLASSES = (
     *("road", "sidewalk", "building", "wall", "fence", "pole", "traffic light", "traffic sign", "vegetation"),
     *("terrain", "sky", "person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),

@@ -16,8 +16,8 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
 
+from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
 from jaxsim.data.kitti_files import (
     listing,
     object_camera,
@@ -28,7 +28,6 @@ from jaxsim.data.kitti_files import (
     read_motion,
     read_plane,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -45,13 +44,13 @@ class KittiRaw:
 
     name = "kitti_raw"
 
-    def __init__(self, root: Path, *, rows: str = "file_order", camera: int = 2):
-        self.root, self.camera = Path(root), camera
+    def __init__(self, root: Path, *, rows: str = "file_order"):
+        self.root = Path(root)
         self._rows = check_rows(rows)
         self._frames = [
             (drive, number)
             for drive in _drives(self.root)
-            for number in _numbers(drive / "velodyne_points" / "data", drive / f"image_{camera:02d}" / "data")
+            for number in _numbers(drive / "velodyne_points" / "data", drive / "image_02" / "data")
         ]
 
     def __len__(self) -> int:
@@ -64,13 +63,13 @@ class KittiRaw:
 
     def __getitem__(self, index: int) -> Frame:
         drive, number = self._frames[index]
-        rgb = read_image(drive / f"image_{self.camera:02d}" / "data" / f"{number}.png")
+        rgb = read_image(drive / "image_02" / "data" / f"{number}.png")
         motion = drive / "oxts" / "data" / f"{number}.txt"
         speed_mps, heading_rad = read_motion(motion) if motion.is_file() else (None, None)
         return Frame(
             name=self.name_of(index),
             scene=drive.name,
-            camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2], camera=self.camera)),
+            camera=CameraFrame(rgb=rgb, camera=raw_camera(drive.parent, rgb.shape[:2])),
             cloud=read_scan(self._scan(index), self._rows),
             time_s=_timestamp(drive / "velodyne_points" / "timestamps.txt", int(number)),
             speed_mps=speed_mps,
@@ -78,7 +77,6 @@ class KittiRaw:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         drive, number = self._frames[index]
         return f"{drive.name}-{number}"
 
@@ -88,30 +86,20 @@ class KittiRaw:
 
 
 class KittiObject:
-    """The object benchmark: single frames from many drives, with labels in `training`.
+    """The object benchmark: the single frames of `training`, from many drives.
 
     The files do not say which frames belong to one drive, so each frame is its own scene: to split by drive,
-    use the published lists. `velodyne` names the folder of the scans; by default `velodyne`, else
-    `velodyne_reduced` (clouds cropped to the image).
+    use the published lists. Scans are in `velodyne`, else in `velodyne_reduced` (clouds cropped to the image).
     """
 
     name = "kitti_object"
 
-    def __init__(
-        self,
-        root: Path,
-        *,
-        split: Literal["training", "testing"] = "training",
-        velodyne: str | None = None,
-        rows: str = "file_order",
-        camera: int = 2,
-    ):
-        self.root, self.camera = Path(root), camera
+    def __init__(self, root: Path, *, rows: str = "file_order"):
+        self.root = Path(root)
         self._rows = check_rows(rows)
-        self._folder = _object_folder(self.root, split)
-        choices = ("velodyne", "velodyne_reduced") if velodyne is None else (velodyne,)
-        self._scans = _first_folder(self._folder, choices)
-        self._frames = _numbers(self._scans, self._folder / f"image_{camera}")
+        self._folder = _training_folder(self.root)
+        self._scans = _first_folder(self._folder, ("velodyne", "velodyne_reduced"))
+        self._frames = _numbers(self._scans, self._folder / "image_2")
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -123,13 +111,13 @@ class KittiObject:
 
     def __getitem__(self, index: int) -> Frame:
         number = self._frames[index]
-        rgb = read_image(self._folder / f"image_{self.camera}" / f"{number}.png")
+        rgb = read_image(self._folder / "image_2" / f"{number}.png")
         calibration = self._folder / "calib" / f"{number}.txt"
         labels, plane = self._folder / "label_2", self._folder / "planes" / f"{number}.txt"
         return Frame(
             name=number,
             scene=number,
-            camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2], camera=self.camera)),
+            camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2])),
             cloud=read_scan(self._scan(index), self._rows),
             boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
             rect_from_velo=object_rect_from_velo(calibration),
@@ -137,7 +125,6 @@ class KittiObject:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         return self._frames[index]
 
     @property
@@ -159,7 +146,7 @@ def _numbers(scans: Path, images: Path) -> list[str]:
         if not names:
             raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
         found.append(set(names))
-    both = sorted(found[0] & found[1])
+    both = sorted(set.intersection(*found))
     if not both:
         raise ValueError(
             f"kitti: no scan of {scans} ({min(found[0])}.bin, ...) has an image of the same number in "
@@ -192,15 +179,15 @@ def _drives(root: Path) -> list[Path]:
     return drives
 
 
-def _object_folder(root: Path, split: str) -> Path:
-    folder = root / split
+def _training_folder(root: Path) -> Path:
+    folder = root / "training"
     if folder.is_dir():
         return folder
     if (root / "image_2").is_dir():
         raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
     if root.is_dir() and any(_DATE.fullmatch(p.name) for p in root.iterdir()):
         raise ValueError(f"kitti: {listing(root)}: these are raw drives; use --data.kind kitti_raw")
-    raise ValueError(f"kitti: no {split}/: {listing(root)}; pass the folder that holds {split}/velodyne")
+    raise ValueError(f"kitti: no training/: {listing(root)}; pass the folder that holds training/velodyne")
 
 
 def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:

@@ -24,12 +24,11 @@ from jaxtyping import Bool, Float
 from jaxsim.data.kitti_files import raw_camera, read_image
 from jaxsim.frame import DepthFrame
 
-Array = np.ndarray
 PARTS = ("train", "val")
 SELECTED = ("image", "velodyne_raw", "groundtruth_depth", "intrinsics")
 
 
-def read_depth(path: Path) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Depth in metres of a 16-bit PNG, and where it has any. Raises ValueError for other files."""
     if not path.is_file():
         raise ValueError(f"kitti_depth: no file {path}")
@@ -37,14 +36,6 @@ def read_depth(path: Path) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     if image is None or image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError(f"kitti_depth: {path} is no 16-bit grey PNG (metres times 256); copy it again")
     return image.astype(np.float32) / np.float32(256), image > 0
-
-
-def write_depth(path: Path, depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"]) -> None:
-    """Depth in the benchmark's own form. Raises ValueError where a depth does not fit: 1/256 to 255.99 m."""
-    scaled = np.round(np.where(valid, depth_m, 0) * 256)
-    if not np.isfinite(scaled).all() or scaled.max(initial=0) > 65535 or (valid & (scaled < 1)).any():
-        raise ValueError("kitti_depth: valid depths must lie between 1/256 and 255.99 m; mask out the others")
-    cv2.imwrite(str(path), scaled.astype(np.uint16))
 
 
 @dataclass(frozen=True)
@@ -147,13 +138,7 @@ def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
 def _selected(root: Path) -> list[_Files]:
     files = []
     for image in sorted((root / "image").glob("*.png")):
-        one = lambda folder: image.name.replace("_sync_image_", f"_sync_{folder}_")  # noqa: B023, E731
-        files.append(
-            _Files(
-                image,
-                root / "velodyne_raw" / one("velodyne_raw"),
-                root / "groundtruth_depth" / one("groundtruth_depth"),
-                root / "intrinsics" / f"{image.stem}.txt",
-            )
-        )
+        sparse = root / "velodyne_raw" / image.name.replace("_sync_image_", "_sync_velodyne_raw_")
+        truth = root / "groundtruth_depth" / image.name.replace("_sync_image_", "_sync_groundtruth_depth_")
+        files.append(_Files(image, sparse, truth, root / "intrinsics" / f"{image.stem}.txt"))
     return files

@@ -14,20 +14,7 @@ from jaxtyping import Float, UInt8
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
 
-Array = np.ndarray
-
-KINDS = (
-    "Car",
-    "Van",
-    "Truck",
-    "Pedestrian",
-    "Person_sitting",
-    "Cyclist",
-    "Tram",
-    "Misc",
-    "DontCare",
-)
-
+KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
 COLUMNS = (
     *("truncated", "occluded", "alpha", "left", "top", "right", "bottom"),
     *("height", "width", "length", "x", "y", "z", "rotation_y"),
@@ -35,7 +22,7 @@ COLUMNS = (
 """Of a label, after its kind."""
 
 
-def read_velodyne(path: Path) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
+def read_velodyne(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """Points (x forward, y left, z up; metres) and intensity 0..1 of a `.bin`, in file order."""
     size = _existing(path).stat().st_size
     if size % 16:
@@ -62,7 +49,7 @@ def read_velodyne(path: Path) -> tuple[Float[Array, "n 3"], Float[Array, " n"]]:
     return np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(intensity)
 
 
-def read_image(path: Path) -> UInt8[Array, "h w 3"]:
+def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """An image file as RGB."""
     image = cv2.imread(str(_existing(path)), cv2.IMREAD_COLOR)
     if image is None:
@@ -70,21 +57,21 @@ def read_image(path: Path) -> UInt8[Array, "h w 3"]:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def object_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
-    """The camera of an object-benchmark frame from `calib/NNNNNN.txt`, for an image of `size` (h, w).
+def object_camera(path: Path, size: tuple[int, int]) -> Camera:
+    """Camera 2 of an object-benchmark frame from `calib/NNNNNN.txt`, for an image of `size` (h, w).
 
     The file does not say the image's size, so the principal point must lie near the image's middle.
     """
-    return _camera(path, size, f"P{camera}", "R0_rect", "Tr_velo_to_cam")
+    return _camera(path, size, rectify="R0_rect", velo="Tr_velo_to_cam")
 
 
-def object_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
+def object_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
     """R0_rect Tr_velo_to_cam of `calib/NNNNNN.txt`: from `velo` to the rectified camera 0, where labels are written.
 
     `object_camera` holds camera 2 instead, which stands 6 cm beside it (P2's fourth column).
     """
     values = _read_calibration(path, {"R0_rect": 9, "Tr_velo_to_cam": 12})
-    return _homogeneous(values["R0_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_to_cam"])
+    return _homogeneous(values["R0_rect"]) @ _homogeneous(values["Tr_velo_to_cam"])
 
 
 def read_motion(path: Path) -> tuple[float, float]:
@@ -101,7 +88,7 @@ def read_motion(path: Path) -> tuple[float, float]:
     return values[8], values[5]
 
 
-def read_plane(path: Path) -> Float[Array, " 4"]:
+def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
     """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; b < 0."""
     lines = _existing(path).read_text().split("\n")
     try:
@@ -114,18 +101,18 @@ def read_plane(path: Path) -> Float[Array, " 4"]:
     return plane / normal * (-1 if plane[1] > 0 else 1)
 
 
-def tracking_camera(path: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
-    """The camera of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
+def tracking_camera(path: Path, size: tuple[int, int]) -> Camera:
+    """Camera 2 of a tracking sequence from `calib/NNNN.txt`, for an image of `size` (h, w).
 
     The same numbers as the object benchmark's under other names, three of them without a colon.
     """
-    return _camera(path, size, f"P{camera}", "R_rect", "Tr_velo_cam")
+    return _camera(path, size, rectify="R_rect", velo="Tr_velo_cam")
 
 
-def tracking_rect_from_velo(path: Path) -> Float[Array, "4 4"]:
+def tracking_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
     """R_rect Tr_velo_cam of a tracking sequence's `calib/NNNN.txt`: to the frame in which its labels are written."""
     values = _read_calibration(path, {"R_rect": 9, "Tr_velo_cam": 12})
-    return _homogeneous(values["R_rect"], np.zeros(3)) @ _homogeneous(values["Tr_velo_cam"])
+    return _homogeneous(values["R_rect"]) @ _homogeneous(values["Tr_velo_cam"])
 
 
 def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
@@ -142,7 +129,7 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
         )
     return camera_from_projection(
         values[f"P_rect_{tag}"].reshape(3, 4),
-        _homogeneous(values["R_rect_00"], np.zeros(3)) @ _homogeneous(velo["R"], velo["T"]),
+        _homogeneous(values["R_rect_00"]) @ _homogeneous(np.column_stack([velo["R"].reshape(3, 3), velo["T"]])),
     )
 
 
@@ -198,6 +185,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
             raise ValueError(f"kitti: {path}, line {line}: {error}") from None
         _check_numbers(path, line, row, numbers=numbers[k])
     kinds = tuple(row[0] for _, row in rows)
+    # Of a region without an object the rectangle alone means anything; the files have -1, -10 and -1000.
     numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
     hidden = numbers[:, 1]
     fractions = hidden != np.round(hidden)
@@ -210,6 +198,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     n = numbers.astype(np.float32)
     return Boxes(
         centre_m=n[:, 10:13],
+        # The file has height, width, length.
         size_m=n[:, [9, 8, 7]],
         yaw_rad=n[:, 13],
         bbox_px=n[:, 3:7],
@@ -219,7 +208,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     )
 
 
-def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[Array, " 14"]) -> None:
+def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.ndarray, " 14"]) -> None:
     """Raises ValueError for columns that hold no object: not finite, a size of 0 or less, a strange `occluded`."""
     if not np.isfinite(numbers).all():
         bad = int(np.argmin(np.isfinite(numbers)))
@@ -243,16 +232,16 @@ def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[Arra
 _DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
 
 
-def _camera(path: Path, size: tuple[int, int], name: str, rectify: str, velo: str) -> Camera:
-    values = _read_calibration(path, {name: 12, rectify: 9, velo: 12})
-    projection = values[name].reshape(3, 4)
+def _camera(path: Path, size: tuple[int, int], *, rectify: str, velo: str) -> Camera:
+    values = _read_calibration(path, {"P2": 12, rectify: 9, velo: 12})
+    projection = values["P2"].reshape(3, 4)
     (cx, cy), (h, w) = projection[:2, 2], size
     if abs(cx - w / 2) > 0.1 * w or abs(cy - h / 2) > 0.1 * h:
         raise ValueError(
             f"kitti: {path} puts the optical axis at ({cx:.0f}, {cy:.0f}), far from the middle of its "
             f"image of {w} x {h}: calibration and image do not belong together, or the image was resized"
         )
-    return camera_from_projection(projection, _homogeneous(values[rectify], np.zeros(3)) @ _homogeneous(values[velo]))
+    return camera_from_projection(projection, _homogeneous(values[rectify]) @ _homogeneous(values[velo]))
 
 
 def _existing(path: Path) -> Path:
@@ -261,7 +250,7 @@ def _existing(path: Path) -> Path:
     return path
 
 
-def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, Array]:
+def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, np.ndarray]:
     """Lines of `name: numbers`; the colon is left out in the tracking set."""
     found: dict[str, list[str]] = {}
     for line in _existing(path).read_text().splitlines():
@@ -284,13 +273,11 @@ def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, Array]:
     return values
 
 
-def _homogeneous(rotation: Array, translation: Array | None = None) -> Array:
-    """4 x 4 from a rotation of 9 numbers and a translation, or from the 12 numbers of a 3 x 4 matrix."""
+def _homogeneous(numbers: np.ndarray) -> np.ndarray:
+    """4 x 4 from the 9 numbers of a rotation, or from the 12 of a 3 x 4 matrix."""
+    upper = numbers.reshape(3, -1)
     matrix = np.eye(4)
-    if translation is None:
-        matrix[:3] = rotation.reshape(3, 4)
-    else:
-        matrix[:3, :3], matrix[:3, 3] = rotation.reshape(3, 3), translation
+    matrix[:3, : upper.shape[1]] = upper
     return matrix
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Int
 
 from jaxsim.data.cityscapes import VOID, ids_of_train_ids
+from jaxsim.data.clouds import check_rows, fitted_spec, read_scan
 from jaxsim.data.kitti_files import (
     NO_BOXES,
     listing,
@@ -26,7 +27,6 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.data.kitti_scan import check_rows, fitted_spec, read_scan
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -90,10 +90,7 @@ class KittiStep:
             name=self.name_of(index),
             scene=sequence,
             camera=CameraFrame(
-                rgb=rgb,
-                camera=tracking_camera(calibration, rgb.shape[:2]),
-                semantic=semantic,
-                instance=instance,
+                rgb=rgb, camera=tracking_camera(calibration, rgb.shape[:2]), semantic=semantic, instance=instance
             ),
             cloud=read_scan(self._path("velodyne", index, ".bin"), self._rows),
             boxes=self._boxes(sequence, int(number)),
@@ -101,7 +98,6 @@ class KittiStep:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         return "-".join(self._frames[index])
 
     def _path(self, kind: str, index: int, suffix: str) -> Path:
@@ -156,7 +152,7 @@ def read_panoptic(path: Path, size: tuple[int, int]) -> tuple[Int[np.ndarray, "h
     if image.shape[:2] != tuple(size):
         h, w = image.shape[:2]
         raise ValueError(f"kitti_step: {path} is {w} x {h}, its image {size[1]} x {size[0]}; they must be one frame's")
-    blue, green, red = (image[..., k] for k in range(3))
+    blue, green, red = np.moveaxis(image, -1, 0)
     try:
         semantic = ids_of_train_ids(red)
     except ValueError as error:

@@ -18,8 +18,7 @@ from pydantic import ValidationError
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.kitti_files import listing
-from jaxsim.data.pair_settings import LABELS, pair_settings
-from jaxsim.data.records import ARRAYS, Entry, PairRecord, PreparedPairs, record_of
+from jaxsim.data.records import ARRAYS, LABELS, Entry, PairRecord, PreparedPairs, pair_settings, record_of
 from jaxsim.data.tfds_builder import ABOUT, MAKING, VERSION, flattened
 from jaxsim.files import differences
 from jaxsim.frame import Frame

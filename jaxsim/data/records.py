@@ -1,4 +1,5 @@
-"""A training pair on disk: the arrays of one frame by name, the same in the cache and in a prepared set.
+"""A training pair on disk: the arrays of one frame by name, the same in the cache and in a prepared set, and the
+settings that they depend on.
 
 `ARRAYS` is the catalogue. Letters of its shapes: r laser lines and c columns of the frame's polar window. Names are
 those of `jaxsim.frame`, with `/` where a struct holds another.
@@ -6,16 +7,22 @@ those of `jaxsim.frame`, with `/` where a struct holds another.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool
+from pydantic import TypeAdapter
 
+from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.frame import Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 
+LABELS = {"semantic", "edges"}
+"""Inputs that need class labels."""
 Example = dict[str, Any]
 """A record's values by name, flat."""
 
@@ -148,3 +155,29 @@ class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would r
     def windows(self) -> set[tuple[int, int]]:
         """Lines and columns of the frames' polar windows: more than one where drives differ in calibration."""
         return {entry.window for entry in self.entries}
+
+
+def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
+    """`data` and `prepare` as plain values, without what changes no pair: which frames are used, where pairs are
+    kept, which channels the network sees and at what size. But a frame without labels is an error where labels are
+    asked for, so `prepare.inputs` still says whether they were. A file of weights is named by its contents.
+
+    Raises FileNotFoundError where it is missing.
+    """
+    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
+    labels = ("semantic",) if LABELS & {*prepare.inputs} else ()
+    paired = replace(prepare, inputs=labels, network_size=(0, 0), classes=(), max_range_m=0.0)
+    values = {
+        "data": TypeAdapter(DataConfig).dump_python(bare, mode="json"),
+        "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
+    }
+    for name in ("denoise_weights", "depth_weights"):
+        if (path := getattr(prepare, name)) is not None:
+            values["prepare"][name] = _contents(path)
+    return values
+
+
+def _contents(path: Path) -> str:
+    if not path.is_file():
+        raise FileNotFoundError(f"prepare: no weights at {path}; jaxsim convert writes them")
+    return f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}"

@@ -181,7 +181,8 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
         examples: Callable[[Sequence[int]], Iterator[Example]] | None = None,
         about: About | None = None,
     ):
-        self.shards, self.examples, self.about = list(shards), examples, about
+        self.shards, self.about = list(shards), about
+        self.examples = examples
         super().__init__(data_dir=data_dir, config=kind, file_format=FORMAT)
 
     def _info(self) -> tfds.core.DatasetInfo:

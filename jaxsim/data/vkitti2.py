@@ -18,7 +18,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from jaxsim.data.kitti_files import listing, read_image
 from jaxsim.data.synthetic import kitti_camera
@@ -74,7 +73,9 @@ class VirtualKitti2:
         lidar: str = "kitti",
         reach_m: float = 120.0,
     ) -> None:
-        self.root, self.camera, self.lidar, self.reach_m = Path(root), camera, lidar, reach_m
+        self.root = Path(root)
+        self.camera, self.lidar = camera, lidar
+        self.reach_m = reach_m
         if camera not in (0, 1):
             raise ValueError(f"vkitti2: camera is {camera}; it is 0 (left) or 1 (right)")
         if lidar not in ("kitti", "camera"):
@@ -115,7 +116,6 @@ class VirtualKitti2:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without reading it."""
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
 
@@ -132,29 +132,20 @@ class VirtualKitti2:
         drive, number = self._frames[index]
         return self._texts(drive).objects.get((number, self.camera), [])
 
-    def cam_from_world(self, index: int) -> Float[np.ndarray, "4 4"]:
-        """The camera's place in the scene's world (x right, y down, z forward)."""
-        drive, number = self._frames[index]
-        return self._of_frame(self._texts(drive).cam_from_world, "extrinsic", number, self.camera)
-
     def _texts(self, drive: Path) -> _Texts:
         if drive not in self._read:
             self._read[drive] = _read_texts(drive)
         return self._read[drive]
 
     def _camera(self, texts: _Texts, number: int) -> Camera:
-        intrinsics = self._of_frame(texts.intrinsics, "intrinsic", number, self.camera).astype(np.float32)
+        frame = (number, self.camera)
+        intrinsics = _of_frame(texts.intrinsics, "intrinsic", frame).astype(np.float32)
         if self.lidar == "camera":
             return camera_at_lidar(intrinsics)
-        left_from_world = self._of_frame(texts.cam_from_world, "extrinsic", number, 0)
-        cam_from_world = self._of_frame(texts.cam_from_world, "extrinsic", number, self.camera)
+        left_from_world = _of_frame(texts.cam_from_world, "extrinsic", (number, 0))
+        cam_from_world = _of_frame(texts.cam_from_world, "extrinsic", frame)
         cam_from_left = cam_from_world @ np.linalg.inv(left_from_world)
         return Camera(intrinsics, (cam_from_left @ kitti_camera().cam_from_velo).astype(np.float32))
-
-    def _of_frame(self, table: dict[tuple[int, int], np.ndarray], name: str, number: int, camera: int) -> np.ndarray:
-        if (number, camera) not in table:
-            raise ValueError(f"vkitti2: {name}.txt has no line for frame {number} and camera {camera}; copy it again")
-        return table[number, camera]
 
     def _raster(self, drive: Path, kind: str, number: int) -> Path:
         _, start, end = _RASTERS[kind]
@@ -198,6 +189,14 @@ def _read_texts(drive: Path) -> _Texts:
         cam_from_world=read_extrinsics(drive / "extrinsic.txt"),
         objects=read_objects(drive),
     )
+
+
+def _of_frame(table: dict[tuple[int, int], np.ndarray], name: str, frame: tuple[int, int]) -> np.ndarray:
+    """What a text file has for (frame, camera)."""
+    if frame not in table:
+        number, camera = frame
+        raise ValueError(f"vkitti2: {name}.txt has no line for frame {number} and camera {camera}; copy it again")
+    return table[frame]
 
 
 @lru_cache(maxsize=256)

@@ -5,6 +5,8 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,47 +16,30 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.png import read_indexed
 from jaxsim.frame import Boxes
 
-Array = np.ndarray
-Raster = Int[Array, "h w"]
+Raster = Int[np.ndarray, "h w"]
 
-CLASSES: dict[str, str] = {
-    "Terrain": "terrain",
-    "Sky": "sky",
-    "Tree": "vegetation",
-    "Vegetation": "vegetation",
-    "Building": "building",
-    "Road": "road",
-    "GuardRail": "guard rail",
-    "TrafficSign": "traffic sign",
-    "TrafficLight": "traffic light",
-    "Pole": "pole",
-    "Misc": "unlabeled",
-    "Truck": "truck",
-    "Car": "car",
-    "Van": "car",
-    "Undefined": "unlabeled",
+_CATEGORIES = {
+    "Terrain": ("terrain", (210, 0, 200)),
+    "Sky": ("sky", (90, 200, 255)),
+    "Tree": ("vegetation", (0, 199, 0)),
+    "Vegetation": ("vegetation", (90, 240, 0)),
+    "Building": ("building", (140, 140, 140)),
+    "Road": ("road", (100, 60, 100)),
+    "GuardRail": ("guard rail", (250, 100, 255)),
+    "TrafficSign": ("traffic sign", (255, 255, 0)),
+    "TrafficLight": ("traffic light", (200, 200, 0)),
+    "Pole": ("pole", (255, 130, 0)),
+    "Misc": ("unlabeled", (80, 80, 80)),
+    "Truck": ("truck", (160, 60, 60)),
+    "Car": ("car", (255, 127, 80)),
+    "Van": ("car", (0, 139, 139)),
+    "Undefined": ("unlabeled", (0, 0, 0)),
 }
+CLASSES: dict[str, str] = {name: of_cityscapes for name, (of_cityscapes, _) in _CATEGORIES.items()}
 """Class of colors.txt -> class of Cityscapes. The paper does not give its mapping."""
-COLOURS: dict[str, tuple[int, int, int]] = {
-    "Terrain": (210, 0, 200),
-    "Sky": (90, 200, 255),
-    "Tree": (0, 199, 0),
-    "Vegetation": (90, 240, 0),
-    "Building": (140, 140, 140),
-    "Road": (100, 60, 100),
-    "GuardRail": (250, 100, 255),
-    "TrafficSign": (255, 255, 0),
-    "TrafficLight": (200, 200, 0),
-    "Pole": (255, 130, 0),
-    "Misc": (80, 80, 80),
-    "Truck": (160, 60, 60),
-    "Car": (255, 127, 80),
-    "Van": (0, 139, 139),
-    "Undefined": (0, 0, 0),
-}
+COLOURS: dict[str, tuple[int, int, int]] = {name: rgb for name, (_, rgb) in _CATEGORIES.items()}
 """What colors.txt says where it is left out of a copy; some scenes' omit Undefined."""
 KINDS = ("Car", "Van", "Truck")
 COLUMNS = {
@@ -70,6 +55,8 @@ COLUMNS = {
 """Header line of each text file."""
 FARTHEST = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_GREY, _PALETTE = 0, 3
 
 
 @dataclass(frozen=True)
@@ -79,15 +66,12 @@ class VirtualObject:
     track: int
     kind: str
     """Car, Van or Truck."""
-    alpha_rad: float
-    """KITTI's observation angle."""
     size_m: tuple[float, float, float]
     """Length, width, height."""
     centre_m: tuple[float, float, float]
     """Middle of the bottom face in `cam`."""
     yaw_rad: float
     """KITTI's rotation_y."""
-    world_m: tuple[float, float, float]
     bbox_px: tuple[float, float, float, float]
     """Left, top, right, bottom."""
     pixels: int
@@ -99,7 +83,7 @@ class VirtualObject:
     moving: bool
 
 
-def read_depth(path: Path) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres, and where it is known: False in the sky and beyond 655 m.
 
     16-bit grey PNG in centimetres. Raises ValueError for other encodings: 8 bits, colours, KITTI's (0 = none).
@@ -123,9 +107,10 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster
     image = _read(path)
     if image.dtype != np.uint8 or image.ndim != 3:
         raise ValueError(f"vkitti2: {path} is {image.dtype} with shape {image.shape}; classes are an 8-bit RGB PNG")
+    # OpenCV's channels are blue, green, red.
     code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
     table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
-    known, ids = (np.array(column, np.int32) for column in zip(*table, strict=True))
+    known, ids = np.array(table, np.int32).T
     place = np.minimum(np.searchsorted(known, code), len(known) - 1)
     strange = known[place] != code
     if strange.any():
@@ -147,33 +132,61 @@ def read_instances(path: Path) -> Raster:
         raise ValueError(f"vkitti2: {error}") from error
 
 
+def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
+    """The palette index of every pixel of an indexed PNG, or the values of an 8-bit grey one.
+
+    OpenCV would give the palette's colours; told that the file is grey, it gives the indices.
+    Raises ValueError for any other file. Source: PNG specification, 4.1 and 11.2.
+    """
+    data = path.read_bytes()
+    if not data.startswith(_PNG):
+        raise ValueError(f"{path} is no PNG; copy it again")
+    out = _PNG
+    at = len(_PNG)
+    depth = 8
+    while at + 12 <= len(data):
+        (length,), kind = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
+        body, at = data[at + 8 : at + 8 + length], at + 12 + length
+        if kind == b"IHDR":
+            depth, colour = body[8], body[9]
+            if colour not in (_GREY, _PALETTE) or (colour == _GREY and depth != 8):
+                raise ValueError(f"{path} is no indexed PNG (colour type {colour}, {depth} bits); its numbers are lost")
+            body = body[:9] + bytes([_GREY]) + body[10:]
+        if kind not in (b"PLTE", b"tRNS"):
+            out += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    image = cv2.imdecode(np.frombuffer(out, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8 or image.ndim != 2:
+        raise ValueError(f"{path} is damaged; copy it again")
+    return image // (255 // (2**depth - 1))  # fewer bits are spread over 0..255
+
+
 def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
     """RGB of each class from colors.txt. Raises ValueError for a class that is not in CLASSES."""
     colours = {}
     for line, (name, *rgb) in _rows(path, "colors"):
         if name not in CLASSES:
             raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CLASSES)}")
-        red, green, blue = _numbers(path, line, rgb, int)
+        red, green, blue = _numbers(path, line, rgb, kind=int)
         colours[name] = (red, green, blue)
     return colours
 
 
-def read_intrinsics(path: Path) -> dict[tuple[int, int], Float[Array, "3 3"]]:
+def read_intrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "3 3"]]:
     """K by (frame, camera)."""
     found = {}
     for line, row in _rows(path, "intrinsic"):
-        frame, camera = _numbers(path, line, row[:2], int)
-        fu, fv, cu, cv = _numbers(path, line, row[2:], float)
+        frame, camera = _numbers(path, line, row[:2], kind=int)
+        fu, fv, cu, cv = _numbers(path, line, row[2:], kind=float)
         found[frame, camera] = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
     return found
 
 
-def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[Array, "4 4"]]:
+def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "4 4"]]:
     """`cam_from_world` by (frame, camera)."""
     found = {}
     for line, row in _rows(path, "extrinsic"):
-        frame, camera = _numbers(path, line, row[:2], int)
-        found[frame, camera] = np.array(_numbers(path, line, row[2:], float)).reshape(4, 4)
+        frame, camera = _numbers(path, line, row[:2], kind=int)
+        found[frame, camera] = np.array(_numbers(path, line, row[2:], kind=float)).reshape(4, 4)
     return found
 
 
@@ -186,13 +199,13 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
         kinds[int(track)] = label
     boxes = {}
     for line, row in _rows(folder / "bbox.txt", "bbox"):
-        key = tuple(_numbers(folder / "bbox.txt", line, row[:3], int))
-        boxes[key] = (*_numbers(folder / "bbox.txt", line, row[3:-1], float), row[-1])
+        key = tuple(_numbers(folder / "bbox.txt", line, row[:3], kind=int))
+        boxes[key] = (*_numbers(folder / "bbox.txt", line, row[3:-1], kind=float), row[-1])
     found: dict[tuple[int, int], list[VirtualObject]] = {}
     path = folder / "pose.txt"
     for line, row in _rows(path, "pose"):
-        frame, camera, track = _numbers(path, line, row[:3], int)
-        alpha, width, height, length, *rest = _numbers(path, line, row[3:], float)
+        frame, camera, track = _numbers(path, line, row[:3], kind=int)
+        _, width, height, length, *rest = _numbers(path, line, row[3:], kind=float)
         if (frame, camera, track) not in boxes or track not in kinds:
             raise ValueError(f"vkitti2: {path}, line {line}: track {track} is not in bbox.txt or info.txt; copy all")
         left, right, top, bottom, pixels, truncation, occupancy, moving = boxes[frame, camera, track]
@@ -200,11 +213,9 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
             VirtualObject(
                 track=track,
                 kind=kinds[track],
-                alpha_rad=alpha,
                 size_m=(length, width, height),
                 centre_m=(rest[6], rest[7], rest[8]),
                 yaw_rad=rest[9],
-                world_m=(rest[0], rest[1], rest[2]),
                 bbox_px=(left, top, right, bottom),
                 pixels=int(pixels),
                 truncation=truncation,
@@ -223,7 +234,7 @@ def boxes_of(objects: list[VirtualObject], *, levels: tuple[float, float] = (0.5
     """
     seen = [thing for thing in objects if thing.pixels > 0]
 
-    def column(name: str, width: int) -> Float[Array, "n k"]:
+    def column(name: str, width: int) -> Float[np.ndarray, "n k"]:
         return np.array([getattr(thing, name) for thing in seen], np.float32).reshape(-1, width)
 
     occupancy = column("occupancy", 1)[:, 0]
@@ -238,7 +249,7 @@ def boxes_of(objects: list[VirtualObject], *, levels: tuple[float, float] = (0.5
     )
 
 
-def _read(path: Path) -> UInt8[Array, "..."] | Array:
+def _read(path: Path) -> np.ndarray:
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; the frame needs it, copy it from the data set's archives")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -262,7 +273,7 @@ def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _numbers(path: Path, line: int, texts: list[str], kind: Callable[[str], float]) -> list:
+def _numbers(path: Path, line: int, texts: list[str], *, kind: Callable[[str], float]) -> list:
     try:
         return [kind(text) for text in texts]
     except ValueError as error:

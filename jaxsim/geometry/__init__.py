@@ -1,18 +1,8 @@
-"""Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees."""
+"""Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees.
 
-from jaxsim.geometry.boxes import (
-    box_corners,
-    camera_boxes,
-    iou_2d,
-    iou_3d,
-    iou_bev,
-    lidar_boxes,
-    nms_bev,
-    pair_overlap,
-    points_in_boxes,
-    points_per_box,
-    wrapped,
-)
+`jaxsim.geometry.boxes` has the boxes around objects.
+"""
+
 from jaxsim.geometry.camera import (
     camera_at_lidar,
     camera_from_projection,
@@ -24,36 +14,34 @@ from jaxsim.geometry.camera import (
     transform,
     unproject,
 )
-from jaxsim.geometry.grids import grid_difference, pad_cloud, pad_points, room_for, same_grid
 from jaxsim.geometry.normals import incidence, normals
 from jaxsim.geometry.polar import (
     azimuth_of,
     column_of,
-    crop,
     directions,
+    pad_cloud,
+    pad_points,
     points_to_polar,
     polar_to_points,
     resample,
-    resample_grid,
+    room_for,
     rows_of,
+    scan_on_window,
     scatter_nearest,
 )
 from jaxsim.geometry.rows import UnorderedCloud, fit_beams, recover_rows, rows_by_elevation
-from jaxsim.geometry.sensor import PRESETS, LidarSpec, full_grid, preset, window_grid
+from jaxsim.geometry.sensor import PRESETS, LidarSpec, full_grid, grid_difference, preset, same_grid, window_grid
 
 __all__ = [
     "PRESETS",
     "LidarSpec",
     "UnorderedCloud",
     "azimuth_of",
-    "box_corners",
     "camera_at_lidar",
-    "camera_boxes",
     "camera_from_projection",
     "camera_rows",
     "camera_window",
     "column_of",
-    "crop",
     "crop_camera",
     "directions",
     "fit_beams",
@@ -61,31 +49,22 @@ __all__ = [
     "grid_difference",
     "incidence",
     "invert",
-    "iou_2d",
-    "iou_3d",
-    "iou_bev",
-    "lidar_boxes",
-    "nms_bev",
     "normals",
     "pad_cloud",
     "pad_points",
-    "pair_overlap",
-    "points_in_boxes",
-    "points_per_box",
     "points_to_polar",
     "polar_to_points",
     "preset",
     "project",
     "recover_rows",
     "resample",
-    "resample_grid",
     "room_for",
     "rows_by_elevation",
     "rows_of",
     "same_grid",
+    "scan_on_window",
     "scatter_nearest",
     "transform",
     "unproject",
     "window_grid",
-    "wrapped",
 ]

@@ -49,14 +49,6 @@ def points_in_boxes(xyz_m: Float[Array, "*b p 3"], boxes: Float[Array, "*b n 7"]
     return within & (half > 0).all(axis=-1)
 
 
-@jax.jit
-def points_per_box(
-    xyz_m: Float[Array, "*b p 3"], valid: Bool[Array, "*b p"], boxes: Float[Array, "*b n 7"]
-) -> Int[Array, "*b n"]:
-    """How many valid points each box holds."""
-    return jnp.sum(points_in_boxes(xyz_m, boxes) & valid[..., None], axis=-2, dtype=jnp.int32)
-
-
 def _mean_clamped(start: Float[Array, "*b"], end: Float[Array, "*b"], half: Float[Array, "*b"]) -> Float[Array, "*b"]:
     """Mean of clamp(y, -half, half) where y runs evenly from `start` to `end`."""
     low, high = jnp.minimum(start, end), jnp.maximum(start, end)

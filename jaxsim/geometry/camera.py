@@ -13,17 +13,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.frame import Array, Camera, Cloud, PolarGrid
+from jaxsim.frame import Array, Camera, PolarGrid
 from jaxsim.geometry.sensor import LidarSpec, window_grid
 
-_ENOUGH_POINTS = 30
+SHARE = 0.57
+"""Of a line that must be in the image. In KITTI's 352 x 1216 crop, lines 43 and 44 keep 0.63 and 0.48 of their points
+on a flat road, 0.63-0.69 and 0.49-0.51 in nine real frames: this lies in the middle and gives lines 0-43, the paper's
+44."""
 
 
 def _rotate(matrix: Float[Array, "*b 3 3"], xyz: Float[Array, "*b n 3"]) -> Float[Array, "*b n 3"]:
-    # Written out: a matrix product may round to tf32 on an accelerator, which moves far points by
-    # centimetres.
-    columns = (matrix[..., None, :, j] * xyz[..., :, j, None] for j in range(3))
-    return sum(columns, start=jnp.zeros((), xyz.dtype))
+    # Written out: a matrix product may round to tf32 on an accelerator, which moves far points by centimetres.
+    return sum((matrix[..., None, :, j] * xyz[..., :, j, None] for j in range(3)), start=jnp.zeros((), xyz.dtype))
 
 
 @jax.jit
@@ -43,8 +44,7 @@ def invert(dst_from_src: Float[Array, "*b 4 4"]) -> Float[Array, "*b 4 4"]:
 
 @jax.jit
 def project(camera: Camera, xyz_velo: Float[Array, "*b n 3"]) -> tuple[Float[Array, "*b n 2"], Float[Array, "*b n"]]:
-    """Pixel (u, v) and planar depth in metres of points in `velo`; NaN pixels for points not in front of the
-    camera."""
+    """Pixel (u, v) and planar depth in metres of points in `velo`; NaN pixels for points not in front of the camera."""
     pixel = _rotate(camera.intrinsics, transform(camera.cam_from_velo, xyz_velo))
     depth = pixel[..., 2]
     ahead = depth > 0
@@ -64,6 +64,7 @@ def unproject(camera: Camera, depth_m: Float[Array, "*b h w"]) -> Float[Array, "
     cu = k[..., 0, 2, None, None]
     fv = k[..., 1, 1, None, None]
     cv = k[..., 1, 2, None, None]
+    # K is upper triangular: solved from the bottom row up.
     y = (v - cv) / fv
     x = (u - cu - skew * y) / fu
     cam = jnp.stack([x * depth_m, y * depth_m, depth_m], axis=-1).reshape(*batch, height * width, 3)
@@ -95,69 +96,39 @@ def crop_camera(camera: Camera, top: int, left: int) -> Camera:
     return replace(camera, intrinsics=camera.intrinsics - shift)
 
 
-def camera_window(
-    camera: Camera,
-    size: tuple[int, int],
-    spec: LidarSpec,
-    columns: int,
-    *,
-    rows_from: Cloud | None = None,
-) -> PolarGrid:
+def camera_window(camera: Camera, size: tuple[int, int], spec: LidarSpec, *, columns: int) -> PolarGrid:
     """The polar window that a camera with an image of `size` (h, w) sees.
 
-    It has `columns` cells between the azimuths of the image's left and right edge (level with the principal
-    point, far away), and the lines of `camera_rows`.
+    It has `columns` cells between the azimuths of the image's left and right edge (level with the principal point, far
+    away), and the lines of `camera_rows`.
 
-    KITTI's camera 2, cropped to 352 x 1216 (bottom, middle): 80.2 degrees and 44 lines of the HDL-64E. The
-    paper's 372 columns are then 0.216 degrees wide, coarser than the sensor's own 0.179: a line that comes
-    back leaves no cell empty. Raises ValueError as `camera_rows` does.
+    KITTI's camera 2, cropped to 352 x 1216 (bottom, middle): 80.2 degrees and 44 lines of the HDL-64E. The paper's 372
+    columns are then 0.216 degrees wide, coarser than the sensor's own 0.179: a line that comes back leaves no cell
+    empty. Raises ValueError as `camera_rows` does.
     """
-    rows = camera_rows(camera, size, spec, rows_from=rows_from)
-    return window_grid(spec, *_azimuth_extent(camera, size), columns, rows)
+    rows = camera_rows(camera, size, spec)
+    return window_grid(spec, *_azimuth_extent(camera, size), columns=columns, rows=rows)
 
 
-def camera_rows(
-    camera: Camera,
-    size: tuple[int, int],
-    spec: LidarSpec,
-    *,
-    rows_from: Cloud | None = None,
-    share: float = 0.57,
-) -> tuple[int, int]:
+def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple[int, int]:
     """First and stop of the lines that a camera sees.
 
-    Those are the lines with at least `share` of their points between the image's top and bottom edge, of all
-    points in the camera's azimuth extent.
+    Those are the lines with at least SHARE of their points on a flat road between the image's top and bottom edge, of
+    all points in the camera's azimuth extent. A line is level and its image curved: the image's bottom cuts it first at
+    the sides. A flat road depends on the calibration alone, so that all frames of a drive share a window.
 
-    A line is level and its image curved: the image's bottom cuts it first at the sides. By default its points
-    are those on a flat road, which depends on the calibration alone, so that all frames of a drive share a
-    window; with `rows_from`, a cloud with rows, they are the measured ones. In KITTI's 352 x 1216 crop, lines
-    43 and 44 keep 0.63 and 0.48 of their points on a flat road, 0.63-0.69 and 0.49-0.51 in nine real frames:
-    the default lies in the middle and gives lines 0-43, the paper's 44.
-
-    Raises ValueError for a batch of cameras, a cloud without rows, and a camera that sees no line.
+    Raises ValueError for a batch of cameras and for a camera that sees no line.
     """
     if np.ndim(camera.intrinsics) != 2:
         raise ValueError(f"camera_rows takes one camera, got a batch {np.shape(camera.intrinsics)[:-2]}; take one out")
     left, right = _azimuth_extent(camera, size)
     azimuth = np.linspace(left, right, 362)[1:-1]
     fractions = _inside(camera, size, _road_points(spec, azimuth)).mean(axis=1)
-    if rows_from is not None:
-        if rows_from.row is None:
-            raise ValueError("camera_rows: rows_from has no rows; set cloud.row (recover_rows, rows_by_elevation)")
-        xyz = np.asarray(rows_from.xyz_m, np.float64)
-        off_centre = np.arctan2(xyz[:, 1], xyz[:, 0]) - (left + right) / 2
-        off_centre = (off_centre + np.pi) % (2 * np.pi) - np.pi
-        counts = np.asarray(rows_from.valid) & (np.abs(off_centre) < (left - right) / 2)
-        row, inside = np.asarray(rows_from.row)[counts], _inside(camera, size, xyz[counts])
-        points = np.bincount(row, minlength=spec.rows)
-        measured = np.bincount(row, inside, spec.rows) / np.maximum(points, 1)
-        fractions = np.where(points >= _ENOUGH_POINTS, measured, fractions)
-    seen = np.flatnonzero(fractions >= share)
+    seen = np.flatnonzero(fractions >= SHARE)
     if len(seen) == 0:
         raise ValueError(
             f"camera_rows: the camera sees no line of {spec.name} (best: {fractions.max():.0%} of line "
-            f"{fractions.argmax()}, asked {share:.0%}); is cam_from_velo right, is the size (height, width)?"
+            f"{fractions.argmax()}, asked {SHARE:.0%}); is cam_from_velo right, is the size (height, width)?"
         )
     return int(seen[0]), int(seen[-1]) + 1
 

@@ -1,8 +1,7 @@
 """Surface normals and incidence angles from a range image.
 
-The tangent along a row (and along a column) is a mean of the steps to both neighbours, weighted to the side
-where the range changes less: on a plane any mix lies in the plane, at an edge the step across it counts for
-nothing.
+The tangent along a row (and along a column) is a mean of the steps to both neighbours, weighted to the side where the
+range changes less: on a plane any mix lies in the plane, at an edge the step across it counts for nothing.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ at the float column i, its edges at i - 1/2 and i + 1/2.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -19,6 +20,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.frame import Array, Cloud, PolarGrid, PolarImage
 
 Tree = TypeVar("Tree")
+POINTS = 2**15
+"""Clouds are filled up to multiples of this, so that kernels are compiled once and not for every frame."""
 _NOTHING = 2**31 - 1
 _TAN_PI_8 = 0.41421356
 _TINY = 1e-30
@@ -73,6 +76,7 @@ def scatter_nearest(
     range_m: Float[Array, "*b n"],
     row: Int[Array, "*b n"],
     column: Int[Array, "*b n"],
+    *,
     inside: Bool[Array, "*b n"],
     shape: tuple[int, int],
 ) -> tuple[Int[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
@@ -118,15 +122,16 @@ def points_to_polar(cloud: Cloud, grid: PolarGrid) -> tuple[PolarImage, Int[Arra
         )
     rows, columns = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     row = cloud.row.astype(jnp.int32)
-    x, y, z = (cloud.xyz_m[..., i] for i in range(3))
-    z = z - grid.origin_m[jnp.clip(row, 0, rows - 1)]
+    x = cloud.xyz_m[..., 0]
+    y = cloud.xyz_m[..., 1]
+    z = cloud.xyz_m[..., 2] - grid.origin_m[jnp.clip(row, 0, rows - 1)]
     square = x * x + y * y + z * z
     inside = cloud.valid & jnp.isfinite(square)
     # Padding lies at the origin, where the root has no derivative.
     range_m = jnp.sqrt(jnp.where(square > 0, square, jnp.ones_like(square)))
     range_m = jnp.where(square > 0, range_m, jnp.zeros_like(square))
     column = _cell_column(azimuth_of(x, y), grid)
-    winner, valid = scatter_nearest(range_m, row, column, inside, (rows, columns))
+    winner, valid = scatter_nearest(range_m, row, column, inside=inside, shape=(rows, columns))
     flat = winner.reshape(*winner.shape[:-2], rows * columns)
 
     def pick(values: Float[Array, "*b n"]) -> Float[Array, "*b rows columns"]:
@@ -181,51 +186,26 @@ def _raster_axis(tree: object, batch_dims: int | None) -> int:
     return axis
 
 
-def crop(image: Tree, rows: slice, columns: slice, *, batch_dims: int | None = None) -> Tree:
-    """Cuts every raster of a tree, with leaves (*b, rows, columns) or (*b, rows, columns, c).
-
-    `batch_dims`: how many dims lead; told from the leaves if one of them has no channels.
-    """
-    lead = (slice(None),) * _raster_axis(image, batch_dims)
-    return jax.tree.map(lambda leaf: leaf[(*lead, rows, columns)], image)
-
-
 def _sources(old: int, new: int) -> Int[np.ndarray, " new"]:
     # The centre of new cell i lies (i + 1/2) old / new old cells from the edge.
     return (2 * np.arange(new) + 1) * old // (2 * new)
 
 
 def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = None) -> Tree:
-    """Each new cell takes the value of the old cell that its centre falls into; leaves as in `crop`.
+    """Each new cell takes the value of the old cell that its centre falls into. Enlarging and going back gives
+    the original.
 
-    Enlarging and going back gives the original.
+    Leaves are (*b, rows, columns) or (*b, rows, columns, c); `batch_dims` says how many dims lead, which is told from
+    the leaves if one of them has no channels. Raises ValueError where they are not rasters of one size.
     """
     axis = _raster_axis(image, batch_dims)
 
     def take(leaf: Array) -> Array:
-        rows, columns = (_sources(leaf.shape[axis + i], size[i]) for i in range(2))
+        rows = _sources(leaf.shape[axis], size[0])
+        columns = _sources(leaf.shape[axis + 1], size[1])
         return leaf[(slice(None),) * axis + (rows[:, None], columns[None, :])]
 
     return jax.tree.map(take, image)
-
-
-def resample_grid(grid: PolarGrid, size: tuple[int, int]) -> PolarGrid:
-    """Cell centres after `resample`: the same window in equal steps; beams are interpolated between the old ones."""
-    azimuth = np.asarray(grid.azimuth_rad, np.float64)
-    elevation = np.asarray(grid.elevation_rad, np.float64)
-    origin = np.asarray(grid.origin_m, np.float64)
-    rows, columns = size
-    step = (azimuth[0] - azimuth[-1]) / (len(azimuth) - 1) * len(azimuth) / columns
-    centred = (columns - 1) / 2 - np.arange(columns)
-    beam = (np.arange(rows) + 0.5) * len(elevation) / rows - 0.5
-    upper = np.clip(np.floor(beam).astype(int), 0, max(len(elevation) - 2, 0))
-    lower = np.minimum(upper + 1, len(elevation) - 1)
-
-    def between(table: Float[np.ndarray, " old"]) -> Float[np.ndarray, " new"]:
-        return (table[upper] + (beam - upper) * (table[lower] - table[upper])).astype(np.float32)
-
-    middle = (azimuth[0] + azimuth[-1]) / 2
-    return PolarGrid((middle + centred * step).astype(np.float32), between(elevation), between(origin))
 
 
 @jax.jit
@@ -235,7 +215,9 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
     Beams must not cross: where elevations fall, origins must not rise (but for the millimetres of a fit).
     """
     rows = grid.elevation_rad.shape[0]
-    x, y, z = (xyz_m[..., i] for i in range(3))
+    x = xyz_m[..., 0]
+    y = xyz_m[..., 1]
+    z = xyz_m[..., 2]
     rho = jnp.sqrt(x * x + y * y)
     slope = jnp.tan(grid.elevation_rad)
     ce = jnp.cos(grid.elevation_rad)
@@ -253,3 +235,36 @@ def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"
 
     upper, lower = jnp.maximum(above - 1, 0), jnp.minimum(above, rows - 1)
     return jnp.where(off(upper) <= off(lower), upper, lower)
+
+
+def pad_cloud(cloud: Cloud, multiple: int = POINTS) -> Cloud:
+    """The cloud (n points, host memory) with invalid points behind it, filled up to a multiple."""
+    missing = -cloud.intensity.shape[-1] % multiple
+    return jax.tree.map(lambda leaf: np.pad(leaf, [(0, missing), *[(0, 0)] * (leaf.ndim - 1)]), cloud)
+
+
+def pad_points(
+    points: Float[np.ndarray, "n c"], room: int
+) -> tuple[Float[np.ndarray, "room c"], Bool[np.ndarray, " room"]]:
+    """Points with zeros behind them, and which of them are real; `room` is n or more."""
+    padded = np.zeros((room, points.shape[1]), np.float32)
+    padded[: len(points)] = points
+    return padded, np.arange(room) < len(points)
+
+
+def room_for(points: int, multiple: int = POINTS) -> int:
+    """The least multiple, one at least, that holds so many points."""
+    return max(-(-points // multiple), 1) * multiple
+
+
+def scan_on_window(cloud: Cloud, grid: PolarGrid, place: Float[np.ndarray, " rows"], *, lines: int) -> PolarImage:
+    """The image of a sweep on a window of its sensor's lines (host memory).
+
+    `cloud.row` counts from the sensor's top line, of `lines` in all; `place` is each of the window's beams among them,
+    0 the top line and 1 the bottom one. Raises ValueError for a cloud without rows.
+    """
+    if cloud.row is not None:
+        # The grid's rows count from the window's own first line.
+        first = round(float(place[0]) * (lines - 1))
+        cloud = replace(cloud, row=(cloud.row - first).astype(np.int32))
+    return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])

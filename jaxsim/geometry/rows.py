@@ -97,7 +97,8 @@ def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, 
                 continue
             if start > 0 and abs(here - np.median(elevation[max(start - 3, 0) : start])) < _SAME_LINE_DEG:
                 starts[start] = False
-        starts[i], start, back = True, i, -1
+        starts[i] = True
+        start, back = i, -1
     return starts
 
 
@@ -137,6 +138,7 @@ def _rows_by_beams(
     rows = np.arange(spec.rows)
     misses = votes @ np.minimum(np.abs(rows[:, None] - rows), _WIDE_MISS)
 
+    # Dynamic programming over the pieces: the least cost so far with the last piece in each row, and whence.
     total, came_from = misses[0], []
     for cost, new_line in zip(misses[1:], firm[1:], strict=True):
         best = np.minimum.accumulate(total)
@@ -172,28 +174,21 @@ def rows_by_elevation(xyz: Float[np.ndarray, "n 3"], spec: LidarSpec) -> Int[np.
 
 
 def fit_beams(
-    xyz: Float[np.ndarray, "n 3"],
-    row: Int[np.ndarray, " n"],
-    lines: int = 64,
-    *,
-    name: str = "fitted",
-    prior: LidarSpec | None = None,
+    xyz: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], lines: int = 64, *, name: str = "fitted"
 ) -> LidarSpec:
-    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a
-    beam.
+    """This unit's own beam table, from a scan whose lines are known: z = h + rho tan e is a straight line a beam.
 
-    Robust least squares (Cauchy weights). A beam with fewer than 30 points keeps the value of `prior`, by
-    default the first preset with so many lines; one whose points are all equally far leans on its origin. Of
+    Robust least squares (Cauchy weights). A beam with fewer than 30 points keeps the value of the
+    first preset with so many lines; one whose points are all equally far leans on its origin. Of
     an uncompensated KITTI scan the residual is the file's 1 mm grid and nothing else.
 
     Raises ValueError where the points do not lie on cones: wrong rows, or the car's motion was taken out.
     """
+    prior = next((spec for spec in PRESETS.values() if spec.rows == lines), None)
     if prior is None:
-        prior = next((spec for spec in PRESETS.values() if spec.rows == lines), None)
-    if prior is None or prior.rows != lines:
         raise ValueError(
-            f"fit_beams: no prior with {lines} lines; pass prior=, a LidarSpec with so many "
-            f"(presets: {', '.join(f'{spec.name} {spec.rows}' for spec in PRESETS.values())})"
+            f"fit_beams: no preset with {lines} lines to start from; "
+            f"there are {', '.join(f'{spec.name} {spec.rows}' for spec in PRESETS.values())}"
         )
     if row.min(initial=0) < 0 or row.max(initial=0) >= lines:
         raise ValueError(f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}")

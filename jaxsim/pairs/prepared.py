@@ -18,8 +18,7 @@ from tqdm import tqdm
 
 import jaxsim
 from jaxsim.config import DataConfig, PrepareConfig
-from jaxsim.data.pair_settings import pair_settings
-from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, record_of
+from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, pair_settings, record_of
 from jaxsim.devices import wait
 from jaxsim.files import replacing
 from jaxsim.frame import Frame, Pair

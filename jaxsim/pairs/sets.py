@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
-from jaxsim.data.pair_settings import pair_settings
+from jaxsim.data.records import pair_settings
 from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
 from jaxsim.files import claim, lock, unlock
 from jaxsim.pairs.beam import make_by_beam

@@ -6,15 +6,13 @@ lines x 372 columns. It depends on calibration and sensor alone, so all frames o
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
-from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, points_to_polar
+from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, scan_on_window
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
@@ -42,15 +40,12 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     Raises ValueError where the frame lacks what the config asks for: labels, depth, laser lines, image size.
     """
     cloud = _measured(frame)
-    line = cloud.row
-    if line is None:
+    if cloud.row is None:
         raise ValueError(
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
     painted, angle, grid, place = _painted(frame, spec, config)
-    first = round(float(place[0]) * (spec.rows - 1))
-    cloud = pad_cloud(replace(cloud, row=(line - first).astype(np.int32)))
-    measured = jax.tree.map(np.asarray, points_to_polar(cloud, grid)[0])
+    measured = scan_on_window(cloud, grid, place, lines=spec.rows)
     _check_gaps(frame.name, measured.valid)
     try:
         target = denoise(
@@ -156,7 +151,7 @@ def window_of(
     """The polar window that the crop of a camera's image (`size`: rows, columns) covers, and each beam's place
     in the sensor (0 top line, 1 bottom line)."""
     cropped = crop_camera(camera, *_offsets(size, config.image_crop))
-    grid = camera_window(cropped, config.image_crop, spec, config.columns)
+    grid = camera_window(cropped, config.image_crop, spec, columns=config.columns)
     first, stop = camera_rows(cropped, config.image_crop, spec)
     return grid, (np.arange(first, stop) / (spec.rows - 1)).astype(np.float32)
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, pad_cloud, points_to_polar
+from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.checks import check_image
@@ -76,8 +76,7 @@ def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
         raise ValueError(f"{frame.name}: no LiDAR measured it; hold the run against a data set that has scans")
     if frame.cloud.row is None:
         raise ValueError(f"{frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows)")
-    cloud = replace(frame.cloud, row=(frame.cloud.row - round(float(place[0]) * (lines - 1))).astype(np.int32))
-    return jax.device_get(points_to_polar(pad_cloud(cloud), grid)[0])
+    return scan_on_window(frame.cloud, grid, place, lines=lines)
 
 
 def comparable(measured: PolarImage, seen: Array) -> PolarImage:

@@ -123,5 +123,10 @@ def _dense(
     known = known if view.depth_valid is None else known & np.asarray(view.depth_valid)
     intensity = learned.intensity_map(view) if recipe.source == "simulated" and learned is not None else None
     return depth_to_cloud(
-        view.camera, view.depth_m, known, intensity, drop_zero=not recipe.keep_zero, max_high_m=recipe.max_high_m
+        view.camera,
+        view.depth_m,
+        known,
+        intensity=intensity,
+        drop_zero=not recipe.keep_zero,
+        max_high_m=recipe.max_high_m,
     )

@@ -20,8 +20,14 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from jaxsim.cloud.kitti_tree import REACH_M, choose_boxes, within_reach, write_image_sets, write_kitti_frame
-from jaxsim.cloud.tree_record import TreeRecord
+from jaxsim.cloud.kitti_tree import (
+    REACH_M,
+    TreeRecord,
+    choose_boxes,
+    within_reach,
+    write_image_sets,
+    write_kitti_frame,
+)
 from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, select
 from jaxsim.data.vkitti2 import VirtualKitti2

@@ -18,7 +18,7 @@ from jaxsim.data import KittiObject
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Boxes, CameraFrame, Cloud
-from jaxsim.geometry import lidar_boxes
+from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection import read_truth
 from tests.cloud import openpcdet_rules as rules
 

@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from jaxsim.cloud.pseudo_lidar import depth_of_disparity, depth_to_cloud, place_intensity, published_camera
+from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.frame import Camera
 from jaxsim.geometry import camera_at_lidar, project
+from tests.cloud.published import published_camera
 
 CAMERA = kitti_camera((30, 40))
 
@@ -47,16 +48,6 @@ def test_points_of_a_whole_kitti_image_are_those_of_the_published_program(golden
     assert (np.asarray(cloud.valid) == keep).all()
     assert np.abs(kept(cloud)[vectors["full_sample_row"]] - vectors["full_sample_points"]).max() < 2e-4
     assert kept(cloud).mean(axis=0, dtype=float) == pytest.approx(vectors["full_points_float64_mean"], abs=1e-5)
-
-
-def test_points_of_a_disparity_are_those_of_the_published_program(golden, vectors):
-    camera = golden_camera(golden / "pseudo_lidar" / "calib_scaled.txt")
-    depth, valid = depth_of_disparity(vectors["disp_small"], float(camera.intrinsics[0, 0]))
-    theirs = vectors["points_small_from_disp"]
-    assert np.abs(kept(depth_to_cloud(camera, depth, valid)) - theirs).max() < 2e-4
-    assert len(kept(depth_to_cloud(camera, depth, valid))) == len(theirs)
-    with pytest.raises(ValueError, match="must lie below 256"):
-        depth_of_disparity(np.full((2, 2), 300.0), 700.0)
 
 
 def test_pixels_of_depth_0_lie_in_the_cameras_centre_if_they_are_said_to_be_valid():
@@ -103,8 +94,8 @@ def test_points_of_zero_intensity_are_dropped_or_kept_with_0_and_never_1():
     depth, valid = np.full((30, 40), 10.0, np.float32), np.ones((30, 40), bool)
     intensity = np.zeros((30, 40), np.float32)
     intensity[10:, 20:] = 0.37
-    dropped = depth_to_cloud(CAMERA, depth, valid, intensity)
-    kept_zero = depth_to_cloud(CAMERA, depth, valid, intensity, drop_zero=False)
+    dropped = depth_to_cloud(CAMERA, depth, valid, intensity=intensity)
+    kept_zero = depth_to_cloud(CAMERA, depth, valid, intensity=intensity, drop_zero=False)
     without = depth_to_cloud(CAMERA, depth, valid)
     assert (
         np.asarray(dropped.valid).reshape(30, 40) == (np.asarray(without.valid).reshape(30, 40) & (intensity > 0))
@@ -124,23 +115,19 @@ def test_a_camera_at_the_lidar_sees_from_the_lidars_origin():
     assert xyz[0, 2] > 0 > xyz[-1, 2]
 
 
-@pytest.mark.parametrize("how", ["nearest", "linear"])
-def test_predicted_intensity_fills_the_crop_and_leaves_the_border_0(how):
+def test_predicted_intensity_fills_the_crop_and_leaves_the_border_0():
     rng = np.random.default_rng(1)
     predicted = rng.uniform(0.1, 0.9, (2, 44, 372)).astype(np.float32)
-    placed = place_intensity(predicted, (375, 1242), how=how)
+    placed = place_intensity(predicted, (375, 1242), crop=(352, 1216))
     assert placed.shape == (2, 375, 1242)
     assert (placed[:, 23:, 13:1229] > 0).all()
     assert not placed[:, :23].any()
     assert not placed[..., :13].any()
     assert not placed[..., 1229:].any()
-    if how == "nearest":
-        rows, columns = (2 * np.arange(352) + 1) * 44 // 704, (2 * np.arange(1216) + 1) * 372 // 2432
-        assert (placed[:, 23:, 13:1229] == predicted[:, rows[:, None], columns]).all()
-    else:
-        assert placed[:, 23:, 13:1229].mean() == pytest.approx(predicted.mean(), abs=0.01)
+    rows, columns = (2 * np.arange(352) + 1) * 44 // 704, (2 * np.arange(1216) + 1) * 372 // 2432
+    assert (placed[:, 23:, 13:1229] == predicted[:, rows[:, None], columns]).all()
 
 
 def test_intensity_that_does_not_fit_the_image_is_refused():
     with pytest.raises(ValueError, match=r"does not fit a crop of 352 x 1216 in an image of 300 x 1000"):
-        place_intensity(np.zeros((44, 372), np.float32), (300, 1000))
+        place_intensity(np.zeros((44, 372), np.float32), (300, 1000), crop=(352, 1216))

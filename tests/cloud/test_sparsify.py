@@ -5,11 +5,12 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.cloud.pseudo_lidar import depth_to_cloud, published_camera
+from jaxsim.cloud.pseudo_lidar import depth_to_cloud
 from jaxsim.cloud.sparsify import LINES, EvenLines, crop_cloud, sparsify
 from jaxsim.data.kitti_files import object_rect_from_velo
 from jaxsim.frame import Cloud
 from jaxsim.geometry import PRESETS, preset, window_grid
+from tests.cloud.published import published_camera
 
 WINDOW = math.radians(45), math.radians(-45)
 
@@ -106,7 +107,7 @@ def test_points_go_to_the_nearest_beam_of_any_sensor(name):
         rng.uniform(spec.elevation_deg[-1], spec.elevation_deg[0], 800),
         rng.uniform(3, 60, 800),
     )
-    grid = window_grid(spec, *WINDOW, columns)
+    grid = window_grid(spec, *WINDOW, columns=columns)
     sparse = sparsify(cloud_of(xyz), grid)
     cells = np.flatnonzero(np.asarray(sparse.valid))
     ours = {divmod(int(c), columns): int(i) for c, i in zip(cells, winners(sparse), strict=True)}
@@ -118,7 +119,7 @@ def test_points_go_to_the_nearest_beam_of_any_sensor(name):
 
 
 def test_a_point_far_above_the_top_beam_is_no_return():
-    grid = window_grid(preset("vlp16"), *WINDOW, 100)
+    grid = window_grid(preset("vlp16"), *WINDOW, columns=100)
     xyz = at(1.0, np.array([15.9, 16.1, -15.9, -16.1]), 20.0)
     assert winners(sparsify(cloud_of(xyz), grid)).tolist() == [0, 2]
 

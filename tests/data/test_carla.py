@@ -85,6 +85,20 @@ def test_instances_join_green_and_blue_and_stay_apart_over_classes():
     assert (carla.read_semantic(bgra(14, 55, 20), SIZE, version="0.9.15") == IDS["car"]).all()
 
 
+def pose_matrix(*, x=0, y=0, z=0, pitch=0, yaw=0, roll=0):
+    """`carla.Transform.get_matrix()` of a place in metres and angles in degrees.
+
+    Pitch is positive upwards, yaw to the right, roll to the right (clockwise ahead).
+    """
+    cos, sin = np.cos(np.deg2rad([pitch, yaw, roll])), np.sin(np.deg2rad([pitch, yaw, roll]))
+    turn_yaw = np.array([[cos[1], -sin[1], 0], [sin[1], cos[1], 0], [0, 0, 1]])
+    turn_pitch = np.array([[cos[0], 0, -sin[0]], [0, 1, 0], [sin[0], 0, cos[0]]])
+    turn_roll = np.array([[1, 0, 0], [0, cos[2], sin[2]], [0, -sin[2], cos[2]]])
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = turn_yaw @ turn_pitch @ turn_roll, (x, y, z)
+    return out
+
+
 @pytest.mark.parametrize(
     ("angles", "forward", "up"),
     [
@@ -96,7 +110,7 @@ def test_instances_join_green_and_blue_and_stay_apart_over_classes():
     ],
 )
 def test_poses_turn_as_unreal_does(angles, forward, up):
-    matrix = carla.pose_matrix(x=1, y=2, z=3, **angles)
+    matrix = pose_matrix(x=1, y=2, z=3, **angles)
     np.testing.assert_allclose(matrix[:3, 0], forward, atol=1e-12)
     np.testing.assert_allclose(matrix[:3, 2], up, atol=1e-12)
     np.testing.assert_array_equal(matrix[:3, 3], [1, 2, 3])
@@ -104,8 +118,8 @@ def test_poses_turn_as_unreal_does(angles, forward, up):
 
 def test_left_handed_mounts_become_a_proper_rotation():
     """A camera 0.3 m before, 0.2 m right of and 0.1 m above the LiDAR, both on a car that looks to the east."""
-    car = carla.pose_matrix(x=50, y=-30, z=1, yaw=77, pitch=2, roll=-1)
-    lidar, camera = car @ carla.pose_matrix(z=1.8), car @ carla.pose_matrix(x=0.3, y=0.2, z=1.9)
+    car = pose_matrix(x=50, y=-30, z=1, yaw=77, pitch=2, roll=-1)
+    lidar, camera = car @ pose_matrix(z=1.8), car @ pose_matrix(x=0.3, y=0.2, z=1.9)
     cam_from_velo = carla.cam_from_velo(camera, lidar)
     assert np.linalg.det(cam_from_velo[:3, :3]) == pytest.approx(1, abs=1e-5)
     # In velo y is LEFT: a point 10 m ahead, 2 m left, 1 m up is left of and above the axis in the image.
@@ -127,7 +141,7 @@ def test_points_of_a_depth_buffer_lie_where_carlas_own_formula_puts_them():
     raw = np.zeros((*size, 4), np.uint8)
     code = round(depth / 1000 * (2**24 - 1))
     raw[..., 2], raw[..., 1], raw[..., 0] = code % 256, code // 256 % 256, code // 65536
-    at = carla.cam_from_velo(carla.pose_matrix(), carla.pose_matrix())
+    at = carla.cam_from_velo(pose_matrix(), pose_matrix())
     view = carla.read_view(raw, raw, size=size, fov_deg=fov, version="0.9.15", cam_from_velo=at)
     assert view.camera.intrinsics[0, 0] == pytest.approx(k[0, 0])
     xyz = np.asarray(unproject(view.camera, view.depth_m))[v, u]

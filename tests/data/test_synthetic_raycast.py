@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.data.synthetic import noise
+from jaxsim.data.synthetic import fields
 from jaxsim.data.synthetic.raycast import FAR_M, LEAF_M, enter_crown, enter_polyhedron, enter_round
 from jaxsim.data.synthetic.solids import Look, Model
 from jaxsim.data.synthetic.street import Street, cast_ground, past_kerb
@@ -106,16 +106,20 @@ def test_rays_enter_balls_and_cylinders(kind: str, seed: int) -> None:
     model, start = Model(), rng.uniform(-2, 2, 3)
     end = start + rng.normal(size=3)
     if kind == "ball":
-        model.limb(tuple(start), tuple(end), 0.4, STONE)
+        model.limb(tuple(start), tuple(end), STONE, radius=0.4)
     elif kind == "thin pole":
-        model.cylinder(tuple(start), (*start[:2], start[2] + 6.0), 0.03, STONE)
+        model.cylinder(tuple(start), (*start[:2], start[2] + 6.0), STONE, radius=0.03)
     else:
-        model.cylinder(tuple(start), tuple(end), 0.6, STONE, bore=0.7 if kind == "ring" else 0.0)
+        model.cylinder(tuple(start), tuple(end), STONE, radius=0.6, bore=0.7 if kind == "ring" else 0.0)
     conic, roundness, bore, _ = model.rounds[0]
     thin = kind == "thin pole"
     eye, aim = rays_at(rng, start + np.array([0, 0, 1.0]) if thin else (start + end) / 2, 0.03 if thin else 0.4)
-    shape = (np.array([roundness], np.float32), np.array([bore], np.float32))
-    fast = enter_round(*bundle(eye, aim), conic[None].astype(np.float32), *shape)
+    fast = enter_round(
+        *bundle(eye, aim),
+        conic[None].astype(np.float32),
+        roundness=np.array([roundness], np.float32),
+        bore=np.array([bore], np.float32),
+    )
     slow = slow_round(eye, aim, conic, ball=kind == "ball", bore=bore)
     agree(np.asarray(fast)[0], slow, 0.01 if thin else 3e-3, share=0.98)
 
@@ -145,7 +149,7 @@ def slow_noise(x: np.ndarray) -> float:
 
 def test_noise_is_the_lattice_s_hash_interpolated() -> None:
     points = np.random.default_rng(0).uniform(-50, 50, (200, 3)).astype(np.float32)
-    fast = np.asarray(noise.smooth_noise3(*jnp.asarray(points.T)))
+    fast = np.asarray(fields.smooth_noise3(*jnp.asarray(points.T)))
     np.testing.assert_allclose(fast, [slow_noise(p.astype(np.float64)) for p in points], atol=1e-5)
     assert abs(fast.mean() - 0.5) < 0.05
 
@@ -157,7 +161,7 @@ def test_leaves_stop_rays_after_their_free_path(seed: int) -> None:
     model.crown(tuple(middle), (1.5, 1.2, 1.0), STONE, path_m=path)
     conic = model.crowns[0][0]
     eye, aim = rays_at(rng, middle, 0.8)
-    fast = enter_crown(*bundle(eye, aim), conic[None].astype(np.float32), np.array([path], np.float32))
+    fast = enter_crown(*bundle(eye, aim), conic[None].astype(np.float32), path_m=np.array([path], np.float32))
     enter = slow_round(eye, aim, conic, ball=True)
     leave = -slow_round(eye + 200 * aim, -aim, conic, ball=True) + 200
     slow = np.full(RAYS, FAR_M)

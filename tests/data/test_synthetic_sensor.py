@@ -94,7 +94,7 @@ def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
     model.box((-0.1, -4.0, 0.0), (0.1, 4.0, 3.0), Look(11, (0.5, 0.5, 0.5), 0.4))
     things = [Thing(model, 10.0, 0.0)]
     parts = gather(things)
-    solids, _ = place(parts, *poses(things, 0.0, 0.0), np.zeros(1, np.int64))
+    solids, _ = place(parts, *poses(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
     # The sun stands 45 degrees high ahead: the wall's shadow lies 3 m long on the near side.
     sun = np.array([1.0, 0.0, 1.0], np.float32) / np.float32(np.sqrt(2))
     lists = {
@@ -107,7 +107,7 @@ def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
     x = jnp.asarray([6.0, 7.4, 8.0, 9.5, 10.5, 12.0], jnp.float32)
     at = jnp.stack([x, jnp.zeros_like(x), jnp.zeros_like(x)])
     up = jnp.stack([jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x)])
-    np.testing.assert_allclose(lit(shadows, light, at, up), [1, 0, 0, 0, 1, 1], atol=1e-6)
+    np.testing.assert_allclose(lit(shadows, light, at, normal=up), [1, 0, 0, 0, 1, 1], atol=1e-6)
 
 
 def test_map_places_invert_map_borders() -> None:

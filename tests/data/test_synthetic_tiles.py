@@ -22,7 +22,7 @@ EYE = np.array([0.0, -1.8, 1.7])
 def scene(request: pytest.FixtureRequest) -> tuple[Drive, Solids, np.ndarray]:
     drive = lay_out(9, request.param)
     pose = poses(drive.things, float(drive.street.curvature), 0.0)
-    solids, corners = place(drive.parts, *pose, np.ones(len(drive.things), np.int64))
+    solids, corners = place(drive.parts, *pose, instance=np.ones(len(drive.things), np.int64))
     return drive, solids, corners
 
 
@@ -47,8 +47,9 @@ def test_camera_tiles_lack_nothing(scene: tuple) -> None:
     direction = np.stack([np.ones_like(x), -x, -y])
     to_cam = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
     corners = (scene[2] - EYE) @ to_cam.T
-    borders = (np.arange(0, w + TILE[1], TILE[1]) - 0.5, np.arange(0, h + TILE[0], TILE[0]) - 0.5)
-    mask = pinhole_mask(corners, k, *borders)
+    u = np.arange(0, w + TILE[1], TILE[1]) - 0.5
+    v = np.arange(0, h + TILE[0], TILE[0]) - 0.5
+    mask = pinhole_mask(corners, k, u_px=u, v_px=v)
     everything_agrees(scene, EYE[:, None, None], direction, mask)
 
 
@@ -62,7 +63,7 @@ def test_lidar_tiles_lack_nothing(scene: tuple) -> None:
 def test_sunbeam_tiles_lack_nothing(scene: tuple) -> None:
     sun = np.array([0.4, -0.5, 0.6])
     x, y = np.linspace(-10, 60, 65), np.linspace(-30, 30, 49)
-    mask = slanted_mask(scene[2], sun, x[:: TILE[1]], y_m=y[:: TILE[0]])
+    mask = slanted_mask(scene[2], sun, x_m=x[:: TILE[1]], y_m=y[:: TILE[0]])
     ground = np.stack(np.broadcast_arrays(*np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), 0.0))
     origin = ground + (100 * sun)[:, None, None]
     everything_agrees(scene, origin, np.broadcast_to(-sun[:, None, None], origin.shape), mask)

@@ -6,7 +6,7 @@ import pytest
 from jaxsim.data.synthetic import SyntheticWorld, TrueSensor, Truth, beam_gain, kitti_camera
 from jaxsim.data.synthetic.layout import lay_out
 from jaxsim.data.synthetic.solids import CAPACITY
-from jaxsim.data.synthetic.statistics import STATISTICS
+from jaxsim.data.synthetic.traffic import STATISTICS
 from jaxsim.frame import Frame
 from jaxsim.geometry import points_to_polar, preset, project, recover_rows
 
@@ -126,7 +126,7 @@ def test_boxes_hold_the_points_of_their_objects(
         boxes = frame.boxes
         measured = world.measure(int(frame.name[-6:]), truth)
         _, winner = points_to_polar(frame.cloud, world.grid)
-        instance = truth.instance[measured.valid]
+        instance = truth.scan.instance[measured.valid]
         xyz = frame.cloud.xyz_m[np.asarray(winner)[measured.valid]]
         moved = frame.camera.camera.cam_from_velo
         cam = xyz @ moved[:3, :3].T + moved[:3, 3]
@@ -164,8 +164,8 @@ def test_what_comes_back_depends_on_material_and_range(world: SyntheticWorld, tr
     met = np.stack([t.image.valid for t in truths])
     range_m = np.stack([t.image.range_m for t in truths])
     glass = np.stack([t.scan.glass for t in truths]) & met
-    road = np.stack([t.semantic == 7 for t in truths]) & met
-    retro = np.stack([t.scan.retro & (t.incidence_rad < 0.8) for t in truths]) & came
+    road = np.stack([t.scan.semantic == 7 for t in truths]) & met
+    retro = np.stack([t.scan.retro & (t.scan.incidence_rad < 0.8) for t in truths]) & came
     assert 0.80 < came.sum() / met.sum() < 0.97
     assert 0.05 < came[glass].mean() < 0.45
     assert came[road & (range_m < 15)].mean() > 0.97
@@ -189,7 +189,7 @@ def test_the_noise_floor_lies_far_below_the_per_class_mean(world: SyntheticWorld
     truth_error, class_error = [], []
     for i, truth in zip((0, 4, BUSY, 9, 13), truths, strict=True):
         image = world.measure(i, truth)
-        intensity, semantic = image.intensity[image.valid], truth.semantic[image.valid]
+        intensity, semantic = image.intensity[image.valid], truth.scan.semantic[image.valid]
         mean = np.array([intensity[semantic == k].mean() if (semantic == k).any() else 0.0 for k in range(34)])
         class_error.append(np.abs(intensity - mean[semantic]).mean())
         truth_error.append(np.abs(intensity - truth.image.intensity[image.valid]).mean())
@@ -202,7 +202,7 @@ def test_beam_gains_belong_to_the_sensor(truths: list[Truth]) -> None:
     np.testing.assert_array_equal(gain, beam_gain(sensor, 64))
     assert 0.25 < gain.std() / gain.mean() < 0.37
     # The same surface in neighbouring lines differs by the ratio of the gains.
-    road = (truths[2].semantic == 7) & truths[2].image.valid & (truths[2].scan.range_m < 20)
+    road = (truths[2].scan.semantic == 7) & truths[2].image.valid & (truths[2].scan.range_m < 20)
     rows = [r for r in range(30, 64) if road[r].sum() > 50]
     seen = np.array([truths[2].image.intensity[r][road[r]].mean() for r in rows])
     assert np.corrcoef(seen, gain[rows])[0, 1] > 0.9
@@ -222,7 +222,7 @@ def test_colour_tells_part_of_the_reflectance(world: SyntheticWorld, frames: lis
         u, v = np.round(uv[seen]).astype(int).T
         grey = frame.camera.rgb[v, u].mean(axis=-1)
         for kind, found in pairs.items():
-            own = (frame.camera.semantic[v, u] == kind) & (truth.semantic[measured][seen] == kind)
+            own = (frame.camera.semantic[v, u] == kind) & (truth.scan.semantic[measured][seen] == kind)
             found.append(np.stack([grey[own], nir[seen][own]]))
     for kind, found in pairs.items():
         together = np.corrcoef(np.concatenate(found, axis=1))[0, 1]

@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.data.kitti_files import object_rect_from_velo, read_labels
 from jaxsim.frame import Boxes
-from jaxsim.geometry import (
+from jaxsim.geometry.boxes import (
     box_corners,
     camera_boxes,
     iou_2d,
@@ -17,7 +17,6 @@ from jaxsim.geometry import (
     nms_bev,
     pair_overlap,
     points_in_boxes,
-    points_per_box,
     wrapped,
 )
 from tests.geometry.kitti_scans import OBJECT, points
@@ -156,8 +155,6 @@ def test_points_inside_are_those_between_the_faces():
         off = np.abs(local) - box[3:6] / 2
         clear = np.abs(off).min(axis=1) > 1e-5
         assert (inside[:, j] == (off <= 0).all(axis=1))[clear].all()
-    valid = rng.random(400) < 0.5
-    assert (np.asarray(points_per_box(xyz, valid, boxes)) == inside[valid].sum(axis=0)).all()
     nothing = np.array([[0, 0, 0, 0, 1, 1, 0]], np.float32)
     assert not points_in_boxes(np.zeros((1, 3), np.float32), nothing).any()
 

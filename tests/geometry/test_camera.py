@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.frame import Camera, Cloud
+from jaxsim.frame import Camera
 from jaxsim.geometry import (
     camera_from_projection,
     camera_rows,
@@ -111,13 +111,11 @@ def test_the_cropped_camera_sees_44_lines_in_372_columns(samples, scan):
     one = cropped_camera(samples, scan)
     data = points(samples, scan)
     row = recover_rows(data[:, :3])
-    cloud = Cloud(data[:, :3], data[:, 3], np.ones(len(data), bool), row)
     for spec in (SPEC, fit_beams(data[:, :3], row)):
-        window = camera_window(one, CROP, spec, 372)
+        window = camera_window(one, CROP, spec, columns=372)
         assert window.elevation_rad.shape == (44,)
         assert window.azimuth_rad.shape == (372,)
         assert camera_rows(one, CROP, spec) == (0, 44)
-        assert camera_rows(one, CROP, spec, rows_from=cloud) == (0, 44)
     span = np.rad2deg(window.azimuth_rad[0] - window.azimuth_rad[-1]) * 372 / 371
     assert span == pytest.approx(81.38 if scan == OBJECT[0] else 80.23, abs=0.01)
     # Coarser than the sensor's own step of 0.179 degrees.
@@ -126,7 +124,7 @@ def test_the_cropped_camera_sees_44_lines_in_372_columns(samples, scan):
 
 def test_the_window_is_what_the_image_spans(samples):
     one, size = camera(samples, RAW[0])
-    window = camera_window(one, size, SPEC, 100)
+    window = camera_window(one, size, SPEC, columns=100)
     step = window.azimuth_rad[0] - window.azimuth_rad[1]
     for edge, u in ((window.azimuth_rad[0] + step / 2, -0.5), (window.azimuth_rad[-1] - step / 2, size[1] - 0.5)):
         far = 1e4 * np.array([[np.cos(edge), np.sin(edge), 0.0]], np.float32)
@@ -146,7 +144,7 @@ def test_lines_above_a_low_image_are_left_out():
 
 def test_a_camera_to_the_rear_has_a_window_across_the_cut():
     turned = CAM_FROM_VELO @ np.diag([-1, -1, 1, 1]).astype(np.float32)
-    window = camera_window(dataclasses.replace(CAMERA, cam_from_velo=turned), (375, 1200), SPEC, 50)
+    window = camera_window(dataclasses.replace(CAMERA, cam_from_velo=turned), (375, 1200), SPEC, columns=50)
     assert window.azimuth_rad[0] > np.pi > window.azimuth_rad[-1] > 2
 
 
@@ -161,9 +159,3 @@ def test_a_batch_of_cameras_has_no_one_window():
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * 2), CAMERA)
     with pytest.raises(ValueError, match="takes one camera"):
         camera_rows(batch, (375, 1200), SPEC)
-
-
-def test_a_cloud_without_rows_tells_no_lines():
-    cloud = Cloud(np.ones((1, 3), np.float32), np.ones(1, np.float32), np.ones(1, bool))
-    with pytest.raises(ValueError, match="rows_from has no rows"):
-        camera_rows(CAMERA, (375, 1200), SPEC, rows_from=cloud)

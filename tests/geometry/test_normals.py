@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from jaxsim.geometry import directions, full_grid, incidence, normals, preset, window_grid
 
 SPEC = preset("hdl64e")
-GRID = window_grid(SPEC, 0.5, -0.4, 24, (26, 44))
+GRID = window_grid(SPEC, 0.5, -0.4, columns=24, rows=(26, 44))
 RAYS = np.asarray(directions(GRID), np.float64)
 ORIGIN = np.stack([0 * GRID.origin_m, 0 * GRID.origin_m, GRID.origin_m], -1)[:, None].astype(np.float64)
 
@@ -90,7 +90,7 @@ def test_the_angle_has_a_finite_gradient_head_on():
 
 
 def test_head_on_is_nought():
-    grid = window_grid(preset("vlp16"), 1e-3, -1e-3, 3)
+    grid = window_grid(preset("vlp16"), 1e-3, -1e-3, columns=3)
     rays = np.asarray(directions(grid), np.float64)
     range_m = (10 / rays[..., 0]).astype(np.float32)
     angle, _ = incidence(range_m, np.ones(range_m.shape, bool), grid)

@@ -9,28 +9,30 @@ from jaxsim.geometry import (
     azimuth_of,
     camera_window,
     column_of,
-    crop,
     directions,
     full_grid,
+    pad_cloud,
+    pad_points,
     points_to_polar,
     polar_to_points,
     preset,
     recover_rows,
     resample,
-    resample_grid,
+    room_for,
     rows_by_elevation,
     rows_of,
+    scan_on_window,
     scatter_nearest,
     window_grid,
 )
 from tests.geometry.kitti_scans import CROP, OBJECT, RAW, cropped_camera, points
 
 SPEC = preset("hdl64e")
-WINDOW = window_grid(SPEC, 0.6, -0.5, 32, (10, 18))
+WINDOW = window_grid(SPEC, 0.6, -0.5, columns=32, rows=(10, 18))
 GRIDS = {
     "turn": full_grid(preset("vlp16"), 48),
     "window": WINDOW,
-    "rear": window_grid(SPEC, np.pi + 0.4, np.pi - 0.4, 16, (0, 8)),
+    "rear": window_grid(SPEC, np.pi + 0.4, np.pi - 0.4, columns=16, rows=(0, 8)),
 }
 
 
@@ -109,7 +111,7 @@ def test_of_equally_near_points_the_first_wins():
     rng = np.random.default_rng(0)
     range_m = rng.integers(1, 4, 5000).astype(np.float32)
     row, column = (rng.integers(0, size, 5000).astype(np.int32) for size in (6, 7))
-    winner, valid = scatter_nearest(range_m, row, column, np.ones(5000, bool), (6, 7))
+    winner, valid = scatter_nearest(range_m, row, column, inside=np.ones(5000, bool), shape=(6, 7))
     assert valid.all()
     for r, c in np.ndindex(6, 7):
         here = np.flatnonzero((row == r) & (column == c))
@@ -120,7 +122,7 @@ def test_points_outside_are_left_out():
     row = np.array([-1, 0, 2, 0, 0, 1], np.int32)
     column = np.array([0, -1, 0, 3, 1, 2], np.int32)
     inside = np.array([True, True, True, True, False, True])
-    winner, valid = scatter_nearest(np.ones(6, np.float32), row, column, inside, (2, 3))
+    winner, valid = scatter_nearest(np.ones(6, np.float32), row, column, inside=inside, shape=(2, 3))
     assert np.argwhere(valid).tolist() == [[1, 2]]
     assert winner[1, 2] == 5
 
@@ -207,7 +209,7 @@ def test_the_camera_window_leaves_no_sampling_gaps(samples, scan):
     """
     data = points(samples, scan)
     row = recover_rows(data[:, :3])
-    window = camera_window(cropped_camera(samples, scan), CROP, SPEC, 372)
+    window = camera_window(cropped_camera(samples, scan), CROP, SPEC, columns=372)
     image, _ = points_to_polar(cloud_of(data[:, :3], row), window)
     azimuth = np.arctan2(data[:, 1], data[:, 0])
     covered = np.zeros(image.valid.shape, bool)
@@ -280,17 +282,9 @@ def test_the_counted_beam_is_the_nearest(seed):
             assert (got == rows_by_elevation(frame, spec)).mean() > 0.98
 
 
-def test_crop_cuts_every_raster_alike():
-    tree = {"range": np.arange(48.0).reshape(6, 8), "rgb": np.arange(144.0).reshape(6, 8, 3)}
-    part = crop(tree, slice(1, 4), slice(2, 8))
-    assert np.array_equal(part["range"], tree["range"][1:4, 2:])
-    assert np.array_equal(part["rgb"], tree["rgb"][1:4, 2:])
-    assert crop(tree["rgb"], slice(0, 2), slice(0, 1), batch_dims=0).shape == (2, 1, 3)
-
-
 def test_rasters_of_different_sizes_are_refused():
     with pytest.raises(ValueError, match="must share their shape"):
-        crop((np.zeros((4, 5)), np.zeros((5, 4))), slice(0, 1), slice(0, 1))
+        resample((np.zeros((4, 5)), np.zeros((5, 4))), (2, 2))
     with pytest.raises(ValueError, match="must share their shape"):
         resample(np.zeros(4), (2, 2))
 
@@ -321,12 +315,30 @@ def test_every_leaf_is_resampled():
     assert jax.jit(lambda tree: resample(tree, (3, 16)))(painted).range_m.shape == (2, 3, 16)
 
 
-def test_a_resampled_grid_keeps_its_window():
-    new = resample_grid(WINDOW, (16, 64))
-    assert np.diff(new.azimuth_rad) == pytest.approx(-1.1 / 64, abs=1e-6)
-    assert new.azimuth_rad[0] + 0.55 / 64 == pytest.approx(0.6, abs=1e-6)
-    assert (np.diff(new.elevation_rad) < 0).all()
-    assert new.elevation_rad.reshape(8, 2).mean(1)[1:-1] == pytest.approx(WINDOW.elevation_rad[1:-1], abs=1e-3)
-    for got, same in zip(jax.tree.leaves(resample_grid(WINDOW, (8, 32))), jax.tree.leaves(WINDOW), strict=True):
-        assert got == pytest.approx(same, abs=1e-6)
-    assert resample_grid(window_grid(SPEC, 0.1, -0.1, 8, (3, 4)), (2, 8)).elevation_rad.shape == (2,)
+def test_a_cloud_is_filled_up_with_invalid_points():
+    cloud = Cloud(np.ones((3, 3), np.float32), np.ones(3, np.float32), np.ones(3, bool))
+    padded = pad_cloud(cloud, 4)
+    assert padded.xyz_m.shape == (4, 3)
+    assert padded.valid.tolist() == [True, True, True, False]
+    assert padded.row is None
+    assert pad_cloud(padded, 4).valid.shape == (4,)
+
+
+def test_points_are_filled_up_to_a_room_that_is_never_empty():
+    assert [room_for(n, 4) for n in (0, 1, 4, 5)] == [4, 4, 4, 8]
+    padded, real = pad_points(np.ones((3, 2), np.float32), room_for(3, 4))
+    np.testing.assert_array_equal(padded, [[1, 1], [1, 1], [1, 1], [0, 0]])
+    assert real.tolist() == [True, True, True, False]
+
+
+def test_a_scan_on_a_window_is_that_part_of_the_whole_scan():
+    rng = np.random.default_rng(3)
+    xyz = (rng.uniform(-1, 1, (4000, 3)) * [40, 20, 3]).astype(np.float32)
+    row = rows_by_elevation(xyz, SPEC)
+    shifted = cloud_of(xyz, row - 10)
+    expected, _ = points_to_polar(shifted, WINDOW)
+    place = (np.arange(10, 18) / (SPEC.rows - 1)).astype(np.float32)
+    got = scan_on_window(cloud_of(xyz, row), WINDOW, place, lines=SPEC.rows)
+    assert expected.valid.any()
+    for ours, theirs in zip(jax.tree.leaves(got), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_array_equal(ours, theirs)

@@ -231,7 +231,7 @@ def test_a_compensated_scan_is_no_place_to_fit_beams(samples):
 
 def test_a_fit_needs_a_prior_of_as_many_lines():
     xyz, row = np.ones((3, 3), np.float32), np.zeros(3, np.int32)
-    with pytest.raises(ValueError, match="no prior with 40 lines"):
+    with pytest.raises(ValueError, match="no preset with 40 lines"):
         fit_beams(xyz, row, 40)
     with pytest.raises(ValueError, match=r"rows are 0\.\.64"):
         fit_beams(xyz, np.array([0, 1, 64], np.int32))

@@ -1,9 +1,12 @@
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jaxsim.geometry import PRESETS, LidarSpec, full_grid, preset, window_grid
+from jaxsim.frame import PolarGrid
+from jaxsim.geometry import PRESETS, LidarSpec, full_grid, grid_difference, preset, same_grid, window_grid
+
+GRID = PolarGrid(np.float32([0.2, 0.1, 0.0]), np.float32([0.05, -0.05]), np.float32([0.0, 0.1]))
 
 
 @pytest.mark.parametrize(("name", "rows"), [("hdl64e", 64), ("hdl32e", 32), ("vlp16", 16), ("os1_128", 128)])
@@ -11,7 +14,7 @@ def test_a_preset_is_a_whole_and_hashable_sensor(name, rows):
     spec = preset(name)
     assert spec.name == name
     assert spec.rows == rows == len(spec.origin_m)
-    assert hash(spec) == hash(dataclasses.replace(spec))
+    assert hash(spec) == hash(replace(spec))
     assert (np.diff(spec.elevation_rad) < 0).all()
 
 
@@ -48,7 +51,7 @@ def test_the_whole_turn_runs_from_left_to_right_with_forward_in_the_middle():
 
 
 def test_a_window_has_its_edges_half_a_cell_beyond_its_border_cells():
-    grid = window_grid(preset("hdl64e"), 0.5, -0.3, 100, (2, 10))
+    grid = window_grid(preset("hdl64e"), 0.5, -0.3, columns=100, rows=(2, 10))
     assert grid.azimuth_rad[0] == pytest.approx(0.5 - 0.004)
     assert grid.azimuth_rad[-1] == pytest.approx(-0.3 + 0.004)
     assert grid.elevation_rad == pytest.approx(preset("hdl64e").elevation_rad[2:10], abs=1e-7)
@@ -56,15 +59,30 @@ def test_a_window_has_its_edges_half_a_cell_beyond_its_border_cells():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("window", "message"),
     [
-        ((-0.5, 0.5, 100), "falls from left to right"),
-        ((4.0, -4.0, 100), "at most a turn"),
-        ((0.5, -0.5, 1), "2 columns or more, got 1"),
+        ((-0.5, 0.5, 100, None), "falls from left to right"),
+        ((4.0, -4.0, 100, None), "at most a turn"),
+        ((0.5, -0.5, 1, None), "2 columns or more, got 1"),
         ((0.5, -0.5, 100, (4, 4)), "rows 4..4"),
         ((0.5, -0.5, 100, (0, 65)), "do not lie in the 64 lines"),
     ],
 )
-def test_an_impossible_window_is_refused(arguments, message):
+def test_an_impossible_window_is_refused(window, message):
+    left, right, columns, rows = window
     with pytest.raises(ValueError, match=message):
-        window_grid(preset("hdl64e"), *arguments)
+        window_grid(preset("hdl64e"), left, right, columns=columns, rows=rows)
+
+
+def test_rounded_angles_are_the_same_grid_and_half_a_step_is_another():
+    rounded = replace(GRID, azimuth_rad=GRID.azimuth_rad + np.float32(5e-6), origin_m=GRID.origin_m + np.float32(5e-5))
+    assert same_grid(GRID, rounded)
+    assert grid_difference(GRID, rounded) == ""
+    assert not same_grid(GRID, replace(GRID, azimuth_rad=GRID.azimuth_rad + np.float32(8e-4)))
+
+
+def test_what_differs_is_told_by_name():
+    fewer = replace(GRID, elevation_rad=GRID.elevation_rad[:1])
+    assert grid_difference(GRID, fewer) == "elevation_rad (2 and 1 values)"
+    higher = replace(GRID, origin_m=GRID.origin_m + np.float32(0.25))
+    assert grid_difference(GRID, higher) == "origin_m (up to 0.25 apart)"

@@ -45,9 +45,9 @@ def plane(normal, offset, size=SIZE):
 
 
 def grid_of(columns=47, size=SIZE, rows=(0, 44)):
-    azimuth = camera_window(camera(size), size, SPEC, columns).azimuth_rad.astype(float)
+    azimuth = camera_window(camera(size), size, SPEC, columns=columns).azimuth_rad.astype(float)
     half = (azimuth[0] - azimuth[1]) / 2
-    return window_grid(SPEC, azimuth[0] + half, azimuth[-1] - half, columns, rows)
+    return window_grid(SPEC, azimuth[0] + half, azimuth[-1] - half, columns=columns, rows=rows)
 
 
 def cells_of(frame, grid):

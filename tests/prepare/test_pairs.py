@@ -30,7 +30,7 @@ def frame():
     semantic = np.where(depth < 12, 7, 11).astype(np.int32)
     view = CameraFrame(rgb, camera, depth.astype(np.float32), np.ones(SIZE, bool), semantic, 0 * semantic)
 
-    grid = window_grid(SPEC, 1.2, -1.2, 900)
+    grid = window_grid(SPEC, 1.2, -1.2, columns=900)
     elevation, azimuth = grid.elevation_rad[:, None], grid.azimuth_rad[None]
     wall = 12 / (np.cos(azimuth) * np.cos(elevation))
     down = (-1.73 - grid.origin_m[:, None]) / np.sin(np.minimum(elevation, -1e-4)) + 0 * azimuth

@@ -11,7 +11,7 @@ from jaxsim.geometry import preset, window_grid
 from jaxsim.simulate.effects import NEEDS, with_effects
 from jaxsim.simulate.folder import claim_effects
 
-GRID = window_grid(preset("vlp16"), 0.5, -0.5, 40)
+GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)
 SHAPE = (16, 40)
 MODEL = SensorModel(
     (("beam_gain", {"gain": tuple(np.linspace(-0.3, 0.3, 16).tolist())}), ("range_scale", {"scale": 0.01}))

@@ -19,7 +19,7 @@ from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
 
 K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), network_size=(32, 64))
-GRID = window_grid(preset("hdl64e"), 0.75, -0.75, 64, (0, 16))
+GRID = window_grid(preset("hdl64e"), 0.75, -0.75, columns=64, rows=(0, 16))
 ROW = np.linspace(0, 0.25, 16, dtype=np.float32)
 
 

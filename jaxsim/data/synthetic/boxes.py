@@ -46,6 +46,7 @@ def label(
         ahead = cam_from_world[:3, :3] @ [np.cos(heading_rad[i]), np.sin(heading_rad[i]), 0.0]
         share = pixels[i + 1] / max(_FILL[thing.kind] * seen_area, 1.0)
         hidden = 0 if share > 0.7 else 1 if share > 0.35 else 2
+        # rotation_y is about y, which points down: 0 along x, -pi/2 straight ahead.
         yaw = float(np.arctan2(-ahead[2], ahead[0]))
         rows.append((bottom, thing.size_m, yaw, box, 1.0 - seen_area / max(area, 1e-6), hidden, thing.kind))
     columns = list(zip(*rows, strict=True)) or [()] * 7

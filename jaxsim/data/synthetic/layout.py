@@ -1,4 +1,4 @@
-"""Lays out one street: what stands where, who moves how fast, and the weather.
+"""Lays out one street: its shape, its weather, and what stands where; `traffic` has who parks, drives and walks.
 
 A street's middle is y = c x^2 / 2 in `world`; traffic keeps right. A place along it is (x, aside): aside is measured
 to the left of the middle. A drive takes a second: the ego car starts at x = 0.
@@ -6,21 +6,15 @@ to the left of the middle. A drive takes a second: the ego car starts at x = 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxsim.data.synthetic import surroundings
 from jaxsim.data.synthetic.light import Light
-from jaxsim.data.synthetic.people import cyclist, pedestrian
-from jaxsim.data.synthetic.scene import Parts, Thing, gather
-from jaxsim.data.synthetic.solids import Model
-from jaxsim.data.synthetic.statistics import STATISTICS, Statistics
+from jaxsim.data.synthetic.scene import FROM_M, TO_M, Parts, Plan, Thing, gather
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street
-from jaxsim.data.synthetic.vehicles import CAR_SHAPES, car, truck
-
-FROM_M, TO_M = -70.0, 150.0
-"""Stretch of the street that is built up."""
+from jaxsim.data.synthetic.traffic import STATISTICS, Statistics, drive_along, park_along, park_in_side_streets, walk
 
 
 @dataclass(frozen=True)
@@ -35,48 +29,27 @@ class Drive:
     ego_speed_mps: float
 
 
-@dataclass
-class _Plan:
-    """The street while it is being laid out."""
-
-    rng: np.random.Generator
-    street: Street
-    statistics: Statistics
-    things: list[Thing] = field(default_factory=list)
-
-    def place(self, spot: tuple[float, float], model: Model, *, turn: float = 0.0, **rest) -> None:
-        """Puts a model at (x, aside); `turn` is its heading against the street's."""
-        x, off = spot
-        z = 0.0 if abs(off) < float(self.street.half_width_m) else float(self.street.kerb_m)
-        self.things.append(Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest}))
-
-    def clear_of_sides(self, x: float, towards: int, margin: float) -> bool:
-        """No side street on that side within `margin` of x."""
-        side = self.street
-        near = np.abs(x - side.side_x_m) < np.maximum(side.side_half_m, 0.0) + margin
-        return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * towards > 0)))
-
-
 def lay_out(seed: int, drive: int, streets: str = "town") -> Drive:
     """The street of a drive: a function of its arguments alone. `streets` is one of STATISTICS."""
     statistics, rng = STATISTICS[streets], np.random.default_rng([seed, drive])
-    plan = _Plan(rng, _street(rng, statistics), statistics)
+    plan = Plan(rng, _street(rng, statistics))
     light = _light(rng)
     speed = float(rng.uniform(3.0, 12.0))
     width = float(plan.street.half_width_m)
     parking = float(plan.street.parking) > 0.5
     lane = width - (2.25 if parking else 0.0)
+    # Traffic keeps right, where aside is negative.
     ego = -0.5 * lane
     urban = rng.random() < statistics.urban
     _houses(plan, urban=bool(urban))
     _posts(plan)
     _greenery(plan, density=float(rng.uniform(0.2, 1.0)))
     if parking:
-        _parked(plan, share=float(rng.uniform(*statistics.parked)))
+        park_along(plan, statistics)
     else:
-        _parked_in_side_streets(plan)
-    _traffic(plan, lane, speed)
-    _people(plan, urban=bool(urban))
+        park_in_side_streets(plan, statistics)
+    drive_along(plan, statistics, lane_m=lane, ego_mps=speed)
+    walk(plan, urban=bool(urban))
     things = tuple(plan.things)
     return Drive(plan.street, light, things, gather(things), ego, speed)
 
@@ -126,7 +99,7 @@ def _light(rng: np.random.Generator) -> Light:
     return Light(**{name: np.asarray(value, np.float32) for name, value in values.items()})
 
 
-def _houses(plan: _Plan, *, urban: bool) -> None:
+def _houses(plan: Plan, *, urban: bool) -> None:
     rng, street = plan.rng, plan.street
     setback = float(rng.uniform(0.0, 1.5) if urban else rng.uniform(3.0, 8.0))
     shops = urban and rng.random() < 0.5
@@ -163,7 +136,7 @@ def _houses(plan: _Plan, *, urban: bool) -> None:
             plan.place((far, off), surroundings.tree(rng))
 
 
-def _borders(plan: _Plan, side: int, off: float) -> None:
+def _borders(plan: Plan, side: int, off: float) -> None:
     """Hedges, fences and gaps between the gardens and the pavement."""
     rng, x = plan.rng, FROM_M + 10
     while x < TO_M - 40:
@@ -176,7 +149,7 @@ def _borders(plan: _Plan, side: int, off: float) -> None:
         plan.place((middle, side * off), model)
 
 
-def _posts(plan: _Plan) -> None:
+def _posts(plan: Plan) -> None:
     rng, half = plan.rng, float(plan.street.half_width_m)
     spacing, phase = float(rng.uniform(22, 34)), float(rng.uniform(0, 20))
     lamp = surroundings.lamp_post(rng)
@@ -198,7 +171,7 @@ def _posts(plan: _Plan) -> None:
                 plan.place((float(x), side * (half + 0.35)), surroundings.bollard())
 
 
-def _greenery(plan: _Plan, *, density: float) -> None:
+def _greenery(plan: Plan, *, density: float) -> None:
     rng, street = plan.rng, plan.street
     half, pavement = float(street.half_width_m), float(street.pavement_m)
     for side in (-1, 1):
@@ -213,101 +186,3 @@ def _greenery(plan: _Plan, *, density: float) -> None:
             if plan.clear_of_sides(x, side, 2.0) and float(street.green) > 0.5:
                 off = side * (half + pavement + float(rng.uniform(1.0, 3.0)))
                 plan.place((x, off), surroundings.bush(rng))
-
-
-def _vehicle(plan: _Plan, *, trucks: float):
-    """A model, its size and KITTI's name of it."""
-    rng = plan.rng
-    if rng.random() < trucks:
-        return (*truck(rng), "Truck")
-    names = list(CAR_SHAPES)
-    shape = CAR_SHAPES[names[rng.choice(len(names), p=plan.statistics.bodies)]]
-    return (*car(rng, shape), shape.kind)
-
-
-def _parked(plan: _Plan, *, share: float) -> None:
-    rng, half = plan.rng, float(plan.street.half_width_m)
-    for side in (-1, 1):
-        x = FROM_M + 15 + float(rng.uniform(0, 4))
-        while x < 95:
-            model, size, kind = _vehicle(plan, trucks=0.04)
-            middle = x + size[0] / 2
-            x += size[0] + float(rng.uniform(0.7, 1.8))
-            free = plan.clear_of_sides(middle, side, 4.5 + size[0] / 2)
-            free = free and abs(middle - float(plan.street.crossing_x_m)) > 4.5 + size[0] / 2
-            if free and rng.random() < share:
-                off = side * (half - 0.25 - size[1] / 2 - float(rng.uniform(0, 0.15)))
-                turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.015))
-                turn += np.pi * (rng.random() < 0.12)
-                plan.place((middle, off), model, turn=turn, kind=kind, size_m=size)
-
-
-def _parked_in_side_streets(plan: _Plan) -> None:
-    rng, street = plan.rng, plan.street
-    for i in range(SIDE_STREETS):
-        if street.side_half_m[i] > 0:
-            model, size, kind = _vehicle(plan, trucks=0.0)
-            off = float(street.side_towards[i]) * (float(street.half_width_m) + float(rng.uniform(7, 12)))
-            x = float(street.side_x_m[i] + street.side_half_m[i]) - 1.2
-            plan.place((x, off), model, turn=np.pi / 2, kind=kind, size_m=size, z_m=0.0)
-
-
-def _traffic(plan: _Plan, lane: float, ego_speed: float) -> None:
-    rng = plan.rng
-    ahead = float(rng.uniform(9, 26)) + ego_speed
-    while ahead < 100:
-        if rng.random() < plan.statistics.ahead:
-            model, size, kind = _vehicle(plan, trucks=plan.statistics.trucks)
-            speed = max(0.0, ego_speed + float(rng.normal(0, 0.8)))
-            spot = (ahead, -lane / 2 + float(rng.normal(0, 0.12)))
-            plan.place(spot, model, kind=kind, size_m=size, speed_mps=speed)
-        ahead += float(rng.uniform(14, 35))
-    behind = -float(rng.uniform(14, 40))
-    if rng.random() < 0.5:
-        model, size, kind = _vehicle(plan, trucks=0.1)
-        plan.place((behind, -lane / 2), model, kind=kind, size_m=size, speed_mps=ego_speed)
-    x, speed = -50.0 + float(rng.uniform(0, 25)), float(rng.uniform(5, 13))
-    while x < 120:
-        if rng.random() < plan.statistics.oncoming:
-            model, size, kind = _vehicle(plan, trucks=plan.statistics.trucks)
-            spot = (x, lane / 2 + float(rng.normal(0, 0.12)))
-            plan.place(spot, model, turn=np.pi, kind=kind, size_m=size, speed_mps=-speed)
-        x += float(rng.uniform(13, 32))
-    for side in (-1, 1):
-        if rng.random() < 0.45:
-            # Beside the ego car's lane, far enough ahead of it; or on the left, anywhere.
-            x = float(rng.uniform(14, 45) if side < 0 else rng.uniform(-20, 60))
-            model, size = cyclist(rng)
-            off = side * (lane - 0.45)
-            speed = side * -float(rng.uniform(3.5, 6.0))
-            # Whatever shares the strip must stay clear for the whole second.
-            spaces = [abs(t.x_m - x) for t in plan.things if t.kind and abs(t.aside_m - off) < 2.0]
-            if min(spaces, default=99.0) > 12.0:
-                turn = 0.0 if side < 0 else np.pi
-                plan.place((x, off), model, turn=turn, kind="Cyclist", size_m=size, speed_mps=speed)
-
-
-def _people(plan: _Plan, *, urban: bool) -> None:
-    rng, street = plan.rng, plan.street
-    half, pavement = float(street.half_width_m), float(street.pavement_m)
-    for _ in range(int(rng.integers(2, 15 if urban else 7))):
-        side, x = int(rng.choice([-1, 1])), float(rng.uniform(-25, 70))
-        along = 1 if rng.random() < 0.5 else -1
-        off = side * (half + float(rng.uniform(1.3, max(1.5, pavement - 0.3))))
-        if plan.clear_of_sides(x, side, 1.5):
-            _walker(plan, (x, off), along)
-    crossing = float(street.crossing_x_m)
-    if crossing > 14:
-        for _ in range(int(rng.integers(0, 3))):
-            off = float(rng.uniform(-0.9, 0.9)) * half
-            model, size = pedestrian(rng)
-            turn = float(rng.choice([-1, 1])) * np.pi / 2
-            spot = (crossing + float(rng.uniform(-1.2, 1.2)), off)
-            plan.place(spot, model, turn=turn, kind="Pedestrian", size_m=size)
-
-
-def _walker(plan: _Plan, spot: tuple[float, float], along: int) -> None:
-    model, size = pedestrian(plan.rng)
-    speed = along * float(plan.rng.uniform(0.8, 1.6))
-    turn = 0.0 if along > 0 else np.pi
-    plan.place(spot, model, turn=turn, kind="Pedestrian", size_m=size, speed_mps=speed)

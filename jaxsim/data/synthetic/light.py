@@ -13,8 +13,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.noise import smooth_noise
-from jaxsim.data.synthetic.vectors import dot, vector
+from jaxsim.data.synthetic.fields import dot, smooth_noise, vector
 from jaxsim.frame import Array
 
 BEHIND_M = 12.0
@@ -62,15 +61,19 @@ def map_place(
     x: Float[Array, "*r"], y: Float[Array, "*r"], shape: tuple[int, ...]
 ) -> tuple[Float[Array, "*r"], Float[Array, "*r"]]:
     """Row and column of a place in a map of that shape, whole numbers at cell centres; x, y from its origin."""
+    # The inverse of `map_borders`.
     u = jnp.log1p(jnp.maximum(x + BEHIND_M, 0.0) / GROWTH_X_M) / _TURNS_X
     v = 0.5 + 0.5 * jnp.arcsinh(y / GROWTH_Y_M) / _TURNS_Y
     return v * shape[0] - 0.5, u * shape[1] - 0.5
 
 
 @jax.jit
-def lit(shadows: Shadows, light: Light, at: Float[Array, "3 *r"], normal: Float[Array, "3 *r"]) -> Float[Array, "*r"]:
+def lit(
+    shadows: Shadows, light: Light, at: Float[Array, "3 *r"], *, normal: Float[Array, "3 *r"]
+) -> Float[Array, "*r"]:
     """Share of the sun that reaches each point, from its four cells of the map."""
     x, y = at[0] - shadows.origin_m[0], at[1] - shadows.origin_m[1]
+    # A point is lifted off its surface by about a cell of the map, or the surface would shade itself.
     cell_m = 0.08 + 0.006 * jnp.maximum(x, 0.0) + 0.008 * jnp.abs(y)
     lift = 0.04 + 1.1 * cell_m
     px = x + lift * normal[0]
@@ -154,6 +157,7 @@ def shade(
     facing = dot(view, normal)
     sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
     above, below = 0.8 * (0.5 + 0.5 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
+    # Schlick's form of Fresnel's law, stronger off the normal than in nature.
     fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
     fresnel = jnp.clip(fresnel, 0.0, 0.8)
     # Low mirrored directions meet the houses opposite, not the horizon.

@@ -18,15 +18,13 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.ground import street_surface
-from jaxsim.data.synthetic.noise import cell, cell_hash, smooth_noise, smooth_noise3
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
 from jaxsim.data.synthetic.raycast import GROUND, Hit
 from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
-from jaxsim.data.synthetic.street import Street
-from jaxsim.data.synthetic.vectors import vector
+from jaxsim.data.synthetic.street import Street, street_surface
 from jaxsim.frame import Array
 
-SKY_ID = 23
 FLOOR_M = 2.9
 TRIM, TRIM_NIR = (0.5, 0.5, 0.47), 0.55
 GLASS, GLASS_NIR = (0.02, 0.025, 0.03), 0.08
@@ -71,7 +69,7 @@ def surface(solids: Solids, street: Street, hit: Hit, *, pixel_m: Float[Array, "
     """
     looks = _looks_at(solids, hit)
     marks = _marks(looks, hit, pixel_m)
-    ground = street_surface(street, hit.at, hit.kerb, pixel_m)
+    ground = street_surface(street, hit.at, hit.kerb, pixel_m=pixel_m)
     return _compose(looks, marks, hit, ground=ground)
 
 
@@ -86,6 +84,7 @@ def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "
     cos, sin = look["heading"]
     x, y, z = hit.at - look["centre"]
     nx, ny, nz = hit.normal
+    # Turned back by the heading, into the object's own frame.
     p = (cos * x + sin * y, cos * y - sin * x, z)
     n = (cos * nx + sin * ny, cos * ny - sin * nx, nz)
     pattern, seed = look["pattern"][0].astype(jnp.int32), look["seed"][0].astype(jnp.int32)
@@ -137,7 +136,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         glass=things & marks.glass,
         retro=things & marks.retro,
         absorbing=own & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
-        semantic=jnp.where(in_sky, SKY_ID, semantic),
+        semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
         bend=bend,
     )

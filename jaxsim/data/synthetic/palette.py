@@ -7,9 +7,12 @@ of magnitude, chosen so that colour tells part of the reflectance and class anot
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.synthetic.solids import Look
 
 Rgb = tuple[float, float, float]
 
@@ -19,6 +22,12 @@ class Paint(NamedTuple):
     nir: float
     gloss: float = 0.0
     absorbing: float = 0.0
+
+
+def look_of(class_name: str, paint: Paint, second: Paint | None = None, **more: Any) -> Look:
+    """A solid of a Cityscapes class in one paint or two; `more` are further fields, gloss and absorption among them."""
+    two: dict[str, Any] = {} if second is None else {"rgb2": second.rgb, "nir2": second.nir}
+    return Look(IDS[class_name], paint.rgb, paint.nir, **two, **more)
 
 
 def srgb(code: str) -> Rgb:
@@ -46,18 +55,7 @@ _CAR_PAINTS = (
 _WALLS = ("e6ddc8", "d9c7a3", "cfcac2", "efe9df", "c9a98b", "b5b1ab", "d7b9a0", "a9b0a8", "e0cf9f", "bfb2a2")
 _BRICKS = ("8a4b39", "9c5a44", "74463a", "a5705a", "6d5a4e")
 _ROOFS = ("6a3b2e", "7d4a3a", "4a4745", "5a5654", "8a5a45")
-_CLOTHES = (
-    "22252c",
-    "2e3f63",
-    "7a2328",
-    "d8d4cc",
-    "4e5a48",
-    "8c8579",
-    "c2a23a",
-    "35414f",
-    "5c3a52",
-    "b85f3c",
-)
+_CLOTHES = ("22252c", "2e3f63", "7a2328", "d8d4cc", "4e5a48", "8c8579", "c2a23a", "35414f", "5c3a52", "b85f3c")
 _SKINS = ("d9a88a", "b9805e", "8a5a3e", "e6bfa2")
 
 

@@ -16,10 +16,9 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.noise import smooth_noise3
+from jaxsim.data.synthetic.fields import smooth_noise3, unit, vector
 from jaxsim.data.synthetic.solids import CAPACITY, FACES, Solids
 from jaxsim.data.synthetic.street import Street, cast_ground, ground_normal
-from jaxsim.data.synthetic.vectors import unit, vector
 from jaxsim.frame import Array
 
 FAR_M = 1e4
@@ -61,9 +60,9 @@ class Hit:
 def cast(
     solids: Solids,
     street: Street,
+    *,
     origin: Float[Array, "3 h0 w0"],
     direction: Float[Array, "3 h w"],
-    *,
     candidates: Candidates,
     tile: tuple[int, int],
 ) -> Hit:
@@ -75,6 +74,7 @@ def cast(
     solid = jnp.where(nearer, GROUND, jnp.where(code < 0, SKY, code // FACES))
     at = origin + distance[None] * direction
 
+    # The code of a hit with a polyhedron is the number of its plane among all of them.
     planes = solids.planes[:, :, :3].reshape(-1, 3)
     flat = planes[jnp.where((code >= 0) & (solid < POLYHEDRA), code, 0)]
     conic = jnp.clip(solid - POLYHEDRA, 0, ROUNDS + CROWNS - 1)
@@ -102,12 +102,12 @@ def cast_solids(
     rays = _tiled(direction, tile)
     listed = jax.tree.map(lambda leaf: leaf.reshape(rays.shape[0], rays.shape[2], *leaf.shape[1:]), candidates)
     if origin.shape[1:] == (1, 1):
-        best = jax.lax.map(lambda row: _cast_row(solids, origin, *row), (rays, listed))
+        best = jax.lax.map(lambda row: _cast_row(solids, origin, row[0], candidates=row[1]), (rays, listed))
     else:
         starts = _tiled(jnp.broadcast_to(origin, direction.shape), tile)
-        best = jax.lax.map(lambda row: _cast_row(solids, *row), (starts, rays, listed))
-    distance, code = (_untiled(leaf, tile, size) for leaf in best)
-    return distance, code
+        best = jax.lax.map(lambda row: _cast_row(solids, row[0], row[1], candidates=row[2]), (starts, rays, listed))
+    distance, code = best
+    return _untiled(distance, tile, size), _untiled(code, tile, size)
 
 
 def _tiled(raster: Float[Array, "3 h w"], tile: tuple[int, int]) -> Float[Array, "down 3 across r"]:
@@ -125,7 +125,7 @@ def _untiled(cut: Array, tile: tuple[int, int], size: tuple[int, ...]) -> Array:
 
 
 def _cast_row(
-    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], candidates: Candidates
+    solids: Solids, origin: Float[Array, "3 t0 r0"], direction: Float[Array, "3 t r"], *, candidates: Candidates
 ) -> tuple[Float[Array, "t r"], Int[Array, "t r"]]:
     shape = direction.shape[1:]
     best = (jnp.full(shape, FAR_M, jnp.float32), jnp.full(shape, -1, jnp.int32))
@@ -137,13 +137,14 @@ def _cast_row(
 
     def rounds(k: Int[Array, ""], best):
         number = candidates.rounds[:, k]
-        shape = (solids.conics[number], solids.roundness[number], solids.bore[number])
-        enter = enter_round(origin, direction, *shape)
+        enter = enter_round(
+            origin, direction, solids.conics[number], roundness=solids.roundness[number], bore=solids.bore[number]
+        )
         return _nearer(best, enter, (number[:, None] + POLYHEDRA) * FACES)
 
     def crowns(k: Int[Array, ""], best):
         number = candidates.crowns[:, k]
-        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], solids.path_m[number])
+        enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
         return _nearer(best, enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES)
 
     most = candidates.counts.max(axis=0)
@@ -167,8 +168,9 @@ def enter_polyhedron(
     enter, leave = jnp.full(shape, -FAR_M, jnp.float32), jnp.full(shape, FAR_M, jnp.float32)
     face = jnp.zeros(shape, jnp.int32)
     for f in range(FACES):
-        nx, ny, nz, w = (planes[:, f, i, None] for i in range(4))
+        nx, ny, nz, w = jnp.unstack(planes[:, f, :, None], axis=1)
         towards = nx * direction[0] + ny * direction[1] + nz * direction[2]
+        # n.(o + s d) = w at s = (w - n.o) / (n.d); inside is from the last entry to the first exit.
         room = w - (nx * origin[0] + ny * origin[1] + nz * origin[2])
         s = room / towards
         later = (towards < 0.0) & (s > enter)
@@ -183,6 +185,7 @@ def _span(
     origin: Float[Array, "3 t0 r0"],
     direction: Float[Array, "3 t r"],
     conic: Float[Array, "t 3 4"],
+    *,
     weight: Float[Array, "..."],
 ) -> tuple[list, list, Float[Array, "t r"], Float[Array, "t r"]]:
     """Rays (origin, direction) in the solid's own units, and where they enter and leave its quadric.
@@ -193,7 +196,7 @@ def _span(
     def own(v: Float[Array, "3 ..."], *, shift: bool) -> list:
         rows = []
         for i in range(3):
-            a, b, c, d = (conic[:, i, j, None] for j in range(4))
+            a, b, c, d = jnp.unstack(conic[:, i, :, None], axis=1)
             rows.append(a * v[0] + b * v[1] + c * v[2] + (d if shift else 0.0))
         return rows
 
@@ -201,7 +204,8 @@ def _span(
     # Seen from the point of closest approach, nothing large cancels: a thin pole 60 m away needs that in float32.
     length2 = jnp.maximum(p[0] * p[0] + p[1] * p[1] + weight * p[2] * p[2], 1e-12)
     middle = -(q[0] * p[0] + q[1] * p[1] + weight * q[2] * p[2]) / length2
-    x, y, z = (q[i] + middle * p[i] for i in range(3))
+    x, y = q[0] + middle * p[0], q[1] + middle * p[1]
+    z = q[2] + middle * p[2]
     inside = 1.0 - (x * x + y * y + weight * z * z)
     reach = jnp.sqrt(jnp.maximum(inside, 0.0) / length2)
     met = inside > 0.0
@@ -213,6 +217,7 @@ def enter_round(
     origin: Float[Array, "3 t0 r0"],
     direction: Float[Array, "3 t r"],
     conic: Float[Array, "t 3 4"],
+    *,
     roundness: Float[Array, " t"],
     bore: Float[Array, " t"],
 ) -> Float[Array, "t r"]:
@@ -220,8 +225,9 @@ def enter_round(
 
     A ring is thin: a ray that enters its cap within the bore passes.
     """
-    q, p, enter, leave = _span(origin, direction, conic, roundness[:, None])
+    q, p, enter, leave = _span(origin, direction, conic, weight=roundness[:, None])
     along = jnp.where(jnp.abs(p[2]) < 1e-12, 1e-12, p[2])
+    # The caps are the planes z = -1 and z = 1 of the solid's own frame.
     one, other = (-1.0 - q[2]) / along, (1.0 - q[2]) / along
     cap = jnp.minimum(one, other)
     leave = jnp.minimum(leave, jnp.maximum(one, other))
@@ -236,16 +242,17 @@ def enter_crown(
     origin: Float[Array, "3 t0 r0"],
     direction: Float[Array, "3 t r"],
     conic: Float[Array, "t 3 4"],
+    *,
     path_m: Float[Array, " t"],
 ) -> Float[Array, "t r"]:
     """Where a leaf stops each ray in its tile's crown; FAR_M where it gets through.
 
     The free path is -path_m ln u (Beer-Lambert), with u noise that belongs to the place where the ray enters.
     """
-    _, _, enter, leave = _span(origin, direction, conic, jnp.float32(1.0))
-    x, y, z = (jnp.clip(origin[i] + enter * direction[i], -FAR_M, FAR_M) / LEAF_M for i in range(3))
-    bough, clump = smooth_noise3(0.35 * x, 0.35 * y, 0.35 * z), smooth_noise3(x, y, z)
-    leaf = smooth_noise3(3.1 * x, 3.1 * y, 3.1 * z)
+    _, _, enter, leave = _span(origin, direction, conic, weight=jnp.float32(1.0))
+    at = [jnp.clip(origin[i] + enter * direction[i], -FAR_M, FAR_M) / LEAF_M for i in range(3)]
+    bough, clump = smooth_noise3(*(0.35 * c for c in at)), smooth_noise3(*at)
+    leaf = smooth_noise3(*(3.1 * c for c in at))
     # Interpolated noise gathers about 1/2: stretch it over (0, 1).
     u = jnp.clip(1.9 * (0.4 * bough + 0.35 * clump + 0.25 * leaf - 0.5) + 0.5, 0.01, 0.98)
     unit = 1.0 / jnp.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
@@ -256,6 +263,7 @@ def enter_crown(
 def _round_normal(solids: Solids, conic: Int[Array, "h w"], at: Float[Array, "3 h w"]) -> Float[Array, "3 h w"]:
     rows = solids.conics.reshape(-1, 12)[conic]
     own = [sum(rows[..., 4 * i + j] * at[j] for j in range(3)) + rows[..., 4 * i + 3] for i in range(3)]
+    # The quadric's gradient in its own frame is the place itself, without z on a cylinder; A^T takes it to `world`.
     ball = jnp.concatenate([solids.roundness, jnp.ones_like(solids.path_m)])[conic]
     cap = (ball < 0.5) & (jnp.abs(own[2]) > 0.999)
     weight = [jnp.where(cap, 0.0, own[0]), jnp.where(cap, 0.0, own[1]), jnp.where(cap, own[2], ball * own[2])]

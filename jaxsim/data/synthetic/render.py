@@ -12,12 +12,12 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxsim.data.synthetic.fields import dot, turned, unit, vector
 from jaxsim.data.synthetic.light import Light, Shadows, develop, lit, map_borders, mirror, open_sky, shade, sky
 from jaxsim.data.synthetic.materials import surface
 from jaxsim.data.synthetic.raycast import GROUND, Candidates, Hit, cast, cast_solids
 from jaxsim.data.synthetic.solids import Solids
 from jaxsim.data.synthetic.street import Street
-from jaxsim.data.synthetic.vectors import dot, turned, unit, vector
 from jaxsim.frame import Array, PolarGrid
 from jaxsim.geometry import directions
 
@@ -72,17 +72,12 @@ class Scan:
 
 @jax.jit
 def cast_shadows(
-    solids: Solids,
-    sun: Float[Array, "3"],
-    eye_m: Float[Array, "2"],
-    *,
-    sunward: Candidates,
-    upward: Candidates,
+    solids: Solids, sun: Float[Array, "3"], eye_m: Float[Array, "2"], *, sunward: Candidates, upward: Candidates
 ) -> Shadows:
     """Shadow map and sky cover of the ground around and ahead of `eye_m`."""
-    heights = _heights(solids, sun, eye_m, SHADOW_CELLS, SHADOW_TILE, sunward)
+    heights = _heights(solids, sun, eye_m, cells=SHADOW_CELLS, tile=SHADOW_TILE, candidates=sunward)
     up = jnp.array([0.0, 0.0, 1.0], jnp.float32)
-    above = _heights(solids, up, eye_m, COVER_CELLS, COVER_TILE, upward)
+    above = _heights(solids, up, eye_m, cells=COVER_CELLS, tile=COVER_TILE, candidates=upward)
     # Only what stands low darkens its surroundings: cars and people, not roofs and crowns.
     covered = jnp.where((above > 0.15) & (above < 3.2), 1.0, 0.0)
     for axis in (0, 1):
@@ -95,13 +90,15 @@ def _heights(
     solids: Solids,
     towards: Float[Array, "3"],
     eye_m: Float[Array, "2"],
+    *,
     cells: tuple[int, int],
     tile: tuple[int, int],
     candidates: Candidates,
 ) -> Float[Array, "down across"]:
     """Height at which each parallel ray towards a cell of the ground is stopped; -1 where it reaches it."""
-    x, y = (0.5 * (b[1:] + b[:-1]) for b in map_borders(cells))
-    x, y = jnp.asarray(x, jnp.float32) + eye_m[0], jnp.asarray(y, jnp.float32) + eye_m[1]
+    x, y = map_borders(cells)
+    x = jnp.asarray(0.5 * (x[1:] + x[:-1]), jnp.float32) + eye_m[0]
+    y = jnp.asarray(0.5 * (y[1:] + y[:-1]), jnp.float32) + eye_m[1]
     ground = vector(*jnp.broadcast_arrays(x[None, :], y[:, None], jnp.zeros(cells, jnp.float32)))
     climb = SKY_HEIGHT_M / towards[2]
     start = ground + (climb * towards)[:, None, None]
@@ -126,7 +123,7 @@ def look(
     light = scene.light
     direction, view, length = _pixel_rays(intrinsics, cam_pose, size=size)
     eye = cam_pose[:3, 3, None, None]
-    hit = cast(scene.solids, scene.street, eye, direction, candidates=candidates, tile=CAMERA_TILE)
+    hit = cast(scene.solids, scene.street, origin=eye, direction=direction, candidates=candidates, tile=CAMERA_TILE)
     distance_m, pixel_m = _footprints(hit, view, length, focal_px=intrinsics[0, 0])
     seen = surface(scene.solids, scene.street, hit, pixel_m=pixel_m)
     normal, away = _shine(hit, view, seen.bend)
@@ -137,7 +134,7 @@ def look(
         view=view,
         normal=normal,
         mirrored=sky(light, away),
-        sunlit=lit(shadows, light, hit.at, normal),
+        sunlit=lit(shadows, light, hit.at, normal=normal),
         sky_open=open_sky(shadows, hit.at, hit.normal),
         distance_m=distance_m,
     )
@@ -196,7 +193,7 @@ def _shift(image: Float[Array, "3 h w"], by: int, axis: int) -> Float[Array, "3 
 def scan(scene: Scene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candidates: Candidates) -> Scan:
     """Casts every ray of a polar grid, each from its own beam's origin."""
     origin, direction = _beams(grid, velo_pose)
-    hit = cast(scene.solids, scene.street, origin, direction, candidates=candidates, tile=LIDAR_TILE)
+    hit = cast(scene.solids, scene.street, origin=origin, direction=direction, candidates=candidates, tile=LIDAR_TILE)
     seen = surface(scene.solids, scene.street, hit, pixel_m=BEAM_RAD * hit.distance)
     return Scan(
         range_m=hit.distance,

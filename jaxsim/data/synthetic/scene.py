@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.synthetic.solids import CAPACITY, FACES, LOOK, Look, Model, Solids
+from jaxsim.data.synthetic.street import Street
+
+FROM_M, TO_M = -70.0, 150.0
+"""Stretch of the street that is built up."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,27 @@ class Thing:
     """KITTI's name of a labelled object; empty for what has no box."""
     size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Length, width, height of the box."""
+
+
+@dataclass
+class Plan:
+    """A street while it is being laid out."""
+
+    rng: np.random.Generator
+    street: Street
+    things: list[Thing] = field(default_factory=list)
+
+    def place(self, spot: tuple[float, float], model: Model, *, turn: float = 0.0, **rest) -> None:
+        """Puts a model at (x, aside); `turn` is its heading against the street's."""
+        x, off = spot
+        z = 0.0 if abs(off) < float(self.street.half_width_m) else float(self.street.kerb_m)
+        self.things.append(Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest}))
+
+    def clear_of_sides(self, x: float, towards: int, margin: float) -> bool:
+        """No side street on that side within `margin` of x."""
+        side = self.street
+        near = np.abs(x - side.side_x_m) < np.maximum(side.side_half_m, 0.0) + margin
+        return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * towards > 0)))
 
 
 @dataclass(frozen=True)
@@ -103,6 +128,7 @@ def place(
     parts: Parts,
     position_m: Float[np.ndarray, "things 3"],
     heading_rad: Float[np.ndarray, " things"],
+    *,
     instance: Int[np.ndarray, " things"],
 ) -> tuple[Solids, Float[np.ndarray, "solids 8 3"]]:
     """Solids in `world`, padded to capacity, and the corners of the boxes that bound them, not padded."""
@@ -112,6 +138,7 @@ def place(
     turn = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
     n_planes, n_rounds, _ = parts.counts
 
+    # With p = R q + t, n.q <= w becomes (R n).p <= w + (R n).t, and A q + b becomes A R^T p + (b - A R^T t).
     normal = parts.planes[..., :3] @ turn[:n_planes].swapaxes(1, 2)
     offset = parts.planes[..., 3] + np.einsum("pfi,pi->pf", normal, at[:n_planes])
     matrix = parts.conics[..., :3] @ turn[n_planes:].swapaxes(1, 2)

@@ -126,21 +126,21 @@ class Model:
         self.bounds[0].append((low, high))
 
     def ball(self, centre: Vector, radii: Vector, look: Look) -> None:
-        self._round(_conic(np.diag(radii), centre), 1.0, 0.0, look)
+        self._round(_conic(np.diag(radii), centre), look, roundness=1.0)
 
-    def limb(self, start: Vector, end: Vector, radius: float, look: Look) -> None:
+    def limb(self, start: Vector, end: Vector, look: Look, *, radius: float) -> None:
         """A long ball from one point to the other."""
-        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), 1.0, 0.0, look)
+        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=1.0)
 
-    def cylinder(self, start: Vector, end: Vector, radius: float, look: Look, *, bore: float = 0.0) -> None:
-        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), 0.0, bore, look)
+    def cylinder(self, start: Vector, end: Vector, look: Look, *, radius: float, bore: float = 0.0) -> None:
+        self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=0.0, bore=bore)
 
     def crown(self, centre: Vector, radii: Vector, look: Look, *, path_m: float) -> None:
         conic = _conic(np.diag(radii), centre)
         self.crowns.append((conic, path_m, look))
         self.bounds[2].append(_extent(conic, 1.0))
 
-    def _round(self, conic: Float[np.ndarray, "3 4"], roundness: float, bore: float, look: Look) -> None:
+    def _round(self, conic: Float[np.ndarray, "3 4"], look: Look, *, roundness: float, bore: float = 0.0) -> None:
         self.rounds.append((conic, roundness, bore, look))
         self.bounds[1].append(_extent(conic, roundness))
 
@@ -155,6 +155,7 @@ def _axes(start: Vector, end: Vector, radius: float) -> Float[np.ndarray, "3 3"]
 
 
 def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, "3 4"]:
+    # Takes the half axes to unit vectors, and the centre to 0.
     inverse = np.linalg.inv(axes)
     return np.concatenate([inverse, -(inverse @ np.asarray(centre, np.float64))[:, None]], axis=1)
 

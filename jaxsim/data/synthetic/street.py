@@ -1,7 +1,8 @@
 """The ground: a road between kerbs, side streets, pavements, and terrain behind them.
 
 Letters: x along the street at the ego car, y to its left. The middle of the road is y = c x^2 / 2; `aside` is the
-distance from it, positive to the left. The ground has two levels: the road at 0, all else at the kerb's height.
+distance from it, positive to the left. The ground has two levels: the road at 0, all else at the kerb's height. It is
+made of asphalt with its markings, kerbs, paving and lawn.
 """
 
 from __future__ import annotations
@@ -9,15 +10,19 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 from flax import struct
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.vectors import vector
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, vector
 from jaxsim.frame import Array
 
 SIDE_STREETS = 2
 ROUNDING_M = 3.0
 """How far kerbs are rounded where a side street meets the road."""
 HALVINGS = 6
+ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
+OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
+LINE_M = 0.13
 
 
 @struct.dataclass
@@ -100,10 +105,112 @@ def ground_normal(
 ) -> Float[Array, "3 *r"]:
     """Up, and at a kerb's face towards the road."""
     step = 0.02
-    x, y = (x, y)
     here = past_kerb(street, x, y)
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
     size = jnp.maximum(jnp.sqrt(gx * gx + gy * gy), 1e-6)
     flat = jnp.zeros_like(x)
     return vector(*(jnp.where(face, side, top) for side, top in ((-gx / size, 0.0), (-gy / size, 0.0), (flat, 1.0))))
+
+
+@jax.jit
+def street_surface(
+    street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
+) -> tuple[Float[Array, "3 h w"], Float[Array, "h w"], Int[Array, "h w"]]:
+    """Linear albedo, reflectance at 905 nm and Cityscapes id of the ground."""
+    x, y = at[0], at[1]
+    off, beyond = aside(street, x, y), past_kerb(street, x, y)
+    seed = street.seed.astype(jnp.int32)
+    fine = jnp.clip(1.0 - 5.0 * pixel_m, 0.0, 1.0)
+    middle = jnp.clip(1.0 - 0.6 * pixel_m, 0.0, 1.0)
+    grain = smooth_noise(x * 23.0, y * 23.0, seed) - 0.5
+    blotch = smooth_noise(x * 0.9, y * 1.7, seed + 1) - 0.5
+    field = smooth_noise(x * 0.11, y * 0.5, seed + 2) - 0.5
+
+    road, road_nir = _asphalt(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
+    paint = _markings(street, x, off, beyond=beyond) * (1.0 - street.wear * jnp.clip(2.4 * (blotch + 0.15), 0.0, 0.8))
+    stone, stone_nir = _paving(street, x, off, noise=(grain * fine, blotch * middle, field), seed=seed)
+    tuft = smooth_noise(x * 5.0, y * 5.0, seed + 3) - 0.5
+    lawn = 1.0 + 0.7 * fine * grain + 0.5 * middle * tuft + 0.5 * blotch + 0.5 * field
+    dry = jnp.clip(0.5 + 1.3 * field + 0.4 * blotch, 0.0, 1.0)
+
+    # Clearly above the road's level, so that rounding cannot put road on the pavement's side.
+    is_road = (beyond < 0.0) & ~kerb
+    is_kerb = kerb | (~is_road & (beyond < 0.16))
+    green = (beyond > street.pavement_m) & (street.green > 0.5)
+    colours = []
+    for line, kerbstone, grass, straw in zip(
+        (0.62, 0.62, 0.58), (0.30, 0.29, 0.27), (0.055, 0.10, 0.028), (0.19, 0.17, 0.09), strict=True
+    ):
+        value = road + (line - road) * paint
+        behind = jnp.where(green, lawn * (grass + (straw - grass) * dry), stone * (0.27 if line > 0.6 else 0.25))
+        behind = jnp.where(is_kerb, kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
+        colours.append(jnp.where(is_road, value, behind))
+    nir = road_nir + (0.62 - road_nir) * paint
+    behind = jnp.where(green, (0.52 - 0.12 * dry) * (1.0 + 0.5 * (lawn - 1.0)), stone_nir)
+    behind = jnp.where(is_kerb, 0.40 * (1.0 + 0.3 * fine * grain + 0.2 * blotch), behind)
+    nir = jnp.where(is_road, nir, behind)
+    paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
+    semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
+    return vector(*colours), nir, semantic.astype(jnp.int32)
+
+
+def _asphalt(street: Street, x, off, *, noise, seed):
+    """Grey with grain, mended rectangles, wheel tracks and covers."""
+    grain, blotch, field = noise
+    grey = 0.065 + 0.11 * street.tone
+    i, j = cell(x / 7.0), cell(off / 2.3)
+    fate = cell_hash(i, j, seed + 5)
+    u, v = x / 7.0 - jnp.floor(x / 7.0), off / 2.3 - jnp.floor(off / 2.3)
+    mended = (fate < 0.10 * (0.3 + street.wear)) & (u > 0.2) & (u < 0.3 + 5.0 * fate) & (v > 0.1) & (v < 0.9)
+    cover = (fate > 0.975) & ((7.0 * (u - 0.5)) ** 2 + (2.3 * (v - 0.5)) ** 2 < 0.1)
+    lane = 0.5 * street.half_width_m
+    track = jnp.exp(-(((jnp.abs(jnp.abs(jnp.abs(off) - lane) - 0.75)) / 0.35) ** 2))
+    shade = 1.0 + 0.8 * grain + 0.30 * blotch + 0.35 * field + 0.10 * track
+    shade = jnp.where(mended, 0.68 + 0.5 * grain, shade)
+    shade = jnp.where(cover, 0.5 + 0.5 * grain, shade)
+    # Old, pale asphalt shows its stones: brighter in both bands.
+    return grey * shade, 0.06 + 1.35 * grey * (1.0 + 0.8 * (shade - 1.0))
+
+
+def _paving(street: Street, x, off, *, noise, seed):
+    """Slabs of half a metre, each of its own shade."""
+    grain, blotch, field = noise
+    i, j = cell(x / 0.6), cell(off / 0.6)
+    u, v = x / 0.6 - jnp.floor(x / 0.6), off / 0.6 - jnp.floor(off / 0.6)
+    slab = cell_hash(i, j, seed + 7) - 0.5
+    joint = (u < 0.04) | (v < 0.04)
+    shade = 1.0 + 0.45 * grain + 0.25 * blotch + 0.25 * field + 0.22 * slab - jnp.where(joint, 0.25, 0.0)
+    shade = shade * (0.8 + 0.4 * street.tone)
+    return shade, 0.36 * (1.0 + 0.7 * (shade - 1.0))
+
+
+def _markings(street: Street, x, off, *, beyond) -> Float[Array, "h w"]:
+    """1 where the road is painted: middle line, edge lines, bays, a zebra crossing, give-way lines."""
+
+    def near(value, width):
+        return jnp.abs(value) < 0.5 * width
+
+    def dashed(value, period, share):
+        return value / period - jnp.floor(value / period) < share
+
+    clear = jnp.ones(x.shape, bool)
+    give_way = jnp.zeros(x.shape, bool)
+    for i in range(SIDE_STREETS):
+        exists = street.side_half_m[i] > 0.0
+        reach = jnp.abs(x - street.side_x_m[i]) - street.side_half_m[i]
+        towards = street.side_towards[i] * off > 0.0
+        clear = clear & ~(exists & (reach < 2.5))
+        line = near(jnp.abs(off) - street.half_width_m - 0.6, 0.35) & dashed(x, 0.8, 0.6)
+        give_way = give_way | (exists & towards & (reach < -0.2) & line)
+    width = street.half_width_m
+    zebra = near(x - street.crossing_x_m, 3.6)
+    away = jnp.abs(x - street.crossing_x_m) > 4.0
+    lane_edge = width - jnp.where(street.parking > 0.5, 2.25, 0.3)
+    middle_line = near(off, LINE_M) & dashed(x, 6.0, 0.5) & away
+    edge = near(jnp.abs(off) - lane_edge, LINE_M) & clear & away
+    bays = (street.parking > 0.5) & (jnp.abs(off) > lane_edge) & dashed(x, 5.8, 0.02) & clear & away
+    stop = near(jnp.abs(x - street.crossing_x_m) - 3.4, 0.35) & (jnp.abs(off) < width - 0.3)
+    stop = stop & ((off < 0.0) == (x < street.crossing_x_m))
+    painted = middle_line | edge | bays | stop | (zebra & dashed(off + 0.25, 1.0, 0.5)) | give_way
+    return (painted & (beyond < -0.08)).astype(jnp.float32)

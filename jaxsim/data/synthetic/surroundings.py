@@ -6,13 +6,8 @@ import numpy as np
 
 from jaxsim.data.synthetic import palette
 from jaxsim.data.synthetic.materials import FLOOR_M
+from jaxsim.data.synthetic.palette import look_of
 from jaxsim.data.synthetic.solids import Look, Model, Pattern
-
-BUILDING = 11
-FENCE = 13
-POLE = 17
-SIGN = 20
-VEGETATION = 21
 
 
 def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) -> tuple[Model, float]:
@@ -23,17 +18,8 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     bay = length / max(1, round(length / rng.uniform(2.4, 3.6)))
     style = float(rng.uniform(0.72, 1.0) if shops else rng.uniform(0.0, 0.69))
     seed = 2 * int(rng.integers(1 << 18)) + brick
-    look = Look(
-        BUILDING,
-        wall.rgb,
-        wall.nir,
-        Pattern.FACADE,
-        rgb2=roof.rgb,
-        nir2=roof.nir,
-        half_m=(length / 2, depth / 2, eaves),
-        seed=seed,
-        extra=(bay, style),
-    )
+    size = (length / 2, depth / 2, eaves)
+    look = look_of("building", wall, roof, pattern=Pattern.FACADE, half_m=size, seed=seed, extra=(bay, style))
     model = Model()
     half, pitched = length / 2, bool(rng.random() < (0.55 if floors > 3 else 0.9))
     if not pitched:
@@ -47,30 +33,30 @@ def house(rng: np.random.Generator, *, length: float, floors: int, shops: bool) 
     model.box((-half, -depth / 2, 0.0), (half, depth / 2, ridge), look, cuts=cuts)
     if rng.random() < 0.7:
         x, y = rng.uniform(-0.6, 0.6) * half, rng.uniform(-0.2, 0.2) * depth
-        pot = Look(BUILDING, roof.rgb, roof.nir)
+        pot = look_of("building", roof)
         model.box((x - 0.35, y - 0.3, eaves), (x + 0.35, y + 0.3, ridge + 0.8), pot)
     return model, depth
 
 
 def _leaf_look(rng: np.random.Generator) -> Look:
     dark, light = palette.leaves(rng)
-    return Look(VEGETATION, dark.rgb, dark.nir, Pattern.LEAF, rgb2=light.rgb, nir2=light.nir)
+    return look_of("vegetation", dark, light, pattern=Pattern.LEAF)
 
 
 def tree(rng: np.random.Generator) -> Model:
     """A trunk with limbs under a crown of several balls; sometimes a conifer."""
     model, look = Model(), _leaf_look(rng)
-    bark = Look(VEGETATION, palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir)
+    bark = look_of("vegetation", palette.Paint(palette.vary(rng, palette.BARK.rgb, 0.2), palette.BARK.nir))
     height, path = float(rng.uniform(5.0, 11.0)), float(rng.uniform(0.7, 1.3))
     if rng.random() < 0.15:
-        model.cylinder((0, 0, 0), (0, 0, 0.3 * height), 0.16, bark)
+        model.cylinder((0, 0, 0), (0, 0, 0.3 * height), bark, radius=0.16)
         for share, width in ((0.25, 0.24), (0.45, 0.19), (0.65, 0.13), (0.85, 0.07)):
             radii = (width * height, width * height, 0.2 * height)
             model.crown((0, 0, share * height), radii, look, path_m=path)
         return model
     fork = height * float(rng.uniform(0.28, 0.4))
     radius = 0.018 * height + 0.05
-    model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), radius, bark)
+    model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), bark, radius=radius)
     spread = height * float(rng.uniform(0.17, 0.26))
     count = int(rng.integers(6, 10))
     turn = rng.uniform(0, 2 * np.pi)
@@ -82,7 +68,7 @@ def tree(rng: np.random.Generator) -> Model:
         size = spread * rng.uniform(0.5, 0.9)
         model.crown((x, y, up), (size, size, 0.85 * size), look, path_m=path)
         if 0 < i < 4:
-            model.cylinder((0, 0, fork), (x * 0.8, y * 0.8, up), 0.4 * radius, bark)
+            model.cylinder((0, 0, fork), (x * 0.8, y * 0.8, up), bark, radius=0.4 * radius)
     return model
 
 
@@ -107,8 +93,7 @@ def fence(rng: np.random.Generator, length: float) -> Model:
     model = Model()
     paint = palette.wall(rng, brick=bool(rng.random() < 0.4))
     height = float(rng.uniform(0.6, 1.5))
-    look = Look(FENCE, paint.rgb, paint.nir)
-    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look)
+    model.box((-length / 2, -0.07, 0.0), (length / 2, 0.07, height), look_of("fence", paint))
     return model
 
 
@@ -116,19 +101,18 @@ def lamp_post(rng: np.random.Generator) -> Model:
     """A post whose arm reaches along +y, over the road."""
     model = Model()
     paint = palette.METAL if rng.random() < 0.6 else palette.DARK_METAL
-    look = Look(POLE, paint.rgb, paint.nir, gloss=paint.gloss)
+    look = look_of("pole", paint, gloss=paint.gloss)
     height = float(rng.uniform(5.5, 8.0))
-    model.cylinder((0, 0, 0), (0, 0, height), 0.065, look)
-    model.cylinder((0, 0, 0), (0, 0, 1.1), 0.09, look)
-    model.cylinder((0, 0, height - 0.1), (0, 1.3, height + 0.15), 0.04, look)
+    model.cylinder((0, 0, 0), (0, 0, height), look, radius=0.065)
+    model.cylinder((0, 0, 0), (0, 0, 1.1), look, radius=0.09)
+    model.cylinder((0, 0, height - 0.1), (0, 1.3, height + 0.15), look, radius=0.04)
     model.box((-0.13, 1.2, height + 0.08), (0.13, 1.8, height + 0.22), look)
     return model
 
 
 def bollard() -> Model:
     model = Model()
-    paint = palette.DARK_METAL
-    model.cylinder((0, 0, 0), (0, 0, 0.95), 0.06, Look(POLE, paint.rgb, paint.nir))
+    model.cylinder((0, 0, 0), (0, 0, 0.95), look_of("pole", palette.DARK_METAL), radius=0.06)
     return model
 
 
@@ -145,23 +129,20 @@ _SIGNS = (
 def sign(rng: np.random.Generator) -> Model:
     """A sheet on a post, looking along +x."""
     model = Model()
-    steel = palette.METAL
     shape, sheet, rim = _SIGNS[int(rng.integers(len(_SIGNS)))]
     height, r = float(rng.uniform(2.2, 2.6)), float(rng.uniform(0.3, 0.42))
-    look = Look(
-        SIGN,
-        palette.srgb(sheet),
-        0.6,
-        Pattern.SIGN,
-        rgb2=palette.srgb(rim),
-        nir2=0.6,
+    look = look_of(
+        "traffic sign",
+        palette.Paint(palette.srgb(sheet), 0.6),
+        palette.Paint(palette.srgb(rim), 0.6),
+        pattern=Pattern.SIGN,
         half_m=(0.02, r, r),
         extra=(shape, 0.22 * r if shape < 1.5 else 0.03),
         axis_z_m=height,
     )
-    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), 0.035, Look(POLE, steel.rgb, steel.nir))
+    model.cylinder((0, 0, 0), (0, 0, height + 0.8 * r), look_of("pole", palette.METAL), radius=0.035)
     if shape < 0.5:
-        model.cylinder((0.04, 0, height), (0.06, 0, height), r, look)
+        model.cylinder((0.04, 0, height), (0.06, 0, height), look, radius=r)
     elif shape < 1.5:
         slant = [(0.0, side * 0.866, 0.5, 0.5 * height + 0.5 * r) for side in (-1, 1)]
         model.box((0.04, -r, height - 0.5 * r), (0.06, r, height + r), look, cuts=slant)

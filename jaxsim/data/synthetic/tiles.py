@@ -26,6 +26,7 @@ def _between(side: Float[np.ndarray, "borders n 8"]) -> Bool[np.ndarray, "tiles 
 def pinhole_mask(
     corners_cam: Corners,
     intrinsics: Float[np.ndarray, "3 3"],
+    *,
     u_px: Float[np.ndarray, " across1"],
     v_px: Float[np.ndarray, " down1"],
 ) -> Mask:
@@ -43,6 +44,7 @@ def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) ->
     half = abs(azimuth[1] - azimuth[0])
     x, y, z = np.moveaxis(corners_velo, -1, 0)
     starts = np.arange(0, len(azimuth), tile[1])
+    # Azimuth falls from column to column: a tile's left border is its larger one.
     left = azimuth[starts] + half
     right = azimuth[np.minimum(starts + tile[1], len(azimuth)) - 1] - half
     beyond_left = y * np.cos(left)[:, None, None] - x * np.sin(left)[:, None, None]
@@ -69,8 +71,8 @@ def polar_mask(corners_velo: Corners, grid: PolarGrid, tile: tuple[int, int]) ->
 def slanted_mask(
     corners: Corners,
     towards: Float[np.ndarray, "3"],
-    x_m: Float[np.ndarray, " across1"],
     *,
+    x_m: Float[np.ndarray, " across1"],
     y_m: Float[np.ndarray, " down1"],
 ) -> Mask:
     """Tiles of the ground, by their borders, under parallel rays that come from `towards`. The boxes are in `world`."""
@@ -83,8 +85,9 @@ def candidates(mask: Mask, counts: tuple[int, int, int]) -> Candidates:
     """Lists of a mask's solids, tile by tile; leaves have tiles first, (down * across, ...)."""
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
-    polyhedra, rounds, crowns = (_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True))
-    return Candidates(polyhedra, rounds, crowns, np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32))
+    lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
+    met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
+    return Candidates(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:

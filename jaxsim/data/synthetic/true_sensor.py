@@ -27,7 +27,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from jaxsim.data.synthetic.render import Scan
 from jaxsim.frame import Array, PolarImage
@@ -84,19 +84,6 @@ class Truth:
     detection: Float[Array, "rows columns"]
     """Probability that the beam comes back."""
 
-    @property
-    def semantic(self) -> Int[Array, "rows columns"]:
-        """Cityscapes ids of what the rays meet."""
-        return self.scan.semantic
-
-    @property
-    def instance(self) -> Int[Array, "rows columns"]:
-        return self.scan.instance
-
-    @property
-    def incidence_rad(self) -> Float[Array, "rows columns"]:
-        return self.scan.incidence_rad
-
 
 def beam_gain(sensor: TrueSensor, rows: int) -> Float[np.ndarray, " rows"]:
     """g_b: the gain of every beam, the same in all scenes."""
@@ -114,9 +101,11 @@ def report(scan: Scan, gain: Float[Array, " rows"], *, sensor: TrueSensor, spec:
     retro = scan.retro & (scan.incidence_rad < sensor.retro_angle_rad)
     # Leaves and sheets are never met exactly edge on: a beam has a width.
     facing = jnp.maximum(jnp.cos(scan.incidence_rad), 0.01) ** sensor.incidence_exponent
+    # rho cos(t)^n O(r) exp(-2 alpha r), of which P and I are made.
     echo = jnp.where(retro, sensor.retro_gain, scan.reflectance * facing)
     echo = echo * (1.0 - jnp.exp(-((r / sensor.overlap_m) ** 2))) * jnp.exp(-2 * sensor.extinction * r)
     intensity = sensor.scale * gain[:, None] * echo * (sensor.reference_m / r) ** sensor.falloff + sensor.offset
+    # ln(P / P_th), with P = echo / r^2.
     threshold = sensor.threshold_reflectance / sensor.threshold_m**2
     margin = jnp.log(jnp.maximum(echo, 1e-9) / (r * r * threshold))
     lost = jnp.where(scan.glass, sensor.glass_loss, jnp.where(scan.absorbing, sensor.paint_loss, 0.0))

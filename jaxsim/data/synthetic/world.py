@@ -28,8 +28,8 @@ from jaxsim.data.synthetic.render import (
     scan,
 )
 from jaxsim.data.synthetic.scene import along_street, place, poses
-from jaxsim.data.synthetic.statistics import STATISTICS
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
+from jaxsim.data.synthetic.traffic import STATISTICS
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
 from jaxsim.geometry import LidarSpec, camera_from_projection, directions, full_grid, preset
@@ -91,16 +91,16 @@ class SyntheticWorld:
         columns: int = 1024,
         *,
         image_size: tuple[int, int] = KITTI_SIZE,
-        sensor: TrueSensor | None = None,
         camera: Camera | None = None,
         streets: str = "town",
     ):
         if streets not in STATISTICS:
             raise ValueError(f"synthetic world: no streets {streets!r}; there are {', '.join(STATISTICS)}")
         self.name = "synthetic"
-        self.seed, self.columns, self.image_size, self.streets = seed, columns, image_size, streets
+        self.seed, self.columns = seed, columns
+        self.image_size, self.streets = image_size, streets
         self.spec = spec or preset("hdl64e")
-        self.sensor = sensor or TrueSensor()
+        self.sensor = TrueSensor()
         self.grid = full_grid(self.spec, columns)
         self.camera = camera or kitti_camera(image_size)
 
@@ -131,7 +131,6 @@ class SyntheticWorld:
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's name, without rendering it."""
         return f"synthetic-{self.seed}-{index:06d}"
 
     def truth(self, index: int) -> Truth:
@@ -152,7 +151,7 @@ class SyntheticWorld:
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
         position, heading = poses(drive.things, curvature, time_s)
-        solids, corners = place(drive.parts, position, heading, _instances(drive))
+        solids, corners = place(drive.parts, position, heading, instance=_instances(drive))
         spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
         pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)
         pose = np.eye(4)
@@ -186,7 +185,7 @@ class SyntheticWorld:
         height, width = self.image_size
         u = np.arange(0, width + CAMERA_TILE[1], CAMERA_TILE[1]) - 0.5
         v = np.arange(0, height + CAMERA_TILE[0], CAMERA_TILE[0]) - 0.5
-        mask = pinhole_mask(_into(cam_pose, corners), self.camera.intrinsics, u, v)
+        mask = pinhole_mask(_into(cam_pose, corners), self.camera.intrinsics, u_px=u, v_px=v)
         return _host(
             look(
                 moment.scene,
@@ -265,5 +264,5 @@ def _into(world_from_frame: Float[np.ndarray, "4 4"], corners: Float[np.ndarray,
 
 def _ground_candidates(corners, counts, towards, *, eye, cells: tuple[int, int], tile: tuple[int, int]) -> Candidates:
     x, y = map_borders(cells)
-    mask = slanted_mask(corners, towards, x[:: tile[1]] + eye[0], y_m=y[:: tile[0]] + eye[1])
+    mask = slanted_mask(corners, towards, x_m=x[:: tile[1]] + eye[0], y_m=y[:: tile[0]] + eye[1])
     return candidates(mask, counts)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.geometry import pair_overlap
+from jaxsim.geometry.boxes import pair_overlap
 from jaxsim.metrics.detection.files import Objects
 
 _LEAST_PAIRS = 1024

@@ -54,7 +54,7 @@ def spherical_image(
     row = jnp.floor((1.0 - (pitch + DOWN_RAD) / (UP_RAD + DOWN_RAD)) * SCAN_ROWS)
     row = jnp.where(seen, jnp.clip(row, 0, SCAN_ROWS - 1), 0.0).astype(jnp.int32)
     column = jnp.where(seen, jnp.clip(column, 0, SCAN_COLUMNS - 1), 0.0).astype(jnp.int32)
-    index, filled = scatter_nearest(range_m, row, column, seen, (SCAN_ROWS, SCAN_COLUMNS))
+    index, filled = scatter_nearest(range_m, row, column, inside=seen, shape=(SCAN_ROWS, SCAN_COLUMNS))
     flat = index.reshape(*index.shape[:-2], -1)
     nearest = jnp.take_along_axis(range_m, flat, axis=-1).reshape(index.shape)
     return jnp.where(filled, nearest, 0.0), filled, index

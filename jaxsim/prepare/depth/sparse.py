@@ -30,6 +30,6 @@ def sparse_depth(
     inside &= (u >= 0) & (u < size[1]) & (v >= 0) & (v < size[0])
     row = jnp.where(inside, v, 0).astype(jnp.int32)
     column = jnp.where(inside, u, 0).astype(jnp.int32)
-    winner, valid = scatter_nearest(depth_m, row, column, inside, size)
+    winner, valid = scatter_nearest(depth_m, row, column, inside=inside, shape=size)
     nearest = jnp.take_along_axis(depth_m, winner.reshape(*depth_m.shape[:-1], -1), axis=-1)
     return jnp.where(valid, nearest.reshape(winner.shape), 0), valid

@@ -1,22 +1,101 @@
-"""Ouster recordings (`.pcap` + sensor `.json`) as polar frames, through ouster-sdk.
+"""LiDAR-only recordings as polar frames on the sensor's own grid: nuScenes' LIDAR_TOP sweeps, Ouster's `.pcap`.
 
-The sensor fires its beams in turn, so a column of the raw scan is a slanted line in the world; the frames
-here are de-staggered: a column is one azimuth.
+nuScenes' `.pcd.bin` is float32 Nx5 (x right, y forward, z up, intensity 0..255, ring), ring 0 the lowest beam, one
+entry for every firing: a beam that did not come back is stored as a point at the sensor itself.
+
+Ouster's recordings (`.pcap` + sensor `.json`) are read through ouster-sdk. The sensor fires its beams in turn, so a
+column of the raw scan is a slanted line in the world; the frames here are de-staggered: a column is one azimuth.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
+from jaxtyping import Float
 
-from jaxsim.data.sweep import Sweep
-from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.frame import Cloud, PolarGrid, PolarImage
+from jaxsim.geometry import full_grid, points_to_polar, preset
 
 _FULL_SCALE: dict[str, float] = {"reflectivity": 255.0, "signal": 65535.0}
+_NUSCENES_SENSOR = "hdl32e"
+_NUSCENES_COLUMNS = 900
+"""A fifth fewer than the firings of a turn: motion compensation spreads them unevenly, and at the sensor's own
+step that leaves 1.5 % of the cells empty which are no dropped returns."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A whole turn (host memory)."""
+
+    name: str
+    scene: str
+    """The recording."""
+    image: PolarImage
+    grid: PolarGrid
+    time_s: float | None = None
+
+
+def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Sweep:
+    """One sweep, the car's forward direction in the middle; cells without return include rays that hit the car.
+
+    Raises ValueError for a truncated file, non-finite points, a ring that is no beam, intensity off 0..255.
+    """
+    path = Path(path)
+    points = _read_points(path)
+    spec = preset(_NUSCENES_SENSOR)
+    x, y, z, intensity, ring = points.T
+    cloud = Cloud(
+        xyz_m=np.stack([y, -x, z], axis=1),
+        intensity=intensity / np.float32(255),
+        valid=np.linalg.norm(points[:, :3], axis=1) >= spec.min_range_m,
+        # Ring 0 is the lowest beam, row 0 the top one.
+        row=(spec.rows - 1 - ring).astype(np.int32),
+    )
+    grid = full_grid(spec, columns)
+    image, _ = points_to_polar(cloud, grid)
+    name = path.name.removesuffix(".pcd.bin")
+    scene, _, stamp = name.partition("__LIDAR_TOP__")
+    return Sweep(
+        name=name,
+        scene=scene,
+        image=jax.tree.map(np.asarray, image),
+        grid=grid,
+        time_s=int(stamp) / 1e6 if stamp.isdecimal() else None,
+    )
+
+
+def _read_points(path: Path) -> Float[np.ndarray, "n 5"]:
+    if not path.is_file():
+        raise ValueError(f"nuscenes: there is no {path}; pass a file samples/LIDAR_TOP/*.pcd.bin")
+    size = path.stat().st_size
+    if size == 0 or size % 20:
+        raise ValueError(
+            f"nuscenes: {path} has {size} bytes, no whole number of points (x y z intensity ring, float32, "
+            "20 bytes each): truncated, or not a LIDAR_TOP file"
+        )
+    points = np.fromfile(path, "<f4").reshape(-1, 5)
+    broken = int((~np.isfinite(points).all(axis=1)).sum())
+    if broken:
+        raise ValueError(f"nuscenes: {path}: {broken} of {len(points)} points are NaN or infinite; copy it again")
+    ring, lines = points[:, 4], preset(_NUSCENES_SENSOR).rows
+    if (ring != np.round(ring)).any() or ring.min() < 0 or ring.max() >= lines:
+        raise ValueError(
+            f"nuscenes: {path}: the fifth value spans {ring.min():g}..{ring.max():g}; it must be the ring, a "
+            f"whole number 0..{lines - 1}: not a LIDAR_TOP file"
+        )
+    low, high = points[:, 3].min(), points[:, 3].max()
+    if low < 0 or high > 255 or 0 < high <= 1:
+        raise ValueError(
+            f"nuscenes: {path}: intensity spans {low:g}..{high:g}; nuScenes stores 0..255, so this file was "
+            "rescaled: use the original"
+        )
+    return points
 
 
 def read_pcap(
@@ -40,7 +119,7 @@ def read_pcap(
     if intensity not in _FULL_SCALE:
         raise ValueError(f"ouster: no intensity {intensity!r}; known: {', '.join(_FULL_SCALE)}")
     scale = _FULL_SCALE[intensity] if full_scale is None else full_scale
-    source, core = _open(path, meta)
+    source, core = _open_pcap(path, meta)
     whole = partial = 0
     for frame in (frame for frames in source for frame in frames):
         if not frame.complete():
@@ -52,7 +131,7 @@ def read_pcap(
         raise ValueError(f"ouster: {path} has no whole turn, {partial} broken ones; the recording was cut off")
 
 
-def _open(path: Path, meta: Path) -> tuple[Any, Any]:
+def _open_pcap(path: Path, meta: Path) -> tuple[Any, Any]:
     try:
         from ouster.sdk import core
         from ouster.sdk.open_source import open_source
@@ -81,7 +160,7 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
     largest = float(value[valid].max(initial=0))
     if largest > full_scale:
         raise ValueError(f"ouster: {path}: {intensity} reaches {largest:g}, above full_scale={full_scale:g}; raise it")
-    grid, first = _grid(info)
+    grid, first = _ouster_grid(info)
     image = PolarImage(
         range_m=np.roll(range_m, -first, axis=1),
         intensity=np.roll(value / np.float32(full_scale), -first, axis=1),
@@ -97,7 +176,7 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
     )
 
 
-def _grid(info: Any) -> tuple[PolarGrid, int]:
+def _ouster_grid(info: Any) -> tuple[PolarGrid, int]:
     """The de-staggered scan's directions, and the column of the scan that comes first in them.
 
     The de-staggering shift is a whole number of columns, so a column's azimuth is the mean over its beams,

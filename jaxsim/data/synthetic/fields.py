@@ -1,7 +1,11 @@
-"""Procedural randomness: the same place always looks the same, from whichever sensor it is seen.
+"""Fields over the rays of a raster: vectors, and noise that belongs to a place.
 
-Values are hashes of integer lattice cells, so a texture needs no memory and no state.
+A vector field is three component rasters, first axis 3, so that the inner loops run over rays. Noise is hashed from
+integer lattice cells: the same place always looks the same, from whichever sensor it is seen, with no memory and no
+state.
 """
+
+from __future__ import annotations
 
 import jax.numpy as jnp
 from jaxtyping import Float, Int
@@ -9,13 +13,35 @@ from jaxtyping import Float, Int
 from jaxsim.frame import Array
 
 
+def vector(x: Float[Array, "*r"], y: Float[Array, "*r"], z: Float[Array, "*r"]) -> Float[Array, "3 *r"]:
+    """Joins three components."""
+    return jnp.stack([x, y, z])
+
+
+def dot(a: Float[Array, "3 *r"], b: Float[Array, "3 *s"]) -> Float[Array, "*r"]:
+    """Scalar product; b may be a single vector."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def unit(v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+    """The direction of v; zero stays zero."""
+    return v / jnp.maximum(jnp.sqrt(dot(v, v)), 1e-9)[None]
+
+
+def turned(rotation: Float[Array, "3 3"], v: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
+    """Rotates v; written out, because a matrix product may round coarsely on an accelerator."""
+    return vector(*(rotation[i, 0] * v[0] + rotation[i, 1] * v[1] + rotation[i, 2] * v[2] for i in range(3)))
+
+
 def cell_hash(x: Int[Array, "..."], y: Int[Array, "..."], z: Int[Array, "..."]) -> Float[Array, "..."]:
     """A number in [0, 1) for each integer cell, uniform and without visible pattern."""
+    # The coordinates are mixed by xxHash's primes; the end is Wellons' lowbias32.
     h = x.astype(jnp.uint32) * jnp.uint32(0x9E3779B1)
     h = (h ^ (h >> 15)) + y.astype(jnp.uint32) * jnp.uint32(0x85EBCA77)
     h = (h ^ (h >> 13)) + z.astype(jnp.uint32) * jnp.uint32(0xC2B2AE3D)
     h = (h ^ (h >> 16)) * jnp.uint32(0x7FEB352D)
     h = (h ^ (h >> 15)) * jnp.uint32(0x846CA68B)
+    # 24 bits: as many as a float32 holds.
     return (h >> 8).astype(jnp.float32) * jnp.float32(2.0**-24)
 
 
@@ -42,6 +68,7 @@ def smooth_noise3(x: Float[Array, "..."], y: Float[Array, "..."], z: Float[Array
 
 
 def _ease(t: Float[Array, "..."]) -> Float[Array, "..."]:
+    # Smoothstep: no slope where two cells meet.
     return t * t * (3.0 - 2.0 * t)
 
 

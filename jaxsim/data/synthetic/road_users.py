@@ -1,0 +1,227 @@
+"""Cars of several shapes, vans and trucks; pedestrians and cyclists.
+
+A car is a lower body with bonnet and tail, a cabin of glass with a roof, and four wheels; people are made of long and
+round balls. x forward, origin on the road beneath the middle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsim.data.synthetic import palette
+from jaxsim.data.synthetic.palette import look_of
+from jaxsim.data.synthetic.solids import Look, Model, Pattern
+
+
+@dataclass(frozen=True)
+class CarShape:
+    """Side view of a car, metres; x of the cabin's corners as shares of half the length."""
+
+    length: float
+    width: float
+    height: float
+    belt: float
+    """Height of the windows' lower edge."""
+    bonnet: float
+    """Height of the bonnet's front edge."""
+    tail: float
+    """Height of the tail's rear edge."""
+    screen: tuple[float, float]
+    """Windscreen: x of its foot and of its head."""
+    rear: tuple[float, float]
+    """Rear window: x of its head and of its foot."""
+    kind: str = "Car"
+
+
+CAR_SHAPES = {
+    "hatchback": CarShape(4.05, 1.76, 1.48, 0.95, 0.72, 0.93, (0.52, 0.12), (-0.70, -0.97)),
+    "saloon": CarShape(4.65, 1.82, 1.45, 0.94, 0.72, 0.90, (0.42, 0.08), (-0.42, -0.74)),
+    "estate": CarShape(4.70, 1.82, 1.49, 0.95, 0.73, 0.93, (0.42, 0.08), (-0.82, -0.98)),
+    "suv": CarShape(4.55, 1.88, 1.70, 1.08, 0.92, 1.05, (0.46, 0.14), (-0.78, -0.97)),
+    "van": CarShape(5.00, 1.96, 2.05, 1.15, 0.98, 1.12, (0.74, 0.42), (-0.95, -0.99), "Van"),
+}
+
+
+def plane(through: tuple[float, float], other: tuple[float, float]) -> tuple[float, float, float, float]:
+    """Plane across the car through two points (x, z) of its side view; what lies below it is kept."""
+    dx, dz = other[0] - through[0], other[1] - through[1]
+    normal = (-dz, dx) if dx > 0 else (dz, -dx)
+    return normal[0], 0.0, normal[1], normal[0] * through[0] + normal[1] * through[1]
+
+
+def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, float, float]]:
+    """A car of that shape, slightly varied, and its length, width, height."""
+    scale = rng.normal(1.0, 0.025, 3).clip(0.94, 1.06)
+    length, width, height = np.multiply((shape.length, shape.width, shape.height), scale)
+    belt, bonnet, tail = np.multiply((shape.belt, shape.bonnet, shape.tail), scale[2])
+    half, wide = length / 2, width / 2
+    foot, head = np.multiply(shape.screen, half)
+    rear_head, rear_foot = np.multiply(shape.rear, half)
+    paint = palette.car_paint(rng)
+    radius = float(rng.uniform(0.30, 0.34)) * (1.08 if shape.height > 1.6 else 1.0)
+    axle = 0.30 * length
+    size = (half, wide, height)
+    seed = int(rng.integers(1 << 20))
+
+    shared = {"half_m": size, "seed": seed, "gloss": paint.gloss, "absorbing": paint.absorbing}
+    body = look_of("car", paint, palette.RED_LAMP, pattern=Pattern.CAR_BODY, extra=(axle, radius), **shared)
+    pillar = (belt, 0.5 * (head + rear_head))
+    cabin = look_of("car", paint, palette.RED_LAMP, pattern=Pattern.CAR_CABIN, extra=pillar, **shared)
+    model = Model()
+    lean = 0.10
+    model.box(
+        (-half, -wide, 0.19),
+        (half, wide, belt),
+        body,
+        cuts=(
+            plane((half, bonnet), (foot, belt)),
+            plane((rear_foot, belt), (-half - 0.02, tail - 0.03)),
+            (0.0, 1.0, 0.45, wide + 0.45 * 0.72 * belt),
+            (0.0, -1.0, 0.45, wide + 0.45 * 0.72 * belt),
+            (1.0, 0.8, 0.0, half + 0.8 * (wide - 0.32)),
+            (1.0, -0.8, 0.0, half + 0.8 * (wide - 0.32)),
+        ),
+    )
+    inner = wide - 0.45 * 0.28 * belt
+    model.box(
+        (rear_foot - 0.02, -inner, belt - 0.05),
+        (foot + 0.02, inner, height),
+        cabin,
+        cuts=(
+            plane((foot, belt), (head, height)),
+            plane((rear_head, height), (rear_foot, belt)),
+            (0.0, 1.0, 0.32, inner + 0.32 * belt),
+            (0.0, -1.0, 0.32, inner + 0.32 * belt),
+            (0.0, lean, 1.0, lean * 0.6 * inner + height),
+            (0.0, -lean, 1.0, lean * 0.6 * inner + height),
+        ),
+    )
+    _wheels(model, "car", (axle, -axle), radius=radius, wide=wide)
+    return model, (float(length), float(width), float(height))
+
+
+def _wheels(model: Model, class_name: str, axles: tuple[float, ...], *, radius: float, wide: float) -> None:
+    for x in axles:
+        look = look_of(class_name, palette.TYRE, palette.RIM, pattern=Pattern.WHEEL, extra=(abs(x), radius))
+        for side in (-1, 1):
+            model.cylinder((x, side * (wide - 0.22), radius), (x, side * wide, radius), look, radius=radius)
+
+
+def truck(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
+    """A delivery lorry: cab, box, chassis, wheels; and its length, width, height."""
+    length = rng.uniform(6.5, 9.5)
+    width = rng.uniform(2.3, 2.5)
+    height = rng.uniform(2.9, 3.5)
+    half, wide = length / 2, width / 2
+    cab_end, cab_height = half - rng.uniform(1.8, 2.1), rng.uniform(2.3, 2.6)
+    paint, box = palette.car_paint(rng), palette.wall(rng, brick=False)
+    band = palette.car_paint(rng)
+    model = Model()
+    cab = look_of(
+        "truck",
+        paint,
+        pattern=Pattern.CAR_CABIN,
+        half_m=(half, wide, cab_height - 0.15),
+        extra=(1.35, (cab_end + half) / 2),
+        gloss=0.05,
+        absorbing=paint.absorbing,
+    )
+    model.box(
+        (cab_end, -wide + 0.05, 0.45),
+        (half, wide - 0.05, cab_height),
+        cab,
+        cuts=(
+            plane((half, 1.3), (half - 0.28, cab_height)),
+            (1.0, 0.7, 0.0, half + 0.7 * (wide - 0.25)),
+            (1.0, -0.7, 0.0, half + 0.7 * (wide - 0.25)),
+        ),
+    )
+    seed = int(rng.integers(1 << 20))
+    model.box(
+        (-half, -wide, 0.95),
+        (cab_end - 0.15, wide, height),
+        look_of("truck", box, band, pattern=Pattern.TRUCK_BOX, half_m=(half, wide, height), seed=seed),
+    )
+    model.box((-half + 0.1, -0.75, 0.5), (half - 0.4, 0.75, 0.96), look_of("truck", palette.DARK_METAL))
+    _wheels(model, "truck", (half - 1.2, -half + 1.6), radius=0.46, wide=wide - 0.02)
+    return model, (float(length), float(width), float(height))
+
+
+def _dress(rng: np.random.Generator, class_name: str) -> dict[str, Look]:
+    hair = palette.vary(rng, palette.srgb(str(rng.choice(("2a2019", "5a4028", "8d7350", "b9b3a8")))), 0.1)
+    looks = {"coat": palette.cloth(rng), "trousers": palette.cloth(rng), "skin": palette.skin(rng)}
+    dressed = {name: look_of(class_name, paint) for name, paint in looks.items()}
+    dressed["hair"] = look_of(class_name, palette.Paint(hair, 0.25))
+    dressed["shoes"] = look_of(class_name, palette.Paint(palette.TYRE.rgb, 0.15))
+    return dressed
+
+
+def _head(model: Model, at: tuple[float, float, float], size: float, *, dress: dict[str, Look]) -> None:
+    x, y, z = at
+    model.ball((x, y, z), (0.105 * size, 0.085 * size, 0.13 * size), dress["skin"])
+    model.ball((x - 0.02, y, z + 0.035 * size), (0.105 * size, 0.095 * size, 0.115 * size), dress["hair"])
+
+
+def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
+    """A person in mid step, and length, width, height of the box."""
+    h = float(rng.uniform(1.55, 1.9))
+    size = h / 1.75
+    stride = float(rng.uniform(0.05, 0.28))
+    stout = float(rng.uniform(0.9, 1.25))
+    dress = _dress(rng, "person")
+    model = Model()
+    for side in (-1, 1):
+        foot = side * stride
+        knee = (0.4 * foot + 0.04, side * 0.095, 0.27 * h)
+        model.limb((0.0, side * 0.085, 0.53 * h), knee, dress["trousers"], radius=0.085 * stout)
+        model.limb((knee[0], knee[1], 0.31 * h), (foot, side * 0.1, 0.03 * h), dress["trousers"], radius=0.065 * stout)
+        model.ball((foot + 0.06, side * 0.1, 0.035), (0.14, 0.05, 0.04), dress["shoes"])
+        hand = (-0.7 * foot + 0.05, side * 0.26 * stout, 0.47 * h)
+        model.limb((0.0, side * 0.2 * stout, 0.82 * h), hand, dress["coat"], radius=0.058 * stout)
+    model.ball((0.0, 0.0, 0.67 * h), (0.13 * stout, 0.205 * stout, 0.195 * h), dress["coat"])
+    model.limb((0.0, 0.0, 0.48 * h), (0.0, 0.0, 0.7 * h), dress["coat"], radius=0.16 * stout)
+    model.cylinder((0.0, 0.0, 0.82 * h), (0.0, 0.0, 0.88 * h), dress["skin"], radius=0.05)
+    _head(model, (0.015, 0.0, h - 0.14 * size), size, dress=dress)
+    return model, (2 * stride + 0.44, 0.64 * stout, h + 0.02)
+
+
+def cyclist(rng: np.random.Generator) -> tuple[Model, tuple[float, float, float]]:
+    """A rider on a bicycle, and length, width, height of the box."""
+    dress = _dress(rng, "rider")
+    paint = palette.car_paint(rng)
+    frame = look_of("bicycle", paint, gloss=0.05)
+    tyre = look_of("bicycle", palette.TYRE)
+    model = Model()
+    for x in (-0.52, 0.52):
+        model.cylinder((x, -0.02, 0.34), (x, 0.02, 0.34), tyre, radius=0.34, bore=0.88)
+        model.cylinder((x, -0.05, 0.34), (x, 0.05, 0.34), frame, radius=0.035)
+    saddle = (-0.2, 0.0, 0.93)
+    pedals = (-0.08, 0.0, 0.3)
+    bar = (0.4, 0.0, 1.02)
+    tubes = (
+        (saddle, pedals),
+        (pedals, (0.38, 0.0, 0.82)),
+        ((-0.17, 0.0, 0.82), (0.38, 0.0, 0.85)),
+        (pedals, (-0.52, 0.0, 0.34)),
+        ((-0.17, 0.0, 0.82), (-0.52, 0.0, 0.34)),
+        (bar, (0.52, 0.0, 0.34)),
+        ((0.38, -0.27, 1.03), (0.38, 0.27, 1.03)),
+    )
+    for start, end in tubes:
+        model.cylinder(start, end, frame, radius=0.02)
+    turn = float(rng.uniform(-0.9, 0.9))
+    shoulder = (0.14, 0.0, 1.43)
+    model.limb((-0.22, 0.0, 0.95), (shoulder[0] + 0.03, 0.0, 1.52), dress["coat"], radius=0.17)
+    for side in (-1, 1):
+        foot = (-0.08 + 0.15 * np.sin(turn) * side, side * 0.11, 0.32 + 0.15 * np.cos(turn) * side)
+        knee = (0.24, side * 0.12, foot[2] + 0.42)
+        model.limb((-0.2, side * 0.1, 0.98), (knee[0] + 0.05, knee[1], knee[2]), dress["trousers"], radius=0.085)
+        model.limb((knee[0], knee[1], knee[2] + 0.05), foot, dress["trousers"], radius=0.062)
+        model.ball((foot[0] + 0.05, foot[1], foot[2] - 0.02), (0.13, 0.045, 0.045), dress["shoes"])
+        elbow = (0.27, side * 0.28, 1.2)
+        model.limb((shoulder[0], side * 0.19, shoulder[2] + 0.02), elbow, dress["coat"], radius=0.055)
+        model.limb(elbow, (0.38, side * 0.24, 1.05), dress["skin"], radius=0.05)
+    _head(model, (0.24, 0.0, 1.66), 1.0, dress=dress)
+    return model, (1.78, 0.72, 1.82)
