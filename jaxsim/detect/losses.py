@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +10,8 @@ from jaxtyping import Float, Int
 from jaxsim.config import DetectorConfig
 from jaxsim.detect.anchors import AnchorTargets, decode, encode
 from jaxsim.detect.roi_targets import RoiTargets, from_roi
+from jaxsim.frame import Array
 from jaxsim.geometry.boxes import box_corners
-
-Array = Any
 
 FOCAL_ALPHA, FOCAL_GAMMA = 0.25, 2.0
 BETA = 1 / 9
@@ -73,13 +70,15 @@ def _lengths(offset: Float[Array, "n 8 3"]) -> Float[Array, "n 8"]:
 
 
 def rpn_losses(
-    cls: Float[Array, "b a"],
-    box: Float[Array, "b a 7"],
-    direction: Float[Array, "b a 2"],
+    outputs: tuple[Float[Array, "b a"], Float[Array, "b a 7"], Float[Array, "b a 2"]],
     targets: AnchorTargets,
     config: DetectorConfig,
 ) -> dict[str, Float[Array, ""]]:
-    """The anchor head's weighted terms: each sample's sum over its number of positive anchors, mean over samples."""
+    """The anchor head's weighted terms: each sample's sum over its number of positive anchors, mean over samples.
+
+    `outputs` are the head's: logits, encoded boxes and direction logits.
+    """
+    cls, box, direction = outputs
     b = len(cls)
     positive = targets.positive.astype(cls.dtype)
     cared = positive + targets.background.astype(cls.dtype)

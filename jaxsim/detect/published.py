@@ -40,17 +40,13 @@ class Tensor(NamedTuple):
     """`sparse`, `conv`, `up`, `linear` or `vector`."""
 
 
-def tensors(config: DetectorConfig) -> list[Tensor]:
-    """Every array of the state dict but the batch norms' counters."""
-    return list(_tensors(config))
-
-
 def _norm(name: str, *path: str | int) -> Iterator[Tensor]:
     for theirs, ours in BATCH_NORM.items():
         yield Tensor(f"{name}.{theirs}", (*path, ours), "vector")
 
 
-def _tensors(config: DetectorConfig) -> Iterator[Tensor]:
+def tensors(config: DetectorConfig) -> Iterator[Tensor]:
+    """Every array of the state dict but the batch norms' counters."""
     sparse = {"conv_input": ("conv_input",), "conv1.0": ("conv1",), "conv_out": ("out",)}
     for stage in ("conv2", "conv3", "conv4"):
         sparse |= {f"{stage}.{k}": (stage, part) for k, part in enumerate(("down", "first", "second"))}
@@ -86,19 +82,17 @@ def _tensors(config: DetectorConfig) -> Iterator[Tensor]:
         yield Tensor(f"roi_head.{theirs}.bias", ("roi", ours, "bias"), "vector")
 
 
-def _at(tree: Any, path: tuple[str | int, ...]) -> Any:
-    for step in path:
+def _holder(network: Network, tensor: Tensor) -> Any:
+    """The dict or list of our network that holds a tensor's values, under the last step of its path."""
+    tree = network.statistics if tensor.path[-1] in ("mean", "variance") else network.parameters
+    for step in tensor.path[:-1]:
         tree = tree[step]
     return tree
 
 
-def _inverse(axes: tuple[int, ...]) -> list[int]:
-    return [axes.index(k) for k in range(len(axes))]
-
-
 def _published_shape(tensor: Tensor, shape: tuple[int, ...], sparse: tuple[int, ...]) -> tuple[int, ...]:
     if tensor.layout == "sparse":
-        return tuple(shape[k] for k in _inverse(sparse))
+        return tuple(shape[sparse.index(k)] for k in range(len(sparse)))
     if tensor.layout == "conv":
         return (shape[3], shape[2], *shape[:2])
     if tensor.layout == "up":
@@ -134,14 +128,11 @@ def sparse_layout(arrays: Arrays) -> str:
 
 def published_shapes(experiment: DetectorExperiment, layout: str) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the state dict of an experiment's network."""
-    values, axes = network_shapes(experiment), SPARSE_LAYOUTS[layout]
+    network, axes = network_shapes(experiment), SPARSE_LAYOUTS[layout]
     return {
-        t.name: _published_shape(t, _at(_tree_of(t, values), t.path).shape, axes) for t in tensors(experiment.detector)
+        tensor.name: _published_shape(tensor, _holder(network, tensor)[tensor.path[-1]].shape, axes)
+        for tensor in tensors(experiment.detector)
     }
-
-
-def _tree_of(tensor: Tensor, network: Network) -> Any:
-    return network.statistics if tensor.path[-1] in ("mean", "variance") else network.parameters
 
 
 def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
@@ -150,8 +141,8 @@ def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
     arrays = fit(dict(arrays), published_shapes(experiment, layout))
     network = network_shapes(experiment)
     for tensor in tensors(experiment.detector):
-        *path, last = tensor.path
-        _at(_tree_of(tensor, network), tuple(path))[last] = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
+        values = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
+        _holder(network, tensor)[tensor.path[-1]] = values
     return network
 
 

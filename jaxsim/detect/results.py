@@ -66,8 +66,8 @@ def label_lines(labels: Boxes) -> list[str]:
     """The lines of a label file; alpha follows from the box."""
     lines = []
     for k, kind in enumerate(labels.kind):
-        x, y, z = (float(v) for v in labels.centre_m[k])
-        length, width, height = (float(v) for v in labels.size_m[k])
+        x, y, z = np.asarray(labels.centre_m[k]).tolist()
+        length, width, height = np.asarray(labels.size_m[k]).tolist()
         yaw = float(labels.yaw_rad[k])
         alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped(np.array(yaw - np.arctan2(x, z))))
         numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)
