@@ -6,16 +6,16 @@ of the same sums that XLA computes several times faster there.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix import convolution_cpu
 
-Array = Any
 Padding = Literal["reflect", "zero"]
 
 
@@ -33,13 +33,12 @@ def conv2d(
     rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
     if on_cpu():
         if padding == "reflect":
-            x = convolution_cpu.reflect_pad(x, rows, columns)
-            rows = 0
-            columns = 0
-        return convolution_cpu.convolve(x, kernel, stride, (rows, columns))
+            x = convolution_cpu.reflect_pad(x, (rows, columns))
+            rows, columns = 0, 0
+        return convolution_cpu.convolve(x, kernel, stride=stride, padding=(rows, columns))
     if padding == "reflect":
         x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)), mode="reflect")
-        rows = columns = 0
+        rows, columns = 0, 0
     return lax.conv_general_dilated(
         x,
         kernel,

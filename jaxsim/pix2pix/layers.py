@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import Padding, conv2d, transposed_conv2d, upsample_conv2d
 from jaxsim.pix2pix.normalisation import (
     INSTANCE_EPS,
@@ -24,9 +25,7 @@ from jaxsim.pix2pix.normalisation import (
     unit,
 )
 
-Array = Any
 Activation = Callable[[Array], Array]
-
 Upsample = Literal["nearest", "transposed"]
 
 
@@ -76,7 +75,8 @@ class Conv(nnx.Module):
         form: LayerForm,
         rngs: nnx.Rngs,
     ):
-        self.stride, self.spectral, self.compute = stride, form.spectral, form.compute
+        self.stride = stride
+        self.spectral, self.compute = form.spectral, form.compute
         self.padding: Padding = padding
         self.upsample: Upsample | None = upsample
         shape, area = (size, size, in_channels, out_channels), size * size

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +17,10 @@ from flax import nnx
 from jaxtyping import Float
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import average_pool, halve
 from jaxsim.pix2pix.layers import FORMS, ConvBlock, LayerForm, ResidualBlock
 
-Array = Any
 Precision = Literal["float32", "bfloat16"]
 
 

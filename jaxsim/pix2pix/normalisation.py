@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 
-Array = Any
 Tree = Any
 
 UNIT_EPS = 1e-12
