@@ -122,6 +122,7 @@ def assign(
     """
 
     def of_sample(boxes: Float[Array, "g 7"], valid: Bool[Array, " g"]) -> AnchorTargets:
+        # As published: overlap of rectangles along the axes, not of the turned boxes.
         overlap = jnp.where(valid[None], iou_2d(nearest_bev(anchors), nearest_bev(boxes)), 0)
         most, mine = overlap.max(axis=1), overlap.argmax(axis=1)
         best = overlap.max(axis=0)

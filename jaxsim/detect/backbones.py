@@ -110,7 +110,7 @@ class BevBackbone(nnx.Module):
         for layers, stride, width, up_stride, up_width in zip(
             config.bev_layers, config.bev_strides, config.bev_widths, config.up_strides, config.up_widths, strict=True
         ):
-            block = [ConvBlock(in_channels, width, stride=stride, rngs=rngs)]
+            block = [ConvBlock(in_channels, width, stride=stride, rngs=rngs)]  # `layers` counts those after it
             block += [ConvBlock(width, width, rngs=rngs) for _ in range(layers)]
             blocks.append(nnx.List(block))
             ups.append(UpBlock(width, up_width, stride=up_stride, rngs=rngs))

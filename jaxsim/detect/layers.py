@@ -47,12 +47,14 @@ class BatchNorm(nnx.Module):
             own_mean = (rows * weight).sum(axis=0) / jnp.maximum(count, 1)
             off = (rows - own_mean[None]) * weight
             own_variance = (off * off).sum(axis=0) / jnp.maximum(count, 1)
+            # As PyTorch: normalised by the biased variance, remembered the unbiased one.
             unbiased = own_variance * (count / jnp.maximum(count - 1, 1))
             # A batch without a row says nothing.
             step = jnp.where(count > 0, self.momentum, 0.0)
             self.mean[...] = jax.lax.stop_gradient((1 - step) * mean + step * own_mean)
             self.variance[...] = jax.lax.stop_gradient((1 - step) * variance + step * unbiased)
             mean, variance = own_mean, own_variance
+        # One multiplication and one addition a value: the scale and shift of this batch.
         gain = self.scale[...] * jax.lax.rsqrt(variance + self.eps)
         lift = (1,) * (x.ndim - 1)
         return x * gain.reshape(*lift, -1) + (self.shift[...] - mean * gain).reshape(*lift, -1)
@@ -133,7 +135,7 @@ class FullyConnected(nnx.Module):
         layers, norms = [], []
         for width in widths:
             layer = Linear(in_channels, width, bias=False, rngs=rngs)
-            deviation = (2 / (in_channels + width)) ** 0.5
+            deviation = (2 / (in_channels + width)) ** 0.5  # Xavier's normal values, as published
             layer.kernel[...] = deviation * jax.random.normal(rngs.params(), (in_channels, width))
             layers.append(layer)
             norms.append(BatchNorm(width))

@@ -22,7 +22,7 @@ def focal(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array,
     """Sigmoid focal loss of each logit (Lin et al. 2017, eq. 5)."""
     p = jax.nn.sigmoid(logit)
     alpha = target * FOCAL_ALPHA + (1 - target) * (1 - FOCAL_ALPHA)
-    off = target * (1 - p) + (1 - target) * p
+    off = target * (1 - p) + (1 - target) * p  # 1 - p_t of the paper
     return alpha * off**FOCAL_GAMMA * bce(logit, target)
 
 
@@ -80,6 +80,7 @@ def rpn_losses(
     """
     cls, box, direction = outputs
     b = len(cls)
+    # An anchor that is neither positive nor background costs nothing.
     positive = targets.positive.astype(cls.dtype)
     cared = positive + targets.background.astype(cls.dtype)
     norm = jnp.maximum(positive.sum(axis=1, keepdims=True), 1)
@@ -103,6 +104,7 @@ def roi_losses(
     # A proposal that fills up the list has no size, and the logarithm of its ratio no bound.
     wanted = jnp.where(targets.foreground[..., None], encode(targets.canonical, bare), 0)
     of_box = smooth_l1(box, wanted).sum(axis=-1)
+    # A background proposal's box is not learned, and its exponential may overflow: 0 times infinity is no number.
     safe = jnp.where(targets.foreground[..., None], box, 0)
     of_corners = corner_loss(from_roi(decode(safe, bare), rois).reshape(-1, 7), targets.boxes.reshape(-1, 7))
     return {

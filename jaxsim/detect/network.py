@@ -56,6 +56,7 @@ class VoxelRcnn(nnx.Module):
         cap = self.voxels.max_voxels_train if train else self.voxels.max_voxels
         voxels = jax.vmap(lambda p, v: voxelize(p, v, self.voxels, max_voxels=cap))(points, valid)
         places = capacities(self.voxels, cap)
+        # Beside coordinates in metres an intensity of 0..1 is next to nothing.
         units = jnp.array([[[1, 1, 1, self.config.intensity_m]]], voxels.features.dtype)
         scales, bev, dropped = self.backbone3d(voxels.sites, voxels.features * units, places, train=train)
         outputs = self.head(self.backbone2d(bev, train=train))

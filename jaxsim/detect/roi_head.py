@@ -108,7 +108,7 @@ class VoxelPool(nnx.Module):
         self.of_offset, self.offset_norm = Linear(3, width, bias=False, rngs=rngs), BatchNorm(width)
         self.out, self.out_norm = Linear(width, width, bias=False, rngs=rngs), BatchNorm(width)
         for layer in (self.of_features, self.of_offset, self.out):
-            fan_in = layer.kernel[...].shape[0]
+            fan_in = layer.kernel[...].shape[0]  # He's normal values, as published
             layer.kernel[...] = (2 / fan_in) ** 0.5 * jax.random.normal(rngs.params(), layer.kernel[...].shape)
 
     def __call__(
@@ -125,6 +125,7 @@ class VoxelPool(nnx.Module):
         query = partial(voxel_query, voxels=voxels, stride=scale.stride, radius_m=radius_m, config=config)
         index, any_near = jax.vmap(query)(sites, jax.lax.stop_gradient(xyz))
         features = self.features_norm(self.of_features(scale.features), sites.valid, train=train)
+        # A point without a voxel sees features and offset 0.
         near = any_near[..., None, None].astype(features.dtype)
         grouped = jax.vmap(lambda f, i: f[i])(features, index) * near
         centres = jax.vmap(lambda s, i: s[i])(cell_centres(sites.zyx, voxels, scale.stride), index)

@@ -54,22 +54,25 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
     n_hard = hard.sum(dtype=jnp.int32)
     n_easy = easy.sum(dtype=jnp.int32)
 
-    fore_wanted = jnp.where(n_hard + n_easy > 0, min(round(config.foreground * count), count), count)
-    fore = jnp.where(n_hard + n_easy > 0, jnp.minimum(fore_wanted, n_fore), jnp.where(n_fore > 0, count, 0))
+    with_background = n_hard + n_easy > 0
+    share = min(round(config.foreground * count), count)
+    fore = jnp.where(with_background, jnp.minimum(share, n_fore), jnp.where(n_fore > 0, count, 0))
     background = count - fore
     hard_share = jnp.minimum((background.astype(overlap.dtype) * config.hard_share).astype(jnp.int32), n_hard)
     from_hard = jnp.where(n_easy == 0, background, jnp.where(n_hard == 0, 0, hard_share))
 
     place = jnp.arange(count, dtype=jnp.int32)
+    # Chances are below 1, so that the foreground, in random order, sorts before all others.
     once = jnp.argsort(jnp.where(foreground, jax.random.uniform(keys[0], (r,)), 2.0)).astype(jnp.int32)
     again = _draw(foreground, keys[1], count)
-    first = jnp.where(n_hard + n_easy > 0, once[jnp.minimum(place, r - 1)], again)
+    first = jnp.where(with_background, once[jnp.minimum(place, r - 1)], again)
     rest = jnp.where(place < fore + from_hard, _draw(hard, keys[2], count), _draw(easy, keys[3], count))
     return jnp.where(place < fore, first, rest)
 
 
 def _draw(mask: Bool[Array, " r"], key: Array, count: int) -> Int[Array, " s"]:
     """Places where the mask holds, drawn with repeats."""
+    # The places where the mask holds come first; where it holds nowhere, what is drawn is not used.
     where = jnp.argsort(~mask, stable=True).astype(jnp.int32)
     return where[jax.random.randint(key, (count,), 0, jnp.maximum(mask.sum(dtype=jnp.int32), 1))]
 
@@ -113,6 +116,7 @@ def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -
     turn = rois[..., 6] % (2 * np.pi)
     centre = turned(boxes[..., :3] - rois[..., :3], -turn)
     heading = (boxes[..., 6] - turn) % (2 * np.pi)
+    # Which end is the front is told by the first stage's direction alone.
     about = (heading > np.pi / 2) & (heading < 3 * np.pi / 2)
     heading = jnp.where(about, (heading + np.pi) % (2 * np.pi), heading)
     heading = jnp.where(heading > np.pi, heading - 2 * np.pi, heading)

@@ -3,7 +3,7 @@
 from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published_files import start_from
-from jaxsim.pix2pix.state import Network, TrainState, create_state, ema_generator, state_shapes
+from jaxsim.pix2pix.state import Network, TrainState, create_state, state_shapes
 from jaxsim.pix2pix.steps import make_generate, make_train_step
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "Network",
     "TrainState",
     "create_state",
-    "ema_generator",
     "load_vgg",
     "make_generate",
     "make_train_step",

@@ -40,11 +40,7 @@ def conv2d(
         x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)), mode="reflect")
         rows, columns = 0, 0
     return lax.conv_general_dilated(
-        x,
-        kernel,
-        (stride, stride),
-        ((rows, rows), (columns, columns)),
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+        x, kernel, (stride, stride), ((rows, rows), (columns, columns)), dimension_numbers=("NHWC", "HWIO", "NHWC")
     )
 
 

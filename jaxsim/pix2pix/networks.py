@@ -135,11 +135,7 @@ class PatchDiscriminator(nnx.Module):
     def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs, *, precision: Precision) -> None:
         original = config.form == "original"
         block = partial(
-            ConvBlock,
-            size=4 if original else 3,
-            padding="zero",
-            form=layer_form(config.form, precision),
-            rngs=rngs,
+            ConvBlock, size=4 if original else 3, padding="zero", form=layer_form(config.form, precision), rngs=rngs
         )
         relu = partial(jax.nn.leaky_relu, negative_slope=0.2)
         widths = [min(config.filters * 2**i, config.max_filters) for i in range(config.layers + 1)]

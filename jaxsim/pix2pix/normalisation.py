@@ -69,10 +69,7 @@ def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
 
 @jax.custom_vjp
 def instance_norm(
-    x: Float[Array, "b h w c"],
-    scale: Float[Array, " c"],
-    shift: Float[Array, " c"],
-    eps: Float[Array, ""],
+    x: Float[Array, "b h w c"], scale: Float[Array, " c"], shift: Float[Array, " c"], eps: Float[Array, ""]
 ) -> Float[Array, "b h w c"]:
     """(x - mean) / sqrt(variance + eps) over rows and columns (biased variance), times scale, plus shift.
 

@@ -122,8 +122,3 @@ def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
         discriminator_optim=discriminator_optim,
         ema=fold_spectral_norm(generator.parameters, generator.vectors),
     )
-
-
-def ema_generator(state: TrainState) -> Tree:
-    """The averaged generator's parameters, for `make_generate`."""
-    return state.ema

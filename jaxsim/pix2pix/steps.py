@@ -22,14 +22,7 @@ from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.convolution_cpu import compiler_options
-from jaxsim.pix2pix.losses import (
-    Weights,
-    discriminator_loss,
-    generator_terms,
-    load_vgg,
-    perceptual,
-    reconstruction,
-)
+from jaxsim.pix2pix.losses import Weights, discriminator_loss, generator_terms, load_vgg, perceptual, reconstruction
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
     Network,
@@ -177,6 +170,6 @@ def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Arr
 
 
 def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, Array], Array]:
-    """Jitted (`ema_generator(state)`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]."""
+    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]."""
     definition = generator_definition(experiment.generator, in_channels, spectral=False)
     return jax.jit(lambda parameters, inputs: nnx.merge(definition, parameters)(inputs))
