@@ -27,6 +27,8 @@ SPARSE_LAYOUTS: dict[str, tuple[int, ...]] = {
     "spconv 2, native": (0, 1, 2, 4, 3),
 }
 """Where our axes (z, y, x, in, out) stand in each layout."""
+DENSE_LAYOUTS = {"conv": (2, 3, 1, 0), "up": (2, 3, 0, 1)}
+"""Where our axes (row, column, in, out) stand in PyTorch's kernels of convolutions and transposed convolutions."""
 FIRST_KERNEL = "backbone_3d.conv_input.0.weight"
 BATCH_NORM = {"weight": "scale", "bias": "shift", "running_mean": "mean", "running_var": "variance"}
 
@@ -91,28 +93,21 @@ def _holder(network: Network, tensor: Tensor) -> Any:
 
 
 def _published_shape(tensor: Tensor, shape: tuple[int, ...], sparse: tuple[int, ...]) -> tuple[int, ...]:
-    if tensor.layout == "sparse":
-        return tuple(shape[sparse.index(k)] for k in range(len(sparse)))
-    if tensor.layout == "conv":
-        return (shape[3], shape[2], *shape[:2])
-    if tensor.layout == "up":
-        return (shape[2], shape[3], *shape[:2])
-    if tensor.layout == "linear":
+    if tensor.layout == "vector":
+        return shape
+    if tensor.layout == "linear":  # some are published as convolutions with kernels of one cell, in one or two axes
         ones = 2 if "dense_head" in tensor.name or "mlps_pos" in tensor.name else 1 if "mlps" in tensor.name else 0
         return (shape[1], shape[0], *(1,) * ones)
-    return shape
+    axes = sparse if tensor.layout == "sparse" else DENSE_LAYOUTS[tensor.layout]
+    return tuple(shape[axes.index(k)] for k in range(len(axes)))
 
 
 def _ours(tensor: Tensor, array: np.ndarray, sparse: tuple[int, ...]) -> np.ndarray:
-    if tensor.layout == "sparse":
-        return array.transpose(sparse)
-    if tensor.layout == "conv":
-        return array.transpose(2, 3, 1, 0)
-    if tensor.layout == "up":
-        return array.transpose(2, 3, 0, 1)
+    if tensor.layout == "vector":
+        return array
     if tensor.layout == "linear":
         return array.reshape(array.shape[:2]).T
-    return array
+    return array.transpose(sparse if tensor.layout == "sparse" else DENSE_LAYOUTS[tensor.layout])
 
 
 def sparse_layout(arrays: Arrays) -> str:

@@ -17,7 +17,7 @@ In the order of reading:
 
 from jaxsim.effects.catalogue import EFFECTS, get_effect
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Law, Parameter
-from jaxsim.effects.rays import Rays, Scan, all_rays, rays_at
+from jaxsim.effects.rays import Scan, all_rays
 from jaxsim.effects.scan import scan_of
 
 __all__ = [
@@ -28,10 +28,8 @@ __all__ = [
     "Effect",
     "Law",
     "Parameter",
-    "Rays",
     "Scan",
     "all_rays",
     "get_effect",
-    "rays_at",
     "scan_of",
 ]

@@ -117,7 +117,7 @@ class Conv(nnx.Module):
         if not self.spectral:
             return y, 1.0
         left, right = self.left[...], self.right[...]
-        sigma, left, right = spectral_norm(kernel, left, right, iterations=int(train))
+        sigma, left, right = spectral_norm(kernel, left, right, advance=train)
         if train:
             self.left[...], self.right[...] = left, right
         return y, sigma
