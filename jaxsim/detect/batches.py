@@ -175,6 +175,7 @@ def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, 
         points[:, 1] *= -1
         boxes[:, 1] *= -1
         boxes[:, 6] *= -1
+    # Points and boxes are rows, so that this is the transpose of the rotation that turns columns.
     turn = np.float32(rng.uniform(-config.rotation_rad, config.rotation_rad))
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]], np.float32)
     points[:, :2] = points[:, :2] @ rotation
@@ -225,7 +226,7 @@ def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rn
 def heights_on(ground: Float[Array, " 4"], boxes: Float[Array, "n 7"], view: View) -> Float32[Array, " n"]:
     """Height in `velo` of the road plane at the boxes."""
     middle = boxes[:, :3].astype(np.float64) @ view.rect_from_velo[:3, :3].T + view.rect_from_velo[:3, 3]
-    a, b, c, d = ground
+    a, b, c, d = ground  # a x + b y + c z + d = 0 in the labels' frame, whose y points down
     middle[:, 1] = (-d - a * middle[:, 0] - c * middle[:, 2]) / b
     velo_from_rect = np.linalg.inv(view.rect_from_velo)
     return (middle @ velo_from_rect[2, :3] + velo_from_rect[2, 3]).astype(np.float32)

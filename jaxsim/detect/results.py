@@ -44,6 +44,7 @@ def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "
     cam = corners_of(boxes) @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
     ahead = cam[..., 2] > NEAR_M
     pixel = cam @ view.intrinsics.T
+    # Corners that are not ahead have no pixel; a box without any that is ahead is cut to the image's borders.
     uv = pixel[..., :2] / np.where(ahead, pixel[..., 2], 1)[..., None]
     low = np.where(ahead[..., None], uv, np.inf).min(axis=1, initial=np.inf)
     high = np.where(ahead[..., None], uv, -np.inf).max(axis=1, initial=-np.inf)

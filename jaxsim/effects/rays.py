@@ -131,6 +131,7 @@ def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
     """Whether the last column is followed by the first."""
     azimuth = grid.azimuth_rad
     step = jnp.abs(azimuth[1] - azimuth[0])
+    # Half a step of slack for grids whose azimuths are rounded.
     return jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
 
 

@@ -153,6 +153,7 @@ def nearest_glare(
     target_m, found = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
     if not bright.any():
         return target_m, np.full((rows, columns), np.pi, np.float32)
+    # Squares of angles: that of elevations, then that of azimuths, which is smaller by the cosine of the elevation.
     elevation = np.asarray(grid.elevation_rad, np.float64)
     apart = np.square(elevation[:, None] - elevation[None, :])
     lit = np.flatnonzero(bright.any(axis=0))

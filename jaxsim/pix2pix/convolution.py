@@ -73,6 +73,7 @@ def transposed_conv2d(
 
 def average_pool(x: Float[Array, "b h w c"]) -> Float[Array, "b h//2 w//2 c"]:
     """3 x 3 means at stride 2; cells outside the raster are not counted. h and w must be even."""
+    # Output i covers cells 2i - 1, 2i and 2i + 1; the first lacks the one before it.
     for axis in (1, 2):
         even, odd = _pairs(x, axis)
         n = even.shape[axis]

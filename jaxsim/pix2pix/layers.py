@@ -103,6 +103,7 @@ class Conv(nnx.Module):
         """
         kernel = self.kernel[...]
         y, start = 0.0, 0
+        # The convolution of parts side by side is the sum of their convolutions, each with its channels of the kernel.
         for part in parts:
             of_part = kernel[:, :, start : start + part.shape[-1]]
             start += part.shape[-1]
@@ -139,6 +140,7 @@ class InstanceNorm(nnx.Module):
             scale, shift = self.scale[...], self.shift[...]
         else:
             scale, shift = jnp.ones(x.shape[-1], wide), jnp.zeros(x.shape[-1], wide)
+        # (x/d - mean(x/d)) / sqrt(var(x/d) + eps) = sign(d) (x - mean(x)) / sqrt(var(x) + eps d^2)
         divisor = jnp.asarray(divisor, wide)
         return instance_norm(x, scale * jnp.sign(divisor), shift, INSTANCE_EPS * divisor * divisor)
 

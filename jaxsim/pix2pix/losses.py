@@ -87,6 +87,7 @@ def reconstruction(
     Where devices share a batch, `mean` takes the mean over them: weights are told from those of the whole batch,
     so that the mean of the devices' terms is the term of the whole.
     """
+    # Without any weight the term is 0, not 0 / 0.
     error = 0.5 * jnp.abs(image - target).mean(-1)
     return (weight * error).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(error.dtype).tiny)
 
@@ -151,6 +152,7 @@ def vgg_features(
         image = jnp.repeat(image, 3, axis=-1)
     mean = jnp.asarray(MEAN, image.dtype)[None, None, None]
     deviation = jnp.asarray(DEVIATION, image.dtype)[None, None, None]
+    # The mean and deviation are of images in 0..1.
     x = ((image + 1) / 2 - mean) / deviation if imagenet else image
     features = []
     for block, places in enumerate(BLOCKS):

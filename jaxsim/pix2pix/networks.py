@@ -99,6 +99,7 @@ class Generator(nnx.Module):
         form = form._replace(spectral=form.spectral and spectral)
         part = partial(EncoderDecoder, in_channels, form=form, rngs=rngs)
         self.coarse = part(widths, blocks=config.blocks, out_channels=None if config.enhancers else config.out_channels)
+        # An enhancer sees twice the rows and columns of the part before it, and has half its width.
         fine = [config.filters // 2 ** (k + 1) for k in range(config.enhancers)]
         self.enhancers = nnx.List(
             [
@@ -120,6 +121,7 @@ class Generator(nnx.Module):
                 f"and at least {2 * self.multiple}: change prepare.network_size, or use fewer downsamples "
                 "or enhancers"
             )
+        # Finest first, so that the coarse part takes the last.
         pyramid = [inputs]
         for _ in self.enhancers:
             pyramid.append(average_pool(pyramid[-1]))

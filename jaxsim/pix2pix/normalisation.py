@@ -89,6 +89,7 @@ def _instance_norm_gradient(saved: tuple[Array, ...], gradient: Array) -> tuple[
     x, mean, rate, scale = saved
     cells, gradient = x.shape[1] * x.shape[2], gradient.astype(scale.dtype)
     normalised = (x.astype(scale.dtype) - mean) * rate
+    # dL/dx = scale rate (g - mean(g) - n mean(g n)), with n the normalised x and means over cells.
     flat = _sum_cells(gradient)
     along = _sum_cells(gradient * normalised)
     scale = scale[None, None, None]

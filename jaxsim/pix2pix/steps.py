@@ -116,6 +116,7 @@ def make_train_step(
         judges = state.discriminator
         judges_optim = state.discriminator_optim
         vectors = state.generator.vectors
+        # Imaginaire's order: the generator then learns from a discriminator that has seen an image of this step.
         first = experiment.optim.updates == "discriminator_first"
         if judges is not None and first:
             fake, network = generate(state.generator, batch["inputs"])
