@@ -13,7 +13,7 @@ import numpy as np
 from jaxsim import devices
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.data.batches import batches
-from jaxsim.pix2pix import convolution_cpu, create_state, ema_generator, make_train_step
+from jaxsim.pix2pix import convolution_cpu, create_state, make_train_step
 from jaxsim.runs.checkpoints import Checkpoints
 
 CHANNELS, SIZE = 3, (16, 32)
@@ -62,7 +62,7 @@ def main(folder: Path, steps: int, save_at: int) -> None:
         values["batch"] = float(np.abs(whole["inputs"]).sum(dtype=np.float64))
         print(json.dumps({"step": k + 1, "devices": jax.device_count(), **values}), flush=True)
         if checkpoints and k + 1 == save_at:
-            checkpoints.save(k + 1, state=state, generator=ema_generator(state))
+            checkpoints.save(k + 1, state=state, generator=state.ema)
     devices.wait("the end")
 
 

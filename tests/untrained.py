@@ -10,7 +10,7 @@ from jaxsim.data.synthetic import kitti_camera
 from jaxsim.detect import network_shapes
 from jaxsim.frame import CameraFrame
 from jaxsim.geometry import preset
-from jaxsim.pix2pix import ema_generator, state_shapes
+from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
@@ -21,7 +21,7 @@ def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Pat
     """Makes the folder; its camera is KITTI's."""
     view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
     start_run(folder, describe(experiment, preset("hdl64e"), view))
-    shapes = jax.eval_shape(ema_generator, state_shapes(experiment, input_channels(experiment.prepare)))
+    shapes = state_shapes(experiment, input_channels(experiment.prepare)).ema
     rng = np.random.default_rng(seed)
     weights = jax.tree.map(lambda leaf: rng.normal(0, 0.1, leaf.shape).astype(leaf.dtype), shapes)
     Checkpoints(folder, keep=1).save(1, state={"step": np.int32(1)}, generator=weights)

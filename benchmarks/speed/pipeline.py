@@ -21,7 +21,7 @@ from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches, stack
 from jaxsim.pairs.prepared import prepared
-from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step
+from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step
 from jaxsim.prepare import input_channels
 from jaxsim.simulate.predict import make_batch, make_predict
 from jaxsim.train.prefetch import ahead
@@ -55,7 +55,7 @@ def main(experiment: Experiment, *, steps: int, rounds: int) -> None:
     seconds = interleave(title, peers, rounds=rounds, warmup=1)
     print(f"  training: {steps * optim.batch / seconds['the pipeline']:.1f} images/s")
 
-    predict, params = make_predict(make_generate(experiment, channels), prepare), ema_generator(state)
+    predict, params = make_predict(make_generate(experiment, channels), prepare), state.ema
     for size in (1, 8):
         pairs = jax.device_put(stack([train[k % len(train)] for k in range(size)]))
         one = interleave(

@@ -37,7 +37,7 @@ from torch.nn import functional as F
 from torch.utils.flop_counter import FlopCounterMode
 
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
-from jaxsim.pix2pix import create_state, ema_generator, make_generate, make_train_step
+from jaxsim.pix2pix import create_state, make_generate, make_train_step
 
 CHANNELS = 40
 DEVICE = "cuda" if torch.cuda.is_available() and jax.default_backend() == "gpu" else "cpu"
@@ -214,7 +214,7 @@ def compare(size: str, batch: int, arguments: argparse.Namespace, layout) -> Non
     optim = OptimConfig(precision=arguments.precision)
     experiment = Experiment(generator=generator, discriminator=discriminator, loss=LossConfig(), optim=optim)
     state = create_state(experiment, CHANNELS, seed=0)
-    parameters = jax.tree.map(np.asarray, ema_generator(state))
+    parameters = jax.tree.map(np.asarray, state.ema)
     data = jax.device_put({"inputs": inputs, "target": target, "weight": weight})
     generate, train_step = make_generate(experiment, CHANNELS), make_train_step(experiment, CHANNELS)
     theirs = [

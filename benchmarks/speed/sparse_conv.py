@@ -20,11 +20,20 @@ import numpy as np
 from timing import interleave
 
 from jaxsim.config import VoxelConfig
-from jaxsim.detect.sparse import Sites, cells, sparse_conv, strided_sites, strided_tables, submanifold_tables
+from jaxsim.detect.sparse import (
+    CUBE,
+    Sites,
+    Window,
+    cells,
+    sparse_conv,
+    strided_sites,
+    strided_tables,
+    submanifold_tables,
+)
 from jaxsim.detect.voxelize import voxelize
 
 CONFIG, CAP = VoxelConfig(), 16000
-FORM = ((3, 3, 3), (2, 2, 2), (1, 1, 1))
+HALVING = Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1))
 STAGE = (16, 32)
 """Channels before and after the strided convolution."""
 
@@ -73,9 +82,9 @@ def in_spconv(sites: Sites, features: np.ndarray, kernel: np.ndarray):
 
 def stage(sites: Sites, features: jax.Array, kernels: list[jax.Array], capacity: int) -> tuple[Sites, jax.Array]:
     """A strided convolution and two submanifold ones, each with ReLU, and the tables that they need."""
-    out, _ = strided_sites(sites, *FORM, capacity=capacity)
-    x = jax.nn.relu(sparse_conv(features, kernels[0], strided_tables(sites, out, *FORM)))
-    same = submanifold_tables(out, FORM[0])
+    out, _ = strided_sites(sites, HALVING, capacity)
+    x = jax.nn.relu(sparse_conv(features, kernels[0], strided_tables(sites, out, HALVING)))
+    same = submanifold_tables(out)
     for kernel in kernels[1:]:
         x = jax.nn.relu(sparse_conv(x, kernel, same))
     return out, x
@@ -89,7 +98,7 @@ def stage_in_spconv(sites: Sites, features: np.ndarray, kernels: list[np.ndarray
     except ModuleNotFoundError:
         return None  # in_spconv said so
     torch.set_num_threads(1)
-    (size, stride, padding), (low, high) = FORM, STAGE
+    (size, stride, padding), (low, high) = HALVING, STAGE
     layers = [
         spconv.SparseConv3d(low, high, size, stride=stride, padding=padding, bias=False),
         spconv.SubMConv3d(high, high, size, bias=False, indice_key="same"),
@@ -144,15 +153,15 @@ def main() -> None:
     make = jax.jit(lambda p, v: voxelize(p, v, CONFIG, max_voxels=CAP))
     voxels = make(points, valid)
     sites = voxels.sites
-    same = jax.jit(lambda s: submanifold_tables(s, (3, 3, 3)))
+    same = jax.jit(submanifold_tables)
     tables = same(sites)
     filled = float((tables.forward < CAP).mean())
     print(f"{int(sites.valid.sum())} voxels of {cells(sites.shape):,} cells, {filled:.1%} of the table's places filled")
 
     @jax.jit
     def down(s: Sites):
-        out, dropped = strided_sites(s, *FORM, capacity=5 * CAP // 2)
-        return strided_tables(s, out, *FORM), dropped
+        out, dropped = strided_sites(s, HALVING, 5 * CAP // 2)
+        return strided_tables(s, out, HALVING), dropped
 
     interleave(
         "tables, in ms",

@@ -11,13 +11,14 @@ import tyro
 from jaxsim.detect import published as voxel_rcnn
 from jaxsim.metrics import inception
 from jaxsim.metrics.generation import rangenet
-from jaxsim.pix2pix import published_files, vgg
+from jaxsim.pix2pix import published_files
+from jaxsim.pix2pix.losses import VGG19
 from jaxsim.prepare.denoise import lidia
 from jaxsim.prepare.depth import penet
 from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
-    "vgg19": vgg.CONVERTER,
+    "vgg19": VGG19,
     **published_files.CONVERTERS,
     **inception.CONVERTERS,
     "rangenet53": rangenet.CONVERTER,

@@ -6,19 +6,16 @@ Boxes are (x, y, z, l, w, h, a) as in geometry.boxes: middle, sides in metres, h
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import AnchorConfig, VoxelConfig
 from jaxsim.detect.voxelize import grid_shape
+from jaxsim.frame import Array
 from jaxsim.geometry.boxes import iou_2d
-
-Array = Any
 
 STRIDE = 8
 SMALLEST_M = 1e-5
@@ -44,10 +41,10 @@ class AnchorTargets:
 
 def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray, "a 7"]:
     """All anchors in the order row (y), column (x), heading. The outermost lie on the range's borders, as published."""
-    _, rows, columns = (cells // STRIDE for cells in grid_shape(voxels))
+    _, rows, columns = grid_shape(voxels)
     x0, y0, _, x1, y1, _ = voxels.range_m
-    x = np.linspace(x0, x1, columns).astype(np.float32)
-    y = np.linspace(y0, y1, rows).astype(np.float32)
+    x = np.linspace(x0, x1, columns // STRIDE).astype(np.float32)
+    y = np.linspace(y0, y1, rows // STRIDE).astype(np.float32)
     y, x, yaw = np.meshgrid(y, x, np.array(config.yaws_rad, np.float32), indexing="ij")
     fixed = np.array([config.bottom_m + config.size_m[2] / 2, *config.size_m], np.float32)
     boxes = np.concatenate([np.stack([x, y], -1), np.broadcast_to(fixed, (*x.shape, 4)), yaw[..., None]], axis=-1)
@@ -91,7 +88,7 @@ def limit_period(value: Float[Array, "*b"], offset: float, period: float) -> Flo
     return value - jnp.floor(value / period + offset) * period
 
 
-def direction_bin(heading_rad: Float[Array, "*b"]) -> Any:
+def direction_bin(heading_rad: Float[Array, "*b"]) -> Int[Array, "*b"]:
     """0 for headings from DIRECTION_OFFSET on over half a turn, else 1 (int32)."""
     turned = limit_period(heading_rad - DIRECTION_OFFSET, 0.0, 2 * np.pi)
     return jnp.clip(jnp.floor(turned / np.pi), 0, 1).astype(jnp.int32)
@@ -116,33 +113,28 @@ def nearest_bev(boxes: Float[Array, "*b 7"]) -> Float[Array, "*b 4"]:
 
 
 def assign(
-    anchors: Float[Array, "a 7"],
-    boxes: Float[Array, "b g 7"],
-    valid: Bool[Array, "b g"],
-    config: AnchorConfig,
+    anchors: Float[Array, "a 7"], boxes: Float[Array, "b g 7"], valid: Bool[Array, "b g"], *, config: AnchorConfig
 ) -> AnchorTargets:
     """Targets of all anchors for the objects of each sample.
 
     An anchor is positive from `matched` overlap on, or if no other overlaps an object more; it learns the object that
     it overlaps most, which for one of the latter may be another.
     """
-    return jax.vmap(lambda b, v: _assign(anchors, b, v, config=config))(boxes, valid)
 
+    def of_sample(boxes: Float[Array, "g 7"], valid: Bool[Array, " g"]) -> AnchorTargets:
+        # As published: overlap of rectangles along the axes, not of the turned boxes.
+        overlap = jnp.where(valid[None], iou_2d(nearest_bev(anchors), nearest_bev(boxes)), 0)
+        most, mine = overlap.max(axis=1), overlap.argmax(axis=1)
+        best = overlap.max(axis=0)
+        # Within rounding of its own maximum: XLA may compute it anew, and round otherwise, for either.
+        forced = ((overlap >= (1 - ROUNDING) * best[None]) & (best > 0)[None]).any(axis=1)
+        positive = forced | (most >= config.matched)
+        learned = boxes[mine]
+        return AnchorTargets(
+            positive=positive,
+            background=~positive & (most < config.unmatched),
+            deltas=jnp.where(positive[:, None], encode(learned, anchors), 0),
+            direction=jnp.where(positive, direction_bin(learned[:, 6]), 0),
+        )
 
-def _assign(
-    anchors: Float[Array, "a 7"], boxes: Float[Array, "g 7"], valid: Bool[Array, " g"], *, config: AnchorConfig
-) -> AnchorTargets:
-    overlap = jnp.where(valid[None], iou_2d(nearest_bev(anchors), nearest_bev(boxes)), 0)
-    most, mine = overlap.max(axis=1), overlap.argmax(axis=1)
-    best = overlap.max(axis=0)
-    # Within rounding of its own maximum: XLA may compute it anew, and round otherwise, for either.
-    forced = ((overlap >= (1 - ROUNDING) * best[None]) & (best > 0)[None]).any(axis=1)
-    positive = forced | (most >= config.matched)
-    boxes = boxes[mine]
-    keep = positive[:, None].astype(boxes.dtype)
-    return AnchorTargets(
-        positive=positive,
-        background=~positive & (most < config.unmatched),
-        deltas=jnp.where(positive[:, None], encode(boxes, anchors), 0) * keep,
-        direction=jnp.where(positive, direction_bin(boxes[:, 6]), 0),
-    )
+    return jax.vmap(of_sample)(boxes, valid)

@@ -6,7 +6,6 @@ Shapes are channels last. Batch norm counts the valid rows of the whole batch, s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +13,8 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float
 
-from jaxsim.detect.sparse import Tables, Triple, sparse_conv
-
-Array = Any
+from jaxsim.detect.sparse import CUBE, Tables, Triple, sparse_conv
+from jaxsim.frame import Array
 
 
 class Statistic(nnx.Variable):
@@ -49,12 +47,14 @@ class BatchNorm(nnx.Module):
             own_mean = (rows * weight).sum(axis=0) / jnp.maximum(count, 1)
             off = (rows - own_mean[None]) * weight
             own_variance = (off * off).sum(axis=0) / jnp.maximum(count, 1)
+            # As PyTorch: normalised by the biased variance, remembered the unbiased one.
             unbiased = own_variance * (count / jnp.maximum(count - 1, 1))
             # A batch without a row says nothing.
             step = jnp.where(count > 0, self.momentum, 0.0)
             self.mean[...] = jax.lax.stop_gradient((1 - step) * mean + step * own_mean)
             self.variance[...] = jax.lax.stop_gradient((1 - step) * variance + step * unbiased)
             mean, variance = own_mean, own_variance
+        # One multiplication and one addition a value: the scale and shift of this batch.
         gain = self.scale[...] * jax.lax.rsqrt(variance + self.eps)
         lift = (1,) * (x.ndim - 1)
         return x * gain.reshape(*lift, -1) + (self.shift[...] - mean * gain).reshape(*lift, -1)
@@ -63,7 +63,7 @@ class BatchNorm(nnx.Module):
 class SparseBlock(nnx.Module):
     """Sparse convolution without bias, batch norm (eps 1e-3, momentum 0.01), ReLU."""
 
-    def __init__(self, in_channels: int, out_channels: int, *, size: Triple = (3, 3, 3), rngs: nnx.Rngs):
+    def __init__(self, in_channels: int, out_channels: int, *, size: Triple = CUBE, rngs: nnx.Rngs):
         shape = (*size, in_channels, out_channels)
         self.kernel = nnx.Param(uniform(rngs, shape, int(np.prod(shape[:-1]))))
         self.norm = BatchNorm(out_channels, eps=1e-3, momentum=0.01)
@@ -125,3 +125,28 @@ class Linear(nnx.Module):
     def __call__(self, x: Float[Array, "*b c"]) -> Float[Array, "*b d"]:
         y = x @ self.kernel[...]
         return y + self.bias[...].reshape((1,) * (y.ndim - 1) + (-1,)) if self.has_bias else y
+
+
+class FullyConnected(nnx.Module):
+    """Linear maps without bias, each with batch norm and ReLU; dropout between them."""
+
+    def __init__(self, in_channels: int, widths: tuple[int, ...], dropout: float, *, rngs: nnx.Rngs):
+        self.dropout = dropout
+        layers, norms = [], []
+        for width in widths:
+            layer = Linear(in_channels, width, bias=False, rngs=rngs)
+            deviation = (2 / (in_channels + width)) ** 0.5  # Xavier's normal values, as published
+            layer.kernel[...] = deviation * jax.random.normal(rngs.params(), (in_channels, width))
+            layers.append(layer)
+            norms.append(BatchNorm(width))
+            in_channels = width
+        self.layers, self.norms = nnx.List(layers), nnx.List(norms)
+
+    def __call__(self, x: Float[Array, "*b c"], *, key: Array | None) -> Float[Array, "*b d"]:
+        """With a key as in training: batch statistics and dropout."""
+        for k, (layer, norm) in enumerate(zip(self.layers, self.norms, strict=True)):
+            x = jax.nn.relu(norm(layer(x), train=key is not None))
+            if key is not None and self.dropout and k + 1 < len(self.layers):
+                kept = jax.random.bernoulli(jax.random.fold_in(key, k), 1 - self.dropout, x.shape)
+                x = jnp.where(kept, x / (1 - self.dropout), 0)
+        return x

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +10,8 @@ from jaxtyping import Float, Int
 from jaxsim.config import DetectorConfig
 from jaxsim.detect.anchors import AnchorTargets, decode, encode
 from jaxsim.detect.roi_targets import RoiTargets, from_roi
+from jaxsim.frame import Array
 from jaxsim.geometry.boxes import box_corners
-
-Array = Any
 
 FOCAL_ALPHA, FOCAL_GAMMA = 0.25, 2.0
 BETA = 1 / 9
@@ -25,7 +22,7 @@ def focal(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array,
     """Sigmoid focal loss of each logit (Lin et al. 2017, eq. 5)."""
     p = jax.nn.sigmoid(logit)
     alpha = target * FOCAL_ALPHA + (1 - target) * (1 - FOCAL_ALPHA)
-    off = target * (1 - p) + (1 - target) * p
+    off = target * (1 - p) + (1 - target) * p  # 1 - p_t of the paper
     return alpha * off**FOCAL_GAMMA * bce(logit, target)
 
 
@@ -73,14 +70,17 @@ def _lengths(offset: Float[Array, "n 8 3"]) -> Float[Array, "n 8"]:
 
 
 def rpn_losses(
-    cls: Float[Array, "b a"],
-    box: Float[Array, "b a 7"],
-    direction: Float[Array, "b a 2"],
+    outputs: tuple[Float[Array, "b a"], Float[Array, "b a 7"], Float[Array, "b a 2"]],
     targets: AnchorTargets,
     config: DetectorConfig,
 ) -> dict[str, Float[Array, ""]]:
-    """The anchor head's weighted terms: each sample's sum over its number of positive anchors, mean over samples."""
+    """The anchor head's weighted terms: each sample's sum over its number of positive anchors, mean over samples.
+
+    `outputs` are the head's: logits, encoded boxes and direction logits.
+    """
+    cls, box, direction = outputs
     b = len(cls)
+    # An anchor that is neither positive nor background costs nothing.
     positive = targets.positive.astype(cls.dtype)
     cared = positive + targets.background.astype(cls.dtype)
     norm = jnp.maximum(positive.sum(axis=1, keepdims=True), 1)
@@ -104,6 +104,7 @@ def roi_losses(
     # A proposal that fills up the list has no size, and the logarithm of its ratio no bound.
     wanted = jnp.where(targets.foreground[..., None], encode(targets.canonical, bare), 0)
     of_box = smooth_l1(box, wanted).sum(axis=-1)
+    # A background proposal's box is not learned, and its exponential may overflow: 0 times infinity is no number.
     safe = jnp.where(targets.foreground[..., None], box, 0)
     of_corners = corner_loss(from_roi(decode(safe, bare), rois).reshape(-1, 7), targets.boxes.reshape(-1, 7))
     return {

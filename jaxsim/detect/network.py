@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import nnx, struct
 from jaxtyping import Bool, Float
 
-from jaxsim.config import DetectorConfig, VoxelConfig
+from jaxsim.config import DetectorConfig, ProposalConfig, VoxelConfig
 from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
-from jaxsim.detect.backbone2d import AnchorHead, BevBackbone
-from jaxsim.detect.backbone3d import DOWN, Scale, VoxelBackBone8x, capacities
+from jaxsim.detect.backbones import DOWN, AnchorHead, BevBackbone, Scale, VoxelBackBone8x, capacities
 from jaxsim.detect.losses import refined, roi_losses, rpn_losses
-from jaxsim.detect.roi_head import VoxelRoiHead, propose
+from jaxsim.detect.roi_head import VoxelRoiHead
 from jaxsim.detect.roi_targets import assign_rois
 from jaxsim.detect.sparse import strided_shape
 from jaxsim.detect.voxelize import sparse_shape, voxelize
+from jaxsim.frame import Array
 from jaxsim.geometry.boxes import nms_bev
 
-Array = Any
 FEATURES = 4
 """x, y, z in metres, intensity 0..1."""
 
@@ -59,6 +56,7 @@ class VoxelRcnn(nnx.Module):
         cap = self.voxels.max_voxels_train if train else self.voxels.max_voxels
         voxels = jax.vmap(lambda p, v: voxelize(p, v, self.voxels, max_voxels=cap))(points, valid)
         places = capacities(self.voxels, cap)
+        # Beside coordinates in metres an intensity of 0..1 is next to nothing.
         units = jnp.array([[[1, 1, 1, self.config.intensity_m]]], voxels.features.dtype)
         scales, bev, dropped = self.backbone3d(voxels.sites, voxels.features * units, places, train=train)
         outputs = self.head(self.backbone2d(bev, train=train))
@@ -70,17 +68,20 @@ class VoxelRcnn(nnx.Module):
         self,
         points: Float[Array, "b p 4"],
         valid: Bool[Array, "b p"],
+        *,
         objects: Float[Array, "b g 7"],
         is_object: Bool[Array, "b g"],
         key: Array,
     ) -> tuple[dict[str, Float[Array, ""]], dict[str, Array]]:
         """Weighted loss terms of a training batch, and what was left out (voxels and sites, a sample)."""
-        scales, (cls, box, direction), boxes, dropped = self.first_stage(points, valid, train=True)
+        scales, outputs, boxes, dropped = self.first_stage(points, valid, train=True)
         anchors = jnp.asarray(anchor_boxes(self.config.anchors, self.voxels))
-        terms = rpn_losses(cls, box, direction, assign(anchors, objects, is_object, self.config.anchors), self.config)
+        wanted = assign(anchors, objects, is_object, config=self.config.anchors)
+        terms = rpn_losses(outputs, wanted, self.config)
         of_sample, of_dropout = jax.random.split(key)
+        # Proposals are given to the second stage: its losses do not move them.
         stop = jax.lax.stop_gradient
-        rois, _, _ = propose(stop(cls), stop(boxes), self.config.train_proposals)
+        rois, _ = propose(stop(outputs[0]), stop(boxes), self.config.train_proposals)
         targets = assign_rois(rois, objects, is_object, key=of_sample, config=self.config.roi)
         cls, box = self.roi(scales, targets.rois, self.voxels, key=of_dropout)
         return terms | roi_losses(cls, box, targets, config=self.config), dropped
@@ -88,7 +89,7 @@ class VoxelRcnn(nnx.Module):
     def detect(self, points: Float[Array, "b p 4"], valid: Bool[Array, "b p"]) -> tuple[Detections, dict[str, Array]]:
         """Boxes of scores of `config.score` and more, and what was left out (voxels and sites, a sample)."""
         scales, (cls, _, _), boxes, dropped = self.first_stage(points, valid, train=False)
-        rois, _, taken = propose(cls, boxes, self.config.proposals)
+        rois, taken = propose(cls, boxes, self.config.proposals)
         logit, box = self.roi(scales, rois, self.voxels, key=None)
         boxes = refined(box, rois)
         score = jax.nn.sigmoid(logit)
@@ -100,6 +101,15 @@ class VoxelRcnn(nnx.Module):
         return Detections(boxes, jnp.take_along_axis(score, index, axis=1), kept), dropped
 
 
+def propose(
+    score: Float[Array, "b a"], boxes: Float[Array, "b a 7"], config: ProposalConfig
+) -> tuple[Float[Array, "b r 7"], Bool[Array, "b r"]]:
+    """The best boxes that do not overlap, and which places are taken. The others are 0."""
+    index, kept = nms_bev(boxes, score, config.overlap, keep=config.after, consider=config.before)
+    boxes = jnp.take_along_axis(boxes, index[..., None], axis=1) * kept[..., None].astype(boxes.dtype)
+    return boxes, kept
+
+
 def bev_channels(config: DetectorConfig, voxels: VoxelConfig) -> int:
     """Channels of the map from above. Raises ValueError where the range does not divide into cells of 8 voxels."""
     shape = sparse_shape(voxels)
@@ -108,8 +118,8 @@ def bev_channels(config: DetectorConfig, voxels: VoxelConfig) -> int:
             f"detect: the range holds {shape[2]} x {shape[1]} voxels along x and y; make both multiples of 8 "
             "(--voxels.range-m, --voxels.size-m)"
         )
-    for kernel, stride, padding in DOWN.values():
-        shape = strided_shape(shape, kernel, stride, padding=padding)
+    for window in DOWN.values():
+        shape = strided_shape(shape, window)
     if shape[0] < 1:
         raise ValueError(f"detect: the range is too low for its voxels: {np.round(voxels.range_m, 3)}; no cell is left")
     return shape[0] * config.backbone.out

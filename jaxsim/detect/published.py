@@ -27,6 +27,8 @@ SPARSE_LAYOUTS: dict[str, tuple[int, ...]] = {
     "spconv 2, native": (0, 1, 2, 4, 3),
 }
 """Where our axes (z, y, x, in, out) stand in each layout."""
+DENSE_LAYOUTS = {"conv": (2, 3, 1, 0), "up": (2, 3, 0, 1)}
+"""Where our axes (row, column, in, out) stand in PyTorch's kernels of convolutions and transposed convolutions."""
 FIRST_KERNEL = "backbone_3d.conv_input.0.weight"
 BATCH_NORM = {"weight": "scale", "bias": "shift", "running_mean": "mean", "running_var": "variance"}
 
@@ -40,17 +42,13 @@ class Tensor(NamedTuple):
     """`sparse`, `conv`, `up`, `linear` or `vector`."""
 
 
-def tensors(config: DetectorConfig) -> list[Tensor]:
-    """Every array of the state dict but the batch norms' counters."""
-    return list(_tensors(config))
-
-
 def _norm(name: str, *path: str | int) -> Iterator[Tensor]:
     for theirs, ours in BATCH_NORM.items():
         yield Tensor(f"{name}.{theirs}", (*path, ours), "vector")
 
 
-def _tensors(config: DetectorConfig) -> Iterator[Tensor]:
+def tensors(config: DetectorConfig) -> Iterator[Tensor]:
+    """Every array of the state dict but the batch norms' counters."""
     sparse = {"conv_input": ("conv_input",), "conv1.0": ("conv1",), "conv_out": ("out",)}
     for stage in ("conv2", "conv3", "conv4"):
         sparse |= {f"{stage}.{k}": (stage, part) for k, part in enumerate(("down", "first", "second"))}
@@ -86,39 +84,30 @@ def _tensors(config: DetectorConfig) -> Iterator[Tensor]:
         yield Tensor(f"roi_head.{theirs}.bias", ("roi", ours, "bias"), "vector")
 
 
-def _at(tree: Any, path: tuple[str | int, ...]) -> Any:
-    for step in path:
+def _holder(network: Network, tensor: Tensor) -> Any:
+    """The dict or list of our network that holds a tensor's values, under the last step of its path."""
+    tree = network.statistics if tensor.path[-1] in ("mean", "variance") else network.parameters
+    for step in tensor.path[:-1]:
         tree = tree[step]
     return tree
 
 
-def _inverse(axes: tuple[int, ...]) -> list[int]:
-    return [axes.index(k) for k in range(len(axes))]
-
-
 def _published_shape(tensor: Tensor, shape: tuple[int, ...], sparse: tuple[int, ...]) -> tuple[int, ...]:
-    if tensor.layout == "sparse":
-        return tuple(shape[k] for k in _inverse(sparse))
-    if tensor.layout == "conv":
-        return (shape[3], shape[2], *shape[:2])
-    if tensor.layout == "up":
-        return (shape[2], shape[3], *shape[:2])
-    if tensor.layout == "linear":
+    if tensor.layout == "vector":
+        return shape
+    if tensor.layout == "linear":  # some are published as convolutions with kernels of one cell, in one or two axes
         ones = 2 if "dense_head" in tensor.name or "mlps_pos" in tensor.name else 1 if "mlps" in tensor.name else 0
         return (shape[1], shape[0], *(1,) * ones)
-    return shape
+    axes = sparse if tensor.layout == "sparse" else DENSE_LAYOUTS[tensor.layout]
+    return tuple(shape[axes.index(k)] for k in range(len(axes)))
 
 
 def _ours(tensor: Tensor, array: np.ndarray, sparse: tuple[int, ...]) -> np.ndarray:
-    if tensor.layout == "sparse":
-        return array.transpose(sparse)
-    if tensor.layout == "conv":
-        return array.transpose(2, 3, 1, 0)
-    if tensor.layout == "up":
-        return array.transpose(2, 3, 0, 1)
+    if tensor.layout == "vector":
+        return array
     if tensor.layout == "linear":
         return array.reshape(array.shape[:2]).T
-    return array
+    return array.transpose(sparse if tensor.layout == "sparse" else DENSE_LAYOUTS[tensor.layout])
 
 
 def sparse_layout(arrays: Arrays) -> str:
@@ -134,14 +123,11 @@ def sparse_layout(arrays: Arrays) -> str:
 
 def published_shapes(experiment: DetectorExperiment, layout: str) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the state dict of an experiment's network."""
-    values, axes = network_shapes(experiment), SPARSE_LAYOUTS[layout]
+    network, axes = network_shapes(experiment), SPARSE_LAYOUTS[layout]
     return {
-        t.name: _published_shape(t, _at(_tree_of(t, values), t.path).shape, axes) for t in tensors(experiment.detector)
+        tensor.name: _published_shape(tensor, _holder(network, tensor)[tensor.path[-1]].shape, axes)
+        for tensor in tensors(experiment.detector)
     }
-
-
-def _tree_of(tensor: Tensor, network: Network) -> Any:
-    return network.statistics if tensor.path[-1] in ("mean", "variance") else network.parameters
 
 
 def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
@@ -150,8 +136,8 @@ def from_published(arrays: Arrays, experiment: DetectorExperiment) -> Network:
     arrays = fit(dict(arrays), published_shapes(experiment, layout))
     network = network_shapes(experiment)
     for tensor in tensors(experiment.detector):
-        *path, last = tensor.path
-        _at(_tree_of(tensor, network), tuple(path))[last] = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
+        values = _ours(tensor, arrays[tensor.name], SPARSE_LAYOUTS[layout])
+        _holder(network, tensor)[tensor.path[-1]] = values
     return network
 
 

@@ -44,6 +44,7 @@ def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "
     cam = corners_of(boxes) @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
     ahead = cam[..., 2] > NEAR_M
     pixel = cam @ view.intrinsics.T
+    # Corners that are not ahead have no pixel; a box without any that is ahead is cut to the image's borders.
     uv = pixel[..., :2] / np.where(ahead, pixel[..., 2], 1)[..., None]
     low = np.where(ahead[..., None], uv, np.inf).min(axis=1, initial=np.inf)
     high = np.where(ahead[..., None], uv, -np.inf).max(axis=1, initial=-np.inf)
@@ -66,8 +67,8 @@ def label_lines(labels: Boxes) -> list[str]:
     """The lines of a label file; alpha follows from the box."""
     lines = []
     for k, kind in enumerate(labels.kind):
-        x, y, z = (float(v) for v in labels.centre_m[k])
-        length, width, height = (float(v) for v in labels.size_m[k])
+        x, y, z = np.asarray(labels.centre_m[k]).tolist()
+        length, width, height = np.asarray(labels.size_m[k]).tolist()
         yaw = float(labels.yaw_rad[k])
         alpha = -10.0 if kind.lower() == "dontcare" else float(wrapped(np.array(yaw - np.arctan2(x, z))))
         numbers = (alpha, *labels.bbox_px[k], height, width, length, x, y, z, yaw)

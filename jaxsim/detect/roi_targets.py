@@ -5,8 +5,6 @@ A batch has r proposals a sample, of which those that fill up the list are all 0
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,9 +12,8 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import RoiConfig
+from jaxsim.frame import Array
 from jaxsim.geometry.boxes import iou_3d
-
-Array = Any
 
 
 @struct.dataclass
@@ -29,8 +26,6 @@ class RoiTargets:
     """(b, s, 7): the object that a proposal overlaps most; 0 where there is none."""
     canonical: Array
     """(b, s, 7): that object seen from the proposal, its heading within a quarter turn."""
-    overlap: Array
-    """(b, s): 3D overlap with it."""
     score: Array
     """(b, s): score to learn, 0..1."""
     foreground: Array
@@ -59,24 +54,27 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
     n_hard = hard.sum(dtype=jnp.int32)
     n_easy = easy.sum(dtype=jnp.int32)
 
-    fore_wanted = jnp.where(n_hard + n_easy > 0, min(round(config.foreground * count), count), count)
-    fore = jnp.where(n_hard + n_easy > 0, jnp.minimum(fore_wanted, n_fore), jnp.where(n_fore > 0, count, 0))
+    with_background = n_hard + n_easy > 0
+    share = min(round(config.foreground * count), count)
+    fore = jnp.where(with_background, jnp.minimum(share, n_fore), jnp.where(n_fore > 0, count, 0))
     background = count - fore
     hard_share = jnp.minimum((background.astype(overlap.dtype) * config.hard_share).astype(jnp.int32), n_hard)
     from_hard = jnp.where(n_easy == 0, background, jnp.where(n_hard == 0, 0, hard_share))
 
     place = jnp.arange(count, dtype=jnp.int32)
+    # Chances are below 1, so that the foreground, in random order, sorts before all others.
     once = jnp.argsort(jnp.where(foreground, jax.random.uniform(keys[0], (r,)), 2.0)).astype(jnp.int32)
-    again = _draw(foreground, n_fore, keys[1], count)
-    first = jnp.where(n_hard + n_easy > 0, once[jnp.minimum(place, r - 1)], again)
-    rest = jnp.where(place < fore + from_hard, _draw(hard, n_hard, keys[2], count), _draw(easy, n_easy, keys[3], count))
+    again = _draw(foreground, keys[1], count)
+    first = jnp.where(with_background, once[jnp.minimum(place, r - 1)], again)
+    rest = jnp.where(place < fore + from_hard, _draw(hard, keys[2], count), _draw(easy, keys[3], count))
     return jnp.where(place < fore, first, rest)
 
 
-def _draw(mask: Bool[Array, " r"], number: Int[Array, ""], key: Array, count: int) -> Int[Array, " s"]:
+def _draw(mask: Bool[Array, " r"], key: Array, count: int) -> Int[Array, " s"]:
     """Places where the mask holds, drawn with repeats."""
+    # The places where the mask holds come first; where it holds nowhere, what is drawn is not used.
     where = jnp.argsort(~mask, stable=True).astype(jnp.int32)
-    return where[jax.random.randint(key, (count,), 0, jnp.maximum(number, 1))]
+    return where[jax.random.randint(key, (count,), 0, jnp.maximum(mask.sum(dtype=jnp.int32), 1))]
 
 
 def assign_rois(
@@ -89,13 +87,14 @@ def assign_rois(
 ) -> RoiTargets:
     """Draws the proposals of a step and says what they learn."""
 
-    def one(rois: Array, boxes: Array, valid: Array, key: Array) -> RoiTargets:
+    def of_sample(rois: Array, objects: tuple[Array, Array], key: Array) -> RoiTargets:
+        boxes, valid = objects
         overlap, mine = best_objects(rois, boxes, valid)
         chosen = sample_rois(overlap, key, config)
         of_roi = jnp.where(valid.any(), boxes[mine], 0)
         return targets_of(rois[chosen], of_roi[chosen], overlap[chosen], config=config)
 
-    return jax.vmap(one)(rois, boxes, valid, jax.random.split(key, len(rois)))
+    return jax.vmap(of_sample)(rois, (boxes, valid), jax.random.split(key, len(rois)))
 
 
 def targets_of(
@@ -107,7 +106,6 @@ def targets_of(
         rois=rois,
         boxes=boxes,
         canonical=seen_from_roi(boxes, rois),
-        overlap=overlap,
         score=jnp.clip((overlap - low) / (high - low), 0, 1),
         foreground=overlap > config.matched,
     )
@@ -118,6 +116,7 @@ def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -
     turn = rois[..., 6] % (2 * np.pi)
     centre = turned(boxes[..., :3] - rois[..., :3], -turn)
     heading = (boxes[..., 6] - turn) % (2 * np.pi)
+    # Which end is the front is told by the first stage's direction alone.
     about = (heading > np.pi / 2) & (heading < 3 * np.pi / 2)
     heading = jnp.where(about, (heading + np.pi) % (2 * np.pi), heading)
     heading = jnp.where(heading > np.pi, heading - 2 * np.pi, heading)
@@ -128,14 +127,11 @@ def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -
 def from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -> Float[Array, "*b s 7"]:
     """Boxes in the frames of their proposals back in `velo`: middles turned and moved, headings added."""
     centre = turned(boxes[..., :3], rois[..., 6]) + rois[..., :3]
-
     return jnp.concatenate([centre, boxes[..., 3:6], boxes[..., 6:] + rois[..., 6:]], axis=-1)
 
 
 def turned(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
     """Points turned counter-clockwise about z."""
     cos, sin = jnp.cos(angle_rad), jnp.sin(angle_rad)
-    x = xyz[..., 0]
-    y = xyz[..., 1]
-    z = xyz[..., 2]
-    return jnp.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
+    x, y = xyz[..., 0], xyz[..., 1]
+    return jnp.stack([cos * x - sin * y, sin * x + cos * y, xyz[..., 2]], axis=-1)

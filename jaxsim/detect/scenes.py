@@ -186,7 +186,7 @@ def read_scene(path: Path) -> Scene:
         if "labels.kind" in a:
             kinds = tuple(str(kind) for kind in a["labels.kind"])
             labels = Boxes(**{name: a[f"labels.{name}"] for name in _LABELS}, kind=kinds)
-        rows, columns = (int(n) for n in a["view.size"])
+        rows, columns = a["view.size"].tolist()
         view = View(**{name: a[f"view.{name}"] for name in _VIEW}, size=(rows, columns))
         ground = a.get("ground")
         plain = {name: a[name] for name in _PLAIN}

@@ -11,16 +11,26 @@ no feature is scattered, and no dense volume is made.
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-Array = Any
+from jaxsim.frame import Array
+
 Triple = tuple[int, int, int]
 """Of z, y, x."""
+CUBE: Triple = (3, 3, 3)
+
+
+class Window(NamedTuple):
+    """What an output of a convolution sees of its input."""
+
+    kernel: Triple
+    stride: Triple
+    padding: Triple
 
 
 @struct.dataclass
@@ -68,10 +78,13 @@ def key_of(zyx: Int[Array, "*n 3"], shape: Triple) -> Int[Array, "*n"]:
     return (zyx[..., 0] * shape[1] + zyx[..., 1]) * shape[2] + zyx[..., 2]
 
 
-def strided_shape(shape: Triple, kernel: Triple, stride: Triple, *, padding: Triple) -> Triple:
+def strided_shape(shape: Triple, window: Window) -> Triple:
     """Grid of a strided convolution's output."""
-    z, y, x = ((s + 2 * p - k) // t + 1 for s, k, t, p in zip(shape, kernel, stride, padding, strict=True))
-    return z, y, x
+
+    def along(axis: int) -> int:
+        return (shape[axis] + 2 * window.padding[axis] - window.kernel[axis]) // window.stride[axis] + 1
+
+    return along(0), along(1), along(2)
 
 
 def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[Sites, Int[Array, ""]]:
@@ -84,11 +97,10 @@ def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[
     return Sites(kept, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
 
 
-def strided_sites(
-    sites: Sites, kernel: Triple, stride: Triple, padding: Triple, *, capacity: int
-) -> tuple[Sites, Int[Array, ""]]:
+def strided_sites(sites: Sites, window: Window, capacity: int) -> tuple[Sites, Int[Array, ""]]:
     """Outputs that have an active input in their kernel, and how many of them did not fit `capacity`."""
-    shape = strided_shape(sites.shape, kernel, stride, padding=padding)
+    kernel, stride, padding = window
+    shape = strided_shape(sites.shape, window)
     zyx, valid = sites.zyx, sites.valid
     # Input i is seen by outputs o with o t - p <= i < o t - p + k: along each axis the last such o and those below it.
     reach = [-(-k // t) for k, t in zip(kernel, stride, strict=True)]
@@ -104,8 +116,9 @@ def strided_sites(
     return unique_sites(jnp.concatenate(keys), shape, capacity)
 
 
-def neighbours(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, padding: Triple) -> Int[Array, "m k"]:
+def neighbours(inputs: Sites, outputs: Sites, window: Window) -> Int[Array, "m k"]:
     """For each output and kernel cell (z slowest) the row of the input below it; n where there is none."""
+    kernel, stride, padding = window
     n, (planes, rows, columns) = len(inputs.key), inputs.shape
     corner = outputs.zyx * jnp.array([stride]) - jnp.array([padding])
     dz, dy = jnp.repeat(jnp.arange(kernel[0]), kernel[1]), jnp.tile(jnp.arange(kernel[1]), kernel[0])
@@ -125,18 +138,15 @@ def neighbours(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, pa
     return jnp.stack(table, axis=-1).reshape(len(outputs.key), -1)
 
 
-def submanifold_tables(sites: Sites, kernel: Triple) -> Tables:
-    """Of a convolution whose outputs are its inputs' sites. The kernel's sides are odd."""
-    if any(k % 2 == 0 for k in kernel):
-        raise ValueError(f"sparse: a submanifold kernel has a middle; {kernel} has even sides")
-    z, y, x = (k // 2 for k in kernel)
-    forward = neighbours(sites, sites, kernel, (1, 1, 1), (z, y, x))
+def submanifold_tables(sites: Sites) -> Tables:
+    """Of a convolution with a kernel of 3 x 3 x 3 whose outputs are its inputs' sites."""
+    forward = neighbours(sites, sites, Window(CUBE, (1, 1, 1), (1, 1, 1)))
     return Tables(forward, forward[:, ::-1])  # who sees a site through one cell is seen by it through the opposite one
 
 
-def strided_tables(inputs: Sites, outputs: Sites, kernel: Triple, stride: Triple, padding: Triple) -> Tables:
+def strided_tables(inputs: Sites, outputs: Sites, window: Window) -> Tables:
     """Of a convolution from `inputs` to the sites that `strided_sites` gave."""
-    forward = neighbours(inputs, outputs, kernel, stride, padding)
+    forward = neighbours(inputs, outputs, window)
     m, k = forward.shape
     rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]
     backward = jnp.full((len(inputs.key), k), m, jnp.int32).at[forward, columns].set(rows, mode="drop")

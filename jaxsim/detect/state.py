@@ -15,8 +15,8 @@ from jaxtyping import Float
 from jaxsim.config import DetectorExperiment, OneCycleConfig
 from jaxsim.detect.layers import Statistic
 from jaxsim.detect.network import VoxelRcnn
+from jaxsim.frame import Array
 
-Array = Any
 Tree = Any
 
 

@@ -7,8 +7,6 @@ computed in float32, as there: in float64 points on a border fall elsewhere.
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,8 +15,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.config import VoxelConfig
 from jaxsim.detect.sparse import Sites, Triple, cells, key_of
-
-Array = Any
+from jaxsim.frame import Array
 
 
 @struct.dataclass

@@ -83,7 +83,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
             )
         facts.append({**theirs, **ours})
     return Comparison(
-        scan=scan_of(grid, images, extra, facts),
+        scan=scan_of(grid, images, extra, about=facts),
         measured=Measured(
             *(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid"))
         ),

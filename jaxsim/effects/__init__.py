@@ -6,10 +6,9 @@ In the order of reading:
     effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays (clutter.py: early false returns)
-    recast.py       what rays meet that a law turned or moved (planes.py: the surfaces of a range image)
-    chain.py        `SensorModel`, effects applied in order: the content of sensor.json
-    draw.py         what the sensor then reports: one draw of all that is left to chance
-    scan.py         a `Scan` of frames as they are read from files
+    recast.py       what rays meet that a law turned or moved
+    chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
+    scan.py         a `Scan` of frames as they are read from files, with the surfaces of their range images
     page.py         the catalogue in words, docs/effects.md
 
     model = SensorModel((("beam_gain", {"gain": 0.1}), ("random_dropout", {"probability": 0.05})))
@@ -18,7 +17,7 @@ In the order of reading:
 
 from jaxsim.effects.catalogue import EFFECTS, get_effect
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Law, Parameter
-from jaxsim.effects.rays import Rays, Scan, all_rays, rays_at
+from jaxsim.effects.rays import Scan, all_rays
 from jaxsim.effects.scan import scan_of
 
 __all__ = [
@@ -29,10 +28,8 @@ __all__ = [
     "Effect",
     "Law",
     "Parameter",
-    "Rays",
     "Scan",
     "all_rays",
     "get_effect",
-    "rays_at",
     "scan_of",
 ]

@@ -1,5 +1,5 @@
-"""A sensor model: effects with their parameters, applied to rays in physical order; read from and written to
-sensor.json."""
+"""A sensor model: effects with their parameters, applied to rays in physical order, and one draw of what the sensor
+then reports; read from and written to sensor.json."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.effects import EFFECTS, get_effect
-from jaxsim.effects.draw import sample
+from jaxsim.effects.clutter import clutter_range
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
-from jaxsim.effects.rays import Array, Rays, Scan, all_rays
+from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
 from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
@@ -26,17 +28,68 @@ Value = float | tuple[float, ...]
 
 
 @partial(jax.jit, static_argnames="effects")
-def apply_effects(effects: tuple[Effect, ...], values: tuple[dict[str, Array], ...], rays: Rays, scan: Scan) -> Rays:
+def apply_effects(effects: tuple[Effect, ...], values: tuple[dict[str, Array], ...], rays: Rays, *, scan: Scan) -> Rays:
     """Applies effects one after the other, each with its arrays of parameters; differentiable in these."""
     for effect, given in zip(effects, values, strict=True):
-        rays = apply_law(effect, given, rays, scan)
+        rays = apply_law(effect, given, rays, scan=scan)
     return rays
 
 
-def apply_law(law: Law, p: dict[str, Array], rays: Rays, scan: Scan) -> Rays:
+def apply_law(law: Law, p: dict[str, Array], rays: Rays, *, scan: Scan) -> Rays:
     """Applies one law; rays that it sends elsewhere meet the surfaces of the scan that are there."""
     after = law.apply(p, rays)
     return recast(after, scan, law.casts) if law.casts else after
+
+
+@partial(jax.jit, static_argnames="columns")
+def sample(
+    key: Array, rays: Rays, *, noise_m: float | Array = 0.0, noise: float | Array = 0.0, columns: int = 1
+) -> PolarImage:
+    """Draws what is reported of whole images (*b, rows, columns) of rays.
+
+    In turn: a group of `columns` columns may be lost with all its returns. Else a ray may return early (clutter),
+    else a bright target's glare (ghost), else, if it hits and its echo is kept, the surface; at an edge that reading
+    may lie between two surfaces. Glare of rays that hit nothing has the intensity of clutter. Then noise, the
+    ceiling, rounding. `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity.
+    """
+    keys = jax.random.split(key, 9)
+    shape = rays.range_m.shape
+
+    def chance(k: int) -> Array:
+        return jax.random.uniform(keys[k], shape)
+
+    end_m = jnp.where(rays.hit, jnp.minimum(rays.range_m, CLUTTER_REACH_M), CLUTTER_REACH_M)
+    # Nine keys, one a draw, so that no draw depends on what another decides.
+    early = (chance(0) < rays.clutter) & (end_m > rays.clutter_from_m)
+    glare = (chance(1) < rays.ghost) & ~early
+    surface = (jnp.log(jnp.maximum(chance(2), 1e-30)) < rays.log_keep) | (rays.log_keep >= 0)
+    surface = surface & rays.hit & ~early & ~glare
+    mixed = chance(3) < rays.between
+    share = jnp.where(mixed, chance(4), jnp.zeros(shape))
+    reading = rays.reading_m + share * (rays.between_m - rays.reading_m)
+    reading = jnp.where(glare, rays.ghost_m, reading)
+    reading = jnp.where(early, clutter_range(chance(5), rays, end_m), reading)
+    spread = jnp.sqrt(jnp.square(rays.noise_m) + jnp.square(jnp.asarray(noise_m, jnp.float32)))
+    reading = _rounded(reading + spread * jax.random.normal(keys[6], shape), rays.range_step_m)
+
+    # What comes of no surface has no surface's intensity.
+    false = early | (glare & ~rays.hit)
+    log_intensity = jnp.where(false, rays.clutter_log_intensity, rays.log_intensity)
+    log_intensity = log_intensity + jnp.asarray(noise, jnp.float32) * jax.random.normal(keys[7], shape)
+    intensity = _rounded(jnp.minimum(jnp.exp(log_intensity), rays.intensity_top), rays.intensity_step)
+    intensity = jnp.clip(intensity, 0.0, 1.0)
+
+    groups = -(-shape[-1] // columns)
+    luck = jax.random.uniform(keys[8], (*shape[:-2], 1, groups))
+    lost = jnp.repeat(luck, columns, axis=-1)[..., : shape[-1]] < rays.column_loss
+    valid = (surface | glare | early) & ~lost & (reading > 0)
+    return PolarImage(jnp.where(valid, reading, 0.0), jnp.where(valid, intensity, 0.0), valid)
+
+
+def _rounded(value: Float[Array, "*n"], step: Float[Array, ""]) -> Float[Array, "*n"]:
+    """The value rounded to multiples of the step; a step of 0 leaves it."""
+    safe = jnp.where(step > 0, step, 1.0)
+    return jnp.where(step > 0, jnp.round(value / safe) * safe, value)
 
 
 @dataclass(frozen=True)
@@ -65,7 +118,7 @@ class SensorModel:
     def apply(self, rays: Rays, scan: Scan) -> Rays:
         """What becomes of rays of this scan: expectations and probabilities, nothing drawn yet."""
         chain = tuple(get_effect(name) for name, _ in self.effects)
-        return apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan)
+        return apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan=scan)
 
     def sample(self, key: Array, rays: Rays, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
         """Draws whole images (*b, rows, columns) of rays to which the effects were applied.

@@ -13,12 +13,16 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, PolarGrid
 
+Places = tuple[Int[Array, "*n"], Int[Array, "*n"], Int[Array, "*n"]]
+"""Frame, row and column of each ray."""
 REFERENCE_M = 10.0
 """Range at which power and intensity agree."""
 FLOOR = 1e-4
 """Intensities are kept above this before their logarithm is taken."""
 NEVER = -30.0
 """Logarithm of a probability that is as good as 0."""
+CLUTTER_REACH_M = 100.0
+"""Where clutter of rays that hit nothing ends."""
 
 
 @struct.dataclass
@@ -42,7 +46,7 @@ class Scan:
     glare_rad: Float[Array, "f r c"]
     """Angle to it; pi where there is none within 0.3 rad."""
     slopes: Float[Array, "f r c 2"]
-    """Slopes of the surfaces to the left and up: what `planes.slopes_of` makes of `range_m` and `hit`."""
+    """Slopes of the surfaces to the left and up: what `scan.slopes_of` makes of `range_m` and `hit`."""
     time_s: Float[Array, " f"]
     """Since the first frame of the recording."""
     speed_mps: Float[Array, " f"]
@@ -123,14 +127,17 @@ class Rays:
     """Columns of which a free curve along some covariate is made; None where no such curve is fitted."""
 
 
-CLUTTER_REACH_M = 100.0
-
-
 def spans_turn(grid: PolarGrid) -> Bool[Array, ""]:
     """Whether the last column is followed by the first."""
     azimuth = grid.azimuth_rad
     step = jnp.abs(azimuth[1] - azimuth[0])
+    # Half a step of slack for grids whose azimuths are rounded.
     return jnp.abs(azimuth[0] - azimuth[-1]) + step > 2 * jnp.pi - step / 2
+
+
+def on_turn(column: Int[Array, "*n"], columns: int, full: Bool[Array, ""]) -> Int[Array, "*n"]:
+    """Columns that lie in the image: past the border of a full turn those of its other side, else the border's."""
+    return jnp.where(full, column % columns, jnp.clip(column, 0, columns - 1))
 
 
 def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:
@@ -146,9 +153,9 @@ def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:
 
 
 @jax.jit
-def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> Rays:
+def rays_at(scan: Scan, at: Places) -> Rays:
     """The rays at these places of a scan, as the ray model predicts them: every hit returns, nothing is noisy."""
-    at = (frame, row, column)
+    frame, row, column = at
     r, hit = scan.range_m[at], scan.hit[at]
     log_intensity = jnp.log(jnp.maximum(scan.intensity[at], FLOOR))
     zero, one = jnp.zeros_like(r), jnp.ones_like(r)
@@ -199,4 +206,4 @@ def rays_at(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: 
 def all_rays(scan: Scan) -> Rays:
     """Every ray of a scan, shape (f, r, c)."""
     f, r, c = jnp.meshgrid(*(jnp.arange(n, dtype=jnp.int32) for n in scan.range_m.shape), indexing="ij")
-    return rays_at(scan, f, r, c)
+    return rays_at(scan, (f, r, c))

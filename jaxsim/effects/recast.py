@@ -1,7 +1,7 @@
 """What rays meet that do not go where their readings are written: the simulated range image, cast again.
 
-Letters: e, a elevation and azimuth of a cell's centre; u, v slopes of its plane (`planes`), in the basis of the cell's
-ray, its left and its up. A ray from origin o (to the beam's own) in direction d meets that plane at
+Letters: e, a elevation and azimuth of a cell's centre; u, v slopes of its plane (`scan.slopes_of`), in the basis of the
+cell's ray, its left and its up. A ray from origin o (to the beam's own) in direction d meets that plane at
 t = (r - o·(1, u, v)) / (d·(1, u, v)): exact on planes, whatever the elevations' spacing.
 """
 
@@ -16,8 +16,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.planes import on_turn
-from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan, spans_turn
+from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Places, Rays, Scan, on_turn, spans_turn
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
@@ -49,18 +48,19 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
     held_turn, held_move = jax.lax.stop_gradient(turned), jax.lax.stop_gradient(moved)
 
     def again(_: Any, cell: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        met, _ = _meet(rays, scan, _surface(scan, rays.frame, *cell[:2]), held_turn, held_move)
+        surface = _surface(scan, (rays.frame, *cell[:2]))
+        met, _ = _meet(rays, scan, surface, turned=held_turn, moved=held_move)
         return _look_up(rays, scan, held_turn, moved=held_move, met_m=met)
 
     cell = _look_up(rays, scan, held_turn, moved=held_move, met_m=jnp.full(rays.range_m.shape, jnp.inf))
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
-    surface = _surface(scan, rays.frame, row, column)
+    surface = _surface(scan, (rays.frame, row, column))
     # Rays that keep their own surface are not displaced on it either.
     known = inside[..., None]
     turn = jnp.where(known, turned, jnp.zeros_like(turned))
     move = jnp.where(known, moved, jnp.zeros_like(moved))
-    met, _ = _meet(rays, scan, surface, turn, move)
-    return _place(rays, scan, surface, met, turn)
+    met, _ = _meet(rays, scan, surface, turned=turn, moved=move)
+    return _place(rays, scan, surface, met_m=met, turn=turn)
 
 
 def _look_up(
@@ -102,26 +102,27 @@ def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"])
     return jnp.interp(-elevation_rad, -beams, rows)
 
 
-def _surface(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> _Surface:
+def _surface(scan: Scan, at: Places) -> _Surface:
     """The surfaces of cells."""
-    at = (frame, row, column)
+    _, row, column = at
     slopes, hit = scan.slopes[at], scan.hit[at]
     return _Surface(row, column, hit, jnp.where(hit, scan.range_m[at], 0.0), slopes[..., 0], slopes[..., 1])
 
 
-def _beside(scan: Scan, frame: Int[Array, "*n"], row: Int[Array, "*n"], column: Int[Array, "*n"]) -> Array:
+def _beside(scan: Scan, at: Places) -> Float[Array, "*n 4"]:
     """The ranges of cells' neighbours, as `Rays.beside_m` holds them."""
+    frame, row, column = at
     rows, columns = scan.range_m.shape[1:]
     to = [1] * row.ndim
     down = jnp.array([0, 0, -1, 1], jnp.int32).reshape(*to, 4)
     right = jnp.array([-1, 1, 0, 0], jnp.int32).reshape(*to, 4)
     i = jnp.clip(row[..., None] + down, 0, rows - 1)
-    at = (frame[..., None], i, on_turn(column[..., None] + right, columns, spans_turn(scan.grid)))
-    return jnp.where(scan.hit[at], scan.range_m[at], jnp.inf)
+    beside = (frame[..., None], i, on_turn(column[..., None] + right, columns, spans_turn(scan.grid)))
+    return jnp.where(scan.hit[beside], scan.range_m[beside], jnp.inf)
 
 
 def _meet(
-    rays: Rays, scan: Scan, surface: _Surface, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"]
+    rays: Rays, scan: Scan, surface: _Surface, *, turned: Float[Array, "*n 2"], moved: Float[Array, "*n 3"]
 ) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
     """Range at which the rays meet the planes (FAR_M where nothing is hit), and the cosine of incidence over the
     cell's."""
@@ -149,7 +150,7 @@ def _meet(
     return jnp.where(s.hit, safe * share, FAR_M), towards
 
 
-def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn: Float[Array, "*n 2"]) -> Rays:
+def _place(rays: Rays, scan: Scan, s: _Surface, *, met_m: Float[Array, "*n"], turn: Float[Array, "*n 2"]) -> Rays:
     """The rays on their new surface. What earlier effects did to power, intensity and reading stays on them.
 
     Intensity follows Lambert's law on the plane, where it depends on the ray's direction alone. On the surface that a
@@ -160,11 +161,9 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn:
     own = (rays.frame, rays.row, rays.column)
     same = scan.hit[own] & s.hit & (scan.semantic[at] == scan.semantic[own])
     same = same & (scan.instance[at] == scan.instance[own])
-    row = jnp.where(same, rays.row, s.row)
-    column = jnp.where(same, rays.column, s.column)
-    _, cosine = _meet(rays, scan, _surface(scan, rays.frame, row, column), turn, jnp.zeros_like(rays.moved_m))
-    angle = scan.incidence_rad[rays.frame, row, column]
-    intensity = scan.intensity[rays.frame, row, column]
+    of = (rays.frame, jnp.where(same, rays.row, s.row), jnp.where(same, rays.column, s.column))
+    _, cosine = _meet(rays, scan, _surface(scan, of), turned=turn, moved=jnp.zeros_like(rays.moved_m))
+    angle, intensity = scan.incidence_rad[of], scan.intensity[of]
     # First order in the cosine; the arccosine has no derivative head on.
     angle = jnp.clip(angle - (cosine - 1) * jnp.cos(angle) / jnp.maximum(jnp.sin(angle), 0.1), 0.0, 1.5708)
     met = jnp.log(jnp.maximum(intensity, FLOOR)) + jnp.where(s.hit, jnp.log(cosine), 0.0)
@@ -179,7 +178,7 @@ def _place(rays: Rays, scan: Scan, s: _Surface, met_m: Float[Array, "*n"], turn:
         semantic=scan.semantic[at],
         instance=scan.instance[at],
         rgb=scan.rgb[at],
-        beside_m=_beside(scan, *at),
+        beside_m=_beside(scan, at),
         glare_m=scan.glare_m[at],
         glare_rad=scan.glare_rad[at],
         met_log_intensity=met,

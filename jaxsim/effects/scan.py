@@ -1,16 +1,19 @@
-"""Simulated frames, as they are read from files, to the `Scan` that effects act on (host memory)."""
+"""Simulated frames, as they are read from files, to the `Scan` that effects act on (host memory), with what a range
+image tells of its surfaces: their slopes, and where the nearest glare is."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.effects.edits import wrapped
 from jaxsim.effects.effect import CLASSES
-from jaxsim.effects.planes import slopes_of
-from jaxsim.effects.rays import Scan, spans_turn
+from jaxsim.effects.rays import Scan, on_turn, spans_turn
 from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
 
@@ -19,12 +22,21 @@ BRIGHT = 0.9
 SIGN = 20
 """Cityscapes id of traffic signs."""
 GLARE_REACH_RAD = 0.3
+_SAME = 1e-3
+"""Relative error of a range below which a neighbour continues the plane."""
+_ROUGH = 0.03
+"""Above it no neighbour continues the surface, which is then taken to face the ray."""
+# A cell, then two cells each up, down, left and right of it: the near ones and the far ones.
+_DOWN = np.array([0, -1, 1, 0, 0, -2, 2, 0, 0], np.int32)
+_RIGHT = np.array([0, 0, 0, -1, 1, 0, 0, -2, 2], np.int32)
+_NEAR, _BEYOND = slice(1, 5), slice(5, 9)
 
 
 def scan_of(
     grid: PolarGrid,
     images: Sequence[PolarImage],
     more: Sequence[Mapping[str, np.ndarray]] | None = None,
+    *,
     about: Sequence[Mapping[str, Any]] | None = None,
 ) -> Scan:
     """The scan of simulated frames on one grid.
@@ -42,8 +54,8 @@ def scan_of(
         raise ValueError(
             f"scan_of: {len(images)} images, {len(more)} x further rasters, {len(about)} x about; one each"
         )
-    grid = PolarGrid(*(np.asarray(x, np.float32) for x in (grid.azimuth_rad, grid.elevation_rad, grid.origin_m)))
-    frames = [_frame(grid, k, image, rasters) for k, (image, rasters) in enumerate(zip(images, more, strict=True))]
+    grid = jax.tree.map(lambda x: np.asarray(x, np.float32), grid)
+    frames = [_frame(grid, *frame, number=k) for k, frame in enumerate(zip(images, more, strict=True))]
     stacked = {name: np.stack([frame[name] for frame in frames]) for name in frames[0]}
     time_s = _per_frame(about, "time", np.float64)
     return Scan(
@@ -67,7 +79,7 @@ def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.n
     return values
 
 
-def _frame(grid: PolarGrid, number: int, image: PolarImage, more: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *, number: int) -> dict[str, np.ndarray]:
     """One frame's rasters by the names of `Scan`."""
     shape = (len(grid.elevation_rad), len(grid.azimuth_rad))
     rasters = {"range": image.range_m, "intensity": image.intensity, "valid": image.valid, **more}
@@ -88,7 +100,7 @@ def _frame(grid: PolarGrid, number: int, image: PolarImage, more: Mapping[str, n
         "range_m": range_m,
         "hit": hit,
         "intensity": intensity,
-        "incidence_rad": _incidence(grid, number, range_m, hit, more.get("incidence")),
+        "incidence_rad": _incidence(grid, range_m, hit, given=more.get("incidence"), number=number),
         "semantic": semantic,
         "instance": np.asarray(more.get("instance", np.zeros(shape)), np.int32),
         "rgb": np.asarray(more.get("rgb", np.zeros((*shape, 3))), np.float32) / 255,
@@ -100,7 +112,7 @@ def _frame(grid: PolarGrid, number: int, image: PolarImage, more: Mapping[str, n
 
 
 def _incidence(
-    grid: PolarGrid, number: int, range_m: np.ndarray, hit: np.ndarray, given: np.ndarray | None
+    grid: PolarGrid, range_m: np.ndarray, hit: np.ndarray, *, given: np.ndarray | None, number: int
 ) -> Float[np.ndarray, "r c"]:
     if given is None:
         angle, known = incidence(range_m, hit, grid)
@@ -141,6 +153,7 @@ def nearest_glare(
     target_m, found = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
     if not bright.any():
         return target_m, np.full((rows, columns), np.pi, np.float32)
+    # Squares of angles: that of elevations, then that of azimuths, which is smaller by the cosine of the elevation.
     elevation = np.asarray(grid.elevation_rad, np.float64)
     apart = np.square(elevation[:, None] - elevation[None, :])
     lit = np.flatnonzero(bright.any(axis=0))
@@ -159,3 +172,47 @@ def nearest_glare(
         target_m[:, to] = np.where(nearer, lit_m[:, inside], target_m[:, to])
         found[:, to] |= nearer
     return target_m, np.where(found, np.sqrt(best), np.pi).astype(np.float32)
+
+
+@jax.jit
+def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r c"]) -> Float[Array, "r c 2"]:
+    """The slopes u and v of every cell's surface, to the left and up, from those neighbours that continue its plane.
+
+    With q = 1 / range, which is linear in the ray's direction on a plane, q (1, u, v) is the plane's normal over its
+    distance, in the basis of the cell's ray, its left and its up.
+
+    To each side the next cell gives a slope and the one after tells whether it is the same plane's. Weights as in
+    WENO schemes: a corner takes the slope of its own side, a lone pole none.
+    """
+    rows, columns = range_m.shape
+    azimuth, elevation = grid.azimuth_rad, grid.elevation_rad
+    row, column = jnp.meshgrid(jnp.arange(rows), jnp.arange(columns), indexing="ij")
+    down = jnp.asarray(_DOWN)[:, None, None]
+    right = jnp.asarray(_RIGHT)[:, None, None]
+    i = jnp.clip(row[None] + down, 0, rows - 1)
+    j = on_turn(column[None] + right, columns, spans_turn(grid))
+    returned = hit[i, j]
+    far = jnp.where(returned, range_m[i, j], jnp.inf)
+    r = jnp.where(returned[0], far[0], 1.0)
+    # Neighbours past a border repeat the border.
+    valid = returned & returned[:1]
+    valid = valid & ((i != row[None]) | (j != column[None]))
+    continued = valid[_BEYOND] & ((i[_BEYOND] != i[_NEAR]) | (j[_BEYOND] != j[_NEAR]))
+    ratio = r[None] / jnp.where(returned, far, 1.0)
+    e = elevation[row][None]
+    de, da = elevation[i] - e, wrapped(azimuth[j] - azimuth[column][None])
+
+    def slope(near: slice, beyond: slice, *, even: Array, odd: Array) -> Array:
+        """The slope that near and far neighbours give: on a plane a neighbour's ratio is even + slope * odd."""
+        value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
+        rough = ratio[beyond] - even[beyond] - value * odd[beyond]
+        rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])
+        weight = jnp.where(valid[near], 1 / jnp.square(rough * rough + _SAME**2), 0.0)
+        flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
+        return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + flat)
+
+    v = slope(slice(1, 3), slice(5, 7), even=jnp.cos(de), odd=jnp.sin(de))
+    versine = 2 * jnp.square(jnp.sin(da / 2))
+    even = 1 - versine * jnp.cos(e) * (jnp.cos(e) - v[None] * jnp.sin(e))
+    u = slope(slice(3, 5), slice(7, 9), even=even, odd=jnp.cos(e) * jnp.sin(da))
+    return jnp.stack([u, v], axis=-1)

@@ -1,21 +1,8 @@
 """Learned intensity: pix2pixHD on (b, h, w, c) arrays. This stage knows nothing of LiDAR."""
 
-from jaxsim.pix2pix.networks import Discriminator, Generator
+from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.published_files import start_from
-from jaxsim.pix2pix.state import Network, TrainState, create_state, ema_generator, state_shapes
+from jaxsim.pix2pix.state import create_state, state_shapes
 from jaxsim.pix2pix.steps import make_generate, make_train_step
-from jaxsim.pix2pix.vgg import load_vgg
 
-__all__ = [
-    "Discriminator",
-    "Generator",
-    "Network",
-    "TrainState",
-    "create_state",
-    "ema_generator",
-    "load_vgg",
-    "make_generate",
-    "make_train_step",
-    "start_from",
-    "state_shapes",
-]
+__all__ = ["create_state", "load_vgg", "make_generate", "make_train_step", "start_from", "state_shapes"]

@@ -6,16 +6,16 @@ of the same sums that XLA computes several times faster there.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix import convolution_cpu
 
-Array = Any
 Padding = Literal["reflect", "zero"]
 
 
@@ -33,19 +33,14 @@ def conv2d(
     rows, columns = kernel.shape[0] // 2, kernel.shape[1] // 2
     if on_cpu():
         if padding == "reflect":
-            x = convolution_cpu.reflect_pad(x, rows, columns)
-            rows = 0
-            columns = 0
-        return convolution_cpu.convolve(x, kernel, stride, (rows, columns))
+            x = convolution_cpu.reflect_pad(x, (rows, columns))
+            rows, columns = 0, 0
+        return convolution_cpu.convolve(x, kernel, stride=stride, padding=(rows, columns))
     if padding == "reflect":
         x = jnp.pad(x, ((0, 0), (rows, rows), (columns, columns), (0, 0)), mode="reflect")
-        rows = columns = 0
+        rows, columns = 0, 0
     return lax.conv_general_dilated(
-        x,
-        kernel,
-        (stride, stride),
-        ((rows, rows), (columns, columns)),
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
+        x, kernel, (stride, stride), ((rows, rows), (columns, columns)), dimension_numbers=("NHWC", "HWIO", "NHWC")
     )
 
 
@@ -78,6 +73,7 @@ def transposed_conv2d(
 
 def average_pool(x: Float[Array, "b h w c"]) -> Float[Array, "b h//2 w//2 c"]:
     """3 x 3 means at stride 2; cells outside the raster are not counted. h and w must be even."""
+    # Output i covers cells 2i - 1, 2i and 2i + 1; the first lacks the one before it.
     for axis in (1, 2):
         even, odd = _pairs(x, axis)
         n = even.shape[axis]

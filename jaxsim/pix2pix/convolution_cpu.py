@@ -15,15 +15,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-Array = Any
+from jaxsim.frame import Array
 
+Pair = tuple[int, int]
+"""Of rows and columns."""
 COMPILER_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_DOT"}
 
 
@@ -40,7 +41,7 @@ def compiler_options() -> dict[str, str] | None:
     return COMPILER_OPTIONS
 
 
-def convolve(x: Array, kernel: Array, stride: int, padding: tuple[int, int]) -> Array:
+def convolve(x: Array, kernel: Array, *, stride: int = 1, padding: Pair = (0, 0)) -> Array:
     """Cross-correlation of (b, h, w, c) with zeros around: rows and columns of them on either side."""
     kh, kw, _, wide = kernel.shape
     b, h, w, _ = x.shape
@@ -48,15 +49,15 @@ def convolve(x: Array, kernel: Array, stride: int, padding: tuple[int, int]) -> 
     if b * rows * columns <= 2 * wide:
         return _patch_product(_zero_pad(x, padding), kernel, (rows, columns), stride=stride)
     if stride > 1:
-        return _convolve_strided(x, kernel, stride, padding)
+        return _convolve_strided((stride, padding), x, kernel)
     if padding == (0, 0):
-        return _convolve(x, kernel, 1, ((0, 0), (0, 1)))[:, :, :columns]
-    return _convolve(x, kernel, 1, _both_sides(padding))
+        return _convolve(x, kernel, around=((0, 0), (0, 1)))[:, :, :columns]
+    return _convolve(x, kernel, around=_both_sides(padding))
 
 
 def upsample_convolve(x: Array, kernel: Array) -> Array:
     """3 x 3 convolution, reflect padding, of x at twice the rows and columns (nearest neighbour)."""
-    b, h, w, _ = x.shape
+    _, h, w, _ = x.shape
     # Reflection of repeated cells is repetition of the outermost one.
     x = jnp.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)), mode="edge")
     # Of output row 2i + p, kernel rows (0 | 1, 2) fall on input rows i - 1 and i for p = 0, (0, 1 | 2) on i and
@@ -64,40 +65,39 @@ def upsample_convolve(x: Array, kernel: Array) -> Array:
     by_row = (jnp.stack([kernel[0], kernel[1] + kernel[2]]), jnp.stack([kernel[0] + kernel[1], kernel[2]]))
     phases = []
     for p, half in enumerate(by_row):
-        left = half[:, 0]
-        middle = half[:, 1]
+        left, middle = half[:, 0], half[:, 1]
         right = half[:, 2]
         by_column = (jnp.stack([left, middle + right], 1), jnp.stack([left + middle, right], 1))
         for q, quarter in enumerate(by_column):
-            phases.append(convolve(x[:, p : p + h + 1, q : q + w + 1], quarter, 1, (0, 0)))
-    return _interleave(phases, b, h, w=w)
+            phases.append(convolve(x[:, p : p + h + 1, q : q + w + 1], quarter))
+    return _interleave(phases, (h, w))
 
 
 def transposed_convolve(x: Array, kernel: Array) -> Array:
     """3 x 3 convolution of x with zeros between, and after, its rows and columns: the four phases of the result."""
     # Of output row 2i only kernel row 1 falls on a row of x, row i; of output row 2i + 1 kernel rows 0 and 2 fall on
     # rows i and i + 1; columns alike.
+    _, h, w, _ = x.shape
     x = jnp.pad(x, ((0, 0), (0, 1), (0, 1), (0, 0)))
-    b = x.shape[0]
-    h = x.shape[1] - 1
-    w = x.shape[2] - 1
     phases = []
     for p in (0, 1):
         for q in (0, 1):
             taps = kernel[1 - p :: 2 if p else 3, 1 - q :: 2 if q else 3]
-            phases.append(convolve(x[:, : h + p, : w + q], taps, 1, (0, 0)))
-    return _interleave(phases, b, h, w=w)
+            phases.append(convolve(x[:, : h + p, : w + q], taps))
+    return _interleave(phases, (h, w))
 
 
-def _interleave(phases: list[Array], b: int, h: int, *, w: int) -> Array:
+def _interleave(phases: list[Array], size: Pair) -> Array:
     """One raster of the cells (2i, 2j), (2i, 2j + 1), (2i + 1, 2j), (2i + 1, 2j + 1) from a raster of each."""
-    y = jnp.stack(phases, axis=3).reshape(b, h, w, 2, 2, -1)
-    return y.transpose(0, 1, 3, 2, 4, 5).reshape(b, 2 * h, 2 * w, -1)
+    h, w = size
+    y = jnp.stack(phases, axis=3).reshape(-1, h, w, 2, 2, phases[0].shape[-1])
+    return y.transpose(0, 1, 3, 2, 4, 5).reshape(-1, 2 * h, 2 * w, y.shape[-1])
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(1, 2))
-def reflect_pad(x: Array, rows: int, columns: int) -> Array:
-    """x mirrored at its outermost cells, which are not repeated."""
+@partial(jax.custom_vjp, nondiff_argnums=(1,))
+def reflect_pad(x: Array, cells: Pair) -> Array:
+    """x mirrored at its outermost cells, which are not repeated: so many rows and columns on either side."""
+    rows, columns = cells
     b, h, w, c = x.shape
     if rows:
         place = np.arange(b)[:, None] * h + np.pad(np.arange(h), rows, mode="reflect")
@@ -109,12 +109,12 @@ def reflect_pad(x: Array, rows: int, columns: int) -> Array:
     return x
 
 
-def _reflect_forward(x: Array, rows: int, columns: int) -> tuple[Array, None]:
-    return reflect_pad(x, rows, columns), None
+def _reflect_forward(x: Array, cells: Pair) -> tuple[Array, None]:
+    return reflect_pad(x, cells), None
 
 
-def _reflect_backward(rows: int, columns: int, _: None, gradient: Array) -> tuple[Array]:
-    for axis, pad in ((1, rows), (2, columns)):
+def _reflect_backward(cells: Pair, _: None, gradient: Array) -> tuple[Array]:
+    for axis, pad in zip((1, 2), cells, strict=True):
         n = gradient.shape[axis] - 2 * pad
         part = partial(lax.slice_in_dim, gradient, axis=axis)
         low, high = lax.rev(part(0, pad), (axis,)), lax.rev(part(n + pad, n + 2 * pad), (axis,))
@@ -138,24 +138,23 @@ def _reflect_backward(rows: int, columns: int, _: None, gradient: Array) -> tupl
 reflect_pad.defvjp(_reflect_forward, _reflect_backward)
 
 
-def _convolve(x: Array, kernel: Array, stride: int, padding: Any) -> Array:
-    return lax.conv_general_dilated(x, kernel, (stride, stride), padding, dimension_numbers=("NHWC", "HWIO", "NHWC"))
+def _convolve(x: Array, kernel: Array, *, around: tuple[Pair, Pair], stride: int = 1) -> Array:
+    return lax.conv_general_dilated(x, kernel, (stride, stride), around, dimension_numbers=("NHWC", "HWIO", "NHWC"))
 
 
-@partial(jax.custom_vjp, nondiff_argnums=(2, 3))
-def _convolve_strided(x: Array, kernel: Array, stride: int, padding: tuple[int, int]) -> Array:
-    return _convolve(x, kernel, stride, _both_sides(padding))
+@partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _convolve_strided(form: tuple[int, Pair], x: Array, kernel: Array) -> Array:
+    """`form` is the stride and the padding."""
+    stride, padding = form
+    return _convolve(x, kernel, around=_both_sides(padding), stride=stride)
 
 
-def _strided_forward(
-    x: Array, kernel: Array, stride: int, padding: tuple[int, int]
-) -> tuple[Array, tuple[Array, Array]]:
-    return _convolve_strided(x, kernel, stride, padding), (x, kernel)
+def _strided_forward(form: tuple[int, Pair], x: Array, kernel: Array) -> tuple[Array, tuple[Array, Array]]:
+    return _convolve_strided(form, x, kernel), (x, kernel)
 
 
-def _strided_backward(
-    stride: int, padding: tuple[int, int], saved: tuple[Array, Array], gradient: Array
-) -> tuple[Array, Array]:
+def _strided_backward(form: tuple[int, Pair], saved: tuple[Array, Array], gradient: Array) -> tuple[Array, Array]:
+    stride, padding = form
     x, kernel = saved
     kh, kw, _, _ = kernel.shape
     _, rows, columns, _ = gradient.shape
@@ -168,24 +167,25 @@ def _strided_backward(
 
     start = jnp.zeros((kh * kw, kernel.shape[3], kernel.shape[2]), kernel.dtype)
     total, _ = lax.scan(add_item, start, (x, gradient))
-    (back,) = jax.linear_transpose(lambda x: _convolve(x, kernel, stride, _both_sides(padding)), x)(gradient)
+    linear = partial(_convolve, kernel=kernel, around=_both_sides(padding), stride=stride)
+    (back,) = jax.linear_transpose(linear, x)(gradient)
     return back, total.swapaxes(1, 2).reshape(kernel.shape)
 
 
 _convolve_strided.defvjp(_strided_forward, _strided_backward)
 
 
-def _patch_product(x: Array, kernel: Array, size: tuple[int, int], *, stride: int) -> Array:
+def _patch_product(x: Array, kernel: Array, size: Pair, *, stride: int) -> Array:
     """Convolution of the cells that are there, as one matrix product."""
     kh, kw, _, wide = kernel.shape
     patches = jnp.concatenate(_taps(x, (kh, kw), size, stride=stride), axis=-1)
     return (patches.reshape(-1, patches.shape[-1]) @ kernel.reshape(-1, wide)).reshape(-1, *size, wide)
 
 
-def _taps(x: Array, kernel: tuple[int, int], size: tuple[int, int], *, stride: int) -> list[Array]:
+def _taps(x: Array, kernel: Pair, size: Pair, *, stride: int) -> list[Array]:
     """The cells that each kernel element meets, in the kernel's order."""
     b, _, _, c = x.shape
-    down, right = ((n - 1) * stride + 1 for n in size)
+    down, right = (size[0] - 1) * stride + 1, (size[1] - 1) * stride + 1
     return [
         lax.slice(x, (0, i, j, 0), (b, i + down, j + right, c), (1, stride, stride, 1))
         for i in range(kernel[0])
@@ -193,9 +193,9 @@ def _taps(x: Array, kernel: tuple[int, int], size: tuple[int, int], *, stride: i
     ]
 
 
-def _zero_pad(x: Array, padding: tuple[int, int]) -> Array:
+def _zero_pad(x: Array, padding: Pair) -> Array:
     return jnp.pad(x, ((0, 0), *_both_sides(padding), (0, 0)))
 
 
-def _both_sides(padding: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
+def _both_sides(padding: Pair) -> tuple[Pair, Pair]:
     return (padding[0], padding[0]), (padding[1], padding[1])

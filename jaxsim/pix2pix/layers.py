@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import Padding, conv2d, transposed_conv2d, upsample_conv2d
 from jaxsim.pix2pix.normalisation import (
     INSTANCE_EPS,
@@ -24,9 +25,7 @@ from jaxsim.pix2pix.normalisation import (
     unit,
 )
 
-Array = Any
 Activation = Callable[[Array], Array]
-
 Upsample = Literal["nearest", "transposed"]
 
 
@@ -76,7 +75,8 @@ class Conv(nnx.Module):
         form: LayerForm,
         rngs: nnx.Rngs,
     ):
-        self.stride, self.spectral, self.compute = stride, form.spectral, form.compute
+        self.stride = stride
+        self.spectral, self.compute = form.spectral, form.compute
         self.padding: Padding = padding
         self.upsample: Upsample | None = upsample
         shape, area = (size, size, in_channels, out_channels), size * size
@@ -103,6 +103,7 @@ class Conv(nnx.Module):
         """
         kernel = self.kernel[...]
         y, start = 0.0, 0
+        # The convolution of parts side by side is the sum of their convolutions, each with its channels of the kernel.
         for part in parts:
             of_part = kernel[:, :, start : start + part.shape[-1]]
             start += part.shape[-1]
@@ -117,7 +118,7 @@ class Conv(nnx.Module):
         if not self.spectral:
             return y, 1.0
         left, right = self.left[...], self.right[...]
-        sigma, left, right = spectral_norm(kernel, left, right, iterations=int(train))
+        sigma, left, right = spectral_norm(kernel, left, right, advance=train)
         if train:
             self.left[...], self.right[...] = left, right
         return y, sigma
@@ -139,6 +140,7 @@ class InstanceNorm(nnx.Module):
             scale, shift = self.scale[...], self.shift[...]
         else:
             scale, shift = jnp.ones(x.shape[-1], wide), jnp.zeros(x.shape[-1], wide)
+        # (x/d - mean(x/d)) / sqrt(var(x/d) + eps) = sign(d) (x - mean(x)) / sqrt(var(x) + eps d^2)
         divisor = jnp.asarray(divisor, wide)
         return instance_norm(x, scale * jnp.sign(divisor), shift, INSTANCE_EPS * divisor * divisor)
 

@@ -1,8 +1,12 @@
-"""Loss terms, each a scalar: as Imaginaire's `losses/` has them, and as NVIDIA/pix2pixHD has them (`original`)."""
+"""Loss terms, each a scalar: as Imaginaire's `losses/` has them, and as NVIDIA/pix2pixHD has them (`original`).
+
+The perceptual one compares features of VGG-19's first thirteen convolutions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import jax
@@ -10,9 +14,12 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from jaxsim.config import Form
+from jaxsim.frame import Array
+from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.normalisation import statistics_type
+from jaxsim.weights import Converter, fit, read_state_dict
 
-Array = Any
+Weights = dict[str, Array]
 Judgement = Sequence[tuple[Array, Sequence[Array]]]
 """What the discriminator says: (logits, features) of each scale."""
 
@@ -80,5 +87,102 @@ def reconstruction(
     Where devices share a batch, `mean` takes the mean over them: weights are told from those of the whole batch,
     so that the mean of the devices' terms is the term of the whole.
     """
+    # Without any weight the term is 0, not 0 / 0.
     error = 0.5 * jnp.abs(image - target).mean(-1)
     return (weight * error).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(error.dtype).tiny)
+
+
+BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
+"""Places of the convolutions in torchvision's `features`; a 2 x 2 max-pool between the blocks. The ReLU after
+the first convolution of each block is a feature of the loss: relu_1_1 ... relu_5_1."""
+LAYER_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+def _shapes() -> dict[str, tuple[int, ...]]:
+    """torchvision's names and shapes."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    channels = 3
+    for block, places in enumerate(BLOCKS):
+        width = min(64 * 2**block, 512)
+        for place in places:
+            shapes[f"features.{place}.weight"] = (width, channels, 3, 3)
+            shapes[f"features.{place}.bias"] = (width,)
+            channels = width
+    return shapes
+
+
+VGG19 = Converter(
+    "VGG-19 of torchvision",
+    "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth",
+    lambda arrays: fit(arrays, _shapes()),
+    digest="dcbb9e9d",
+)
+"""What `jaxsim convert vgg19` makes of the published weights."""
+HOW_TO_GET = (
+    f"fetch torchvision's VGG-19 ({VGG19.fetch}), convert it with `jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out "
+    "vgg19.npz` and pass --loss.vgg-weights vgg19.npz; or leave the term out with --loss.perceptual 0"
+)
+
+
+def load_vgg(path: Path | None) -> Weights:
+    """Weights from a .npz of torchvision's names (`features.0.weight`, out x in x 3 x 3), as kernels.
+
+    Raises FileNotFoundError where there is no file, ValueError where an array is missing or misshapen.
+    """
+    if path is None or not path.is_file():
+        missing = "it needs VGG-19 weights" if path is None else f"no VGG-19 weights at {path}"
+        raise FileNotFoundError(f"perceptual loss: {missing}; {HOW_TO_GET}")
+    try:
+        arrays = VGG19.convert(read_state_dict(path))
+    except ValueError as error:
+        raise ValueError(f"perceptual loss: {path}: {error} {HOW_TO_GET}") from error
+    return {name: array.transpose(2, 3, 1, 0) if array.ndim == 4 else array for name, array in arrays.items()}
+
+
+def vgg_features(
+    weights: Weights, image: Float[Array, "b h w k"], *, imagenet: bool = True
+) -> list[Float[Array, "b _h _w _c"]]:
+    """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated.
+
+    `imagenet` gives the colours the mean and deviation that the weights were trained with; NVIDIA/pix2pixHD does not.
+    Convolutions run in the image's type.
+    """
+    if image.shape[-1] == 1:
+        image = jnp.repeat(image, 3, axis=-1)
+    mean = jnp.asarray(MEAN, image.dtype)[None, None, None]
+    deviation = jnp.asarray(DEVIATION, image.dtype)[None, None, None]
+    # The mean and deviation are of images in 0..1.
+    x = ((image + 1) / 2 - mean) / deviation if imagenet else image
+    features = []
+    for block, places in enumerate(BLOCKS):
+        if block:
+            x = jax.lax.reduce_window(x, -jnp.inf, jax.lax.max, (1, 2, 2, 1), (1, 2, 2, 1), "VALID")
+        for i, place in enumerate(places):
+            kernel = jnp.asarray(weights[f"features.{place}.weight"], x.dtype)
+            bias = jnp.asarray(weights[f"features.{place}.bias"], x.dtype)
+            x = conv2d(x, kernel, padding="zero") + bias[None, None, None]
+            x = jax.nn.relu(x)
+            if i == 0:
+                features.append(x)
+    return features
+
+
+def perceptual(
+    weights: Weights,
+    image: Float[Array, "b h w k"],
+    target: Float[Array, "b h w k"],
+    *,
+    imagenet: bool = True,
+    compute: Any = None,
+) -> Float[Array, ""]:
+    """Mean absolute differences of VGG features, weighted 1/32, 1/16, 1/8, 1/4, 1; target held fixed.
+
+    `compute` is the type in which the convolutions run, by default the image's.
+    """
+    if compute is not None:
+        image, target = image.astype(compute), target.astype(compute)
+    seen = vgg_features(weights, image, imagenet=imagenet)
+    wanted = vgg_features(weights, target, imagenet=imagenet)
+    terms = [mean_difference(a, b) for a, b in zip(seen, wanted, strict=True)]
+    return sum(w * term for w, term in zip(LAYER_WEIGHTS, terms, strict=True))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from functools import partial
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +17,10 @@ from flax import nnx
 from jaxtyping import Float
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import average_pool, halve
 from jaxsim.pix2pix.layers import FORMS, ConvBlock, LayerForm, ResidualBlock
 
-Array = Any
 Precision = Literal["float32", "bfloat16"]
 
 
@@ -99,6 +99,7 @@ class Generator(nnx.Module):
         form = form._replace(spectral=form.spectral and spectral)
         part = partial(EncoderDecoder, in_channels, form=form, rngs=rngs)
         self.coarse = part(widths, blocks=config.blocks, out_channels=None if config.enhancers else config.out_channels)
+        # An enhancer sees twice the rows and columns of the part before it, and has half its width.
         fine = [config.filters // 2 ** (k + 1) for k in range(config.enhancers)]
         self.enhancers = nnx.List(
             [
@@ -120,6 +121,7 @@ class Generator(nnx.Module):
                 f"and at least {2 * self.multiple}: change prepare.network_size, or use fewer downsamples "
                 "or enhancers"
             )
+        # Finest first, so that the coarse part takes the last.
         pyramid = [inputs]
         for _ in self.enhancers:
             pyramid.append(average_pool(pyramid[-1]))
@@ -135,11 +137,7 @@ class PatchDiscriminator(nnx.Module):
     def __init__(self, config: DiscriminatorConfig, in_channels: int, rngs: nnx.Rngs, *, precision: Precision) -> None:
         original = config.form == "original"
         block = partial(
-            ConvBlock,
-            size=4 if original else 3,
-            padding="zero",
-            form=layer_form(config.form, precision),
-            rngs=rngs,
+            ConvBlock, size=4 if original else 3, padding="zero", form=layer_form(config.form, precision), rngs=rngs
         )
         relu = partial(jax.nn.leaky_relu, negative_slope=0.2)
         widths = [min(config.filters * 2**i, config.max_filters) for i in range(config.layers + 1)]

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Float
 
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 
-Array = Any
 Tree = Any
 
 UNIT_EPS = 1e-12
@@ -37,22 +37,18 @@ def spectral_norm(
     left: Float[Array, " c_out"],
     right: Float[Array, " kh*kw*c_in"],
     *,
-    iterations: int = 0,
+    advance: bool = False,
 ) -> tuple[Float[Array, ""], Float[Array, " c_out"], Float[Array, " kh*kw*c_in"]]:
     """Largest singular value of the kernel as a (kh kw c_in, c_out) matrix W, and its singular vectors.
 
-    Each power iteration is right = unit(W left), left = unit(Wᵀ right). The value is leftᵀ Wᵀ right; its
-    gradient flows through W alone (Miyato et al. 2018; `torch.nn.utils.spectral_norm`).
+    `advance` takes them a power iteration further: right = unit(W left), left = unit(Wᵀ right). The value is
+    leftᵀ Wᵀ right; its gradient flows through W alone (Miyato et al. 2018; `torch.nn.utils.spectral_norm`).
     """
     matrix = kernel.reshape(-1, kernel.shape[-1])
-    frozen = jax.lax.stop_gradient(matrix)
-    for _ in range(iterations - 1):
-        right = unit(frozen @ left)
-        left = unit(right @ frozen)
-    if iterations:
-        right = unit(frozen @ left)
+    if advance:
+        right = unit(jax.lax.stop_gradient(matrix) @ left)
     image = right @ matrix  # the last Wᵀ right serves the iteration and the value
-    if iterations:
+    if advance:
         left = unit(jax.lax.stop_gradient(image))
     return left @ image, left, right
 
@@ -67,12 +63,10 @@ def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
     }
 
 
+# Four in a row, since custom_vjp takes its arguments by place.
 @jax.custom_vjp
 def instance_norm(
-    x: Float[Array, "b h w c"],
-    scale: Float[Array, " c"],
-    shift: Float[Array, " c"],
-    eps: Float[Array, ""],
+    x: Float[Array, "b h w c"], scale: Float[Array, " c"], shift: Float[Array, " c"], eps: Float[Array, ""]
 ) -> Float[Array, "b h w c"]:
     """(x - mean) / sqrt(variance + eps) over rows and columns (biased variance), times scale, plus shift.
 
@@ -95,6 +89,7 @@ def _instance_norm_gradient(saved: tuple[Array, ...], gradient: Array) -> tuple[
     x, mean, rate, scale = saved
     cells, gradient = x.shape[1] * x.shape[2], gradient.astype(scale.dtype)
     normalised = (x.astype(scale.dtype) - mean) * rate
+    # dL/dx = scale rate (g - mean(g) - n mean(g n)), with n the normalised x and means over cells.
     flat = _sum_cells(gradient)
     along = _sum_cells(gradient * normalised)
     scale = scale[None, None, None]

@@ -14,14 +14,26 @@ import jax
 import numpy as np
 
 from jaxsim.config import Form
-from jaxsim.pix2pix.published_names import LAYER_NAMES, LEAF_NAMES
 from jaxsim.pix2pix.state import Network
 
 Tree = Any
+Keys = tuple[Any, ...]
 Arrays = Mapping[str, np.ndarray]
 
 UNUSED = re.compile(r"\.(running_mean|running_var|num_batches_tracked)$")
 """Statistics that old versions of PyTorch saved for instance norms, which take each image's own."""
+LEAF_NAMES: dict[str, dict[tuple[str, str], str]] = {
+    "imaginaire": {
+        ("conv", "kernel"): "layers.conv.weight",
+        ("conv", "bias"): "layers.conv.bias",
+        ("conv", "left"): "layers.conv.weight_u",
+        ("conv", "right"): "layers.conv.weight_v",
+        ("norm", "scale"): "layers.norm.weight",
+        ("norm", "shift"): "layers.norm.bias",
+    },
+    "original": {("conv", "kernel"): "weight", ("conv", "bias"): "bias"},
+}
+"""What the published programs call our arrays of a layer."""
 
 
 class Place(NamedTuple):
@@ -101,11 +113,11 @@ def _their_shape(shape: tuple[int, ...], place: Place) -> tuple[int, ...]:
     return (narrow, wide, kh, kw) if place.transposed else (wide, narrow, kh, kw)
 
 
-def _keys(path: Any) -> tuple[Any, ...]:
+def _keys(path: Any) -> Keys:
     return tuple(step.key for step in path)
 
 
-def _places(network: Network, form: Form) -> dict[tuple[Any, ...], Place]:
+def _places(network: Network, form: Form) -> dict[Keys, Place]:
     """The published place of every leaf by its path."""
     spectral = {_keys(path)[:-1] for path, _ in jax.tree.leaves_with_path(network.vectors)}
     kernels = {
@@ -116,8 +128,51 @@ def _places(network: Network, form: Form) -> dict[tuple[Any, ...], Place]:
     places = {}
     for path, _ in jax.tree.leaves_with_path((network.parameters, network.vectors)):
         keys = _keys(path[1:])
-        name = f"{LAYER_NAMES[form](keys[:-2], network.parameters)}.{LEAF_NAMES[form][keys[-2:]]}"
+        name = f"{_layer_name(keys[:-2], network.parameters, form)}.{LEAF_NAMES[form][keys[-2:]]}"
         if keys[-1] == "kernel" and keys[:-1] in spectral:
             name += "_orig"
         places[keys] = Place(name, kernels.get(keys[:-1], ()), form == "original" and "up" in keys)
     return places
+
+
+def _layer_name(keys: Keys, parameters: Tree, form: Form) -> str:
+    """The published name of the layer that has this path in our network."""
+    original = form == "original"
+    if keys[0] == "scales":
+        _, scale, *layer = keys
+        number = layer[1] if layer[0] == "features" else len(parameters["scales"][scale]["features"])
+        if original:  # there the coarsest scale is the first by name
+            return f"scale{len(parameters['scales']) - 1 - scale}_layer{number}.0"
+        return f"model.discriminators.{scale}.layer{number}.0"
+    # Places in a `Sequential`. The original counts paddings, norms and activations too, three places a convolution;
+    # Imaginaire counts blocks, and an up-sampling layer without weights before each of `up`.
+    stem, apart, up_apart = (1, 3, 3) if original else (0, 1, 2)
+    if keys[0] == "coarse":
+        part, keys = parameters["coarse"], keys[1:]
+        # Imaginaire's global generator on its own keeps its head and stands one level deeper.
+        before = "model" if original else "global_model.model" if "head" in part else "global_model"
+        after, first_block = before, stem + apart * (1 + len(part["down"]))
+    else:
+        _, k, *layer = keys
+        part, keys = parameters["enhancers"][k], tuple(layer)
+        first_block = 0
+        before, after = (
+            (f"model{k + 1}_1", f"model{k + 1}_2")
+            if original
+            else (f"enhancer_{k}.model_downsample", f"enhancer_{k}.model_upsample")
+        )
+    first_up = first_block + len(part["blocks"])
+    match keys:
+        case ("stem",):
+            return f"{before}.{stem}"
+        case ("down", i):
+            return f"{before}.{stem + apart * (1 + i)}"
+        case ("blocks", i, half):
+            second = half == "second"
+            inner = f"conv_block.{5 if second else 1}" if original else f"conv_block_{int(second)}"
+            return f"{after}.{first_block + i}.{inner}"
+        case ("up", i):
+            return f"{after}.{first_up + up_apart * i + 1 - stem}"
+        case ("head",):
+            return f"{after}.{first_up + up_apart * len(part['up']) + stem}"
+    raise ValueError(f"no published name for {keys}")

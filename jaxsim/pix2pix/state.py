@@ -12,11 +12,11 @@ import optax
 from flax import nnx, struct
 
 from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.networks import Discriminator, Generator, Precision
 from jaxsim.pix2pix.normalisation import SpectralVector, fold_spectral_norm
 
-Array = Any
 Tree = Any
 
 
@@ -122,8 +122,3 @@ def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
         discriminator_optim=discriminator_optim,
         ema=fold_spectral_norm(generator.parameters, generator.vectors),
     )
-
-
-def ema_generator(state: TrainState) -> Tree:
-    """The averaged generator's parameters, for `make_generate`."""
-    return state.ema

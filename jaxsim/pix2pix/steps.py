@@ -19,9 +19,10 @@ from jax.sharding import Mesh
 
 from jaxsim.config import Experiment
 from jaxsim.devices import CUT, DATA, WHOLE, everywhere
+from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.convolution_cpu import compiler_options
-from jaxsim.pix2pix.losses import discriminator_loss, generator_terms, reconstruction
+from jaxsim.pix2pix.losses import Weights, discriminator_loss, generator_terms, load_vgg, perceptual, reconstruction
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
     Network,
@@ -34,9 +35,7 @@ from jaxsim.pix2pix.state import (
     split,
     uses_discriminator,
 )
-from jaxsim.pix2pix.vgg import Weights, load_vgg, perceptual
 
-Array = Any
 Tree = Any
 Batch = dict[str, Array]
 """inputs (b, h, w, c); target (b, h, w, k) in [-1, 1]; weight (b, h, w) >= 0, of the reconstruction term."""
@@ -79,15 +78,10 @@ def make_train_step(
         module = join(discriminator, network)
         return module(inputs, image, train=True), split(module)[1]
 
-    def of_discriminator(parameters: Tree, vectors: Tree, batch: Batch, fake: Array):
-        network = Network(parameters, vectors)
-        on_fake, network = judge(network, batch["inputs"], fake)
-        on_real, network = judge(network, batch["inputs"], batch["target"])
-        return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
-
-    def of_generator(parameters: Tree, vectors: Tree, judges: Network | None, batch: Batch, vgg: Weights | None):
+    def of_generator(network: Network, judges: Network | None, batch: Batch, *, vgg: Weights | None):
+        """The generator's loss; and its terms, the image and both networks after their passes."""
         inputs, target = batch["inputs"], batch["target"]
-        image, network = generate(Network(parameters, vectors), inputs)
+        image, network = generate(network, inputs)
         terms = {}
         if judges is not None:
             on_fake, judges = judge(judges, inputs, image)
@@ -103,10 +97,15 @@ def make_train_step(
         total = sum(getattr(weights, name) * term for name, term in terms.items())
         return total, (terms, image, network.vectors, judges)
 
-    def train_discriminator(judges: Network, optim: Tree, batch: Batch, fake: Array) -> tuple[Network, Tree, Metrics]:
-        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(
-            judges.parameters, judges.vectors, batch, fake
-        )
+    def train_discriminator(
+        judges: Network, optim: Tree, batch: Batch, *, fake: Array
+    ) -> tuple[Network, Tree, Metrics]:
+        def of_discriminator(parameters: Tree):
+            on_fake, network = judge(Network(parameters, judges.vectors), batch["inputs"], fake)
+            on_real, network = judge(network, batch["inputs"], batch["target"])
+            return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
+
+        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(judges.parameters)
         loss, gradient = mean((loss, gradient))
         updates, optim = adam.update(gradient, optim)
         judges = Network(optax.apply_updates(judges.parameters, updates), vectors)
@@ -117,15 +116,17 @@ def make_train_step(
         judges = state.discriminator
         judges_optim = state.discriminator_optim
         vectors = state.generator.vectors
+        # Imaginaire's order: the generator then learns from a discriminator that has seen an image of this step.
         first = experiment.optim.updates == "discriminator_first"
         if judges is not None and first:
             fake, network = generate(state.generator, batch["inputs"])
             vectors = network.vectors
-            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake)
+            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake=fake)
             metrics |= told
 
-        (loss, (terms, fake, vectors, judges)), gradient = jax.value_and_grad(of_generator, has_aux=True)(
-            state.generator.parameters, vectors, judges, batch, vgg
+        loss_of = lambda parameters: of_generator(Network(parameters, vectors), judges, batch, vgg=vgg)  # noqa: E731
+        (loss, (terms, fake, vectors, judges)), gradient = jax.value_and_grad(loss_of, has_aux=True)(
+            state.generator.parameters
         )
         loss, terms, gradient = mean((loss, terms, gradient))
         updates, optim = adam.update(gradient, state.generator_optim)
@@ -134,7 +135,7 @@ def make_train_step(
         metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
 
         if judges is not None and not first:
-            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake)
+            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake=fake)
             metrics |= told
         metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
         step = state.step + 1
@@ -170,6 +171,6 @@ def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Arr
 
 
 def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, Array], Array]:
-    """Jitted (`ema_generator(state)`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]."""
+    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]."""
     definition = generator_definition(experiment.generator, in_channels, spectral=False)
     return jax.jit(lambda parameters, inputs: nnx.merge(definition, parameters)(inputs))

@@ -38,7 +38,7 @@ def with_effects(
     """
     check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
     about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
-    scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], [about])
+    scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
     scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))
     return jax.tree.map(lambda leaf: leaf[0], model.simulate(scan, key))
 

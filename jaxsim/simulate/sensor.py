@@ -17,7 +17,7 @@ from jaxsim.cloud import place_intensity
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, polar_to_points
-from jaxsim.pix2pix import ema_generator, make_generate, state_shapes
+from jaxsim.pix2pix import make_generate, state_shapes
 from jaxsim.prepare import check_view, crop_image, input_channels, paint, window_of
 from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import Run
@@ -162,5 +162,5 @@ def load(folder: Path | str) -> LearnedSensor:
         return LearnedSensor(*read_embedded())
     run = load_run(folder)
     channels = input_channels(run.experiment.prepare)
-    like = jax.eval_shape(ema_generator, state_shapes(run.experiment, channels))
+    like = state_shapes(run.experiment, channels).ema
     return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", like))

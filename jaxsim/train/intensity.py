@@ -14,7 +14,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches
 from jaxsim.evaluate.paired import score_pairs
 from jaxsim.pairs.prepared import prepared
-from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step, start_from
+from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
 from jaxsim.runs.run import describe
@@ -80,7 +80,7 @@ def intensity_training(experiment: Experiment) -> Training:
         batches=lambda a, b: (to_batch(devices.cut(mesh, pairs)) for pairs in ahead(loader, a, b)),
         step=lambda state, batch, k: train_step(state, batch),
         network="generator",
-        used=ema_generator,
+        used=lambda state: state.ema,
         judge=judge,
         facts=(
             f"data: {data.kind}, frames {data.train} (validation {data.validation})",

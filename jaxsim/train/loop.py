@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from jaxsim import devices
 from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
-from jaxsim.detect.left_out import LeftOut
+from jaxsim.detect import LeftOut
 from jaxsim.report import save_picture
 from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import kind_of

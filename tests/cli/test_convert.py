@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
-from jaxsim.pix2pix.vgg import BLOCKS, load_vgg
+from jaxsim.pix2pix.losses import BLOCKS, load_vgg
 from jaxsim.prepare.depth.penet import completion, open_penet, published_shapes
 from jaxsim.prepare.depth.penet.published import STEM
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jaxsim.detect import LeftOut
-from jaxsim.detect.backbone3d import DOWN
-from jaxsim.detect.left_out import REMEDIES
+from jaxsim.detect.backbones import DOWN
+from jaxsim.detect.steps import REMEDIES
 from jaxsim.metrics import Score
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.train import loop

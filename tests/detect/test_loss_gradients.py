@@ -54,7 +54,7 @@ def test_the_first_stages_gradients_are_its_slopes(term):
 
     def loss(x):
         inputs = {name: jnp.asarray(value) for name, value in given.items()} | {term: x}
-        return rpn_losses(*inputs.values(), targets, CONFIG)[term]
+        return rpn_losses(tuple(inputs.values()), targets, CONFIG)[term]
 
     gradient = check(loss, given[term])
     learns = positive if term != "rpn_cls" else ~ignored

@@ -65,8 +65,8 @@ def test_first_stage_loss_is_the_published_one(heads, values):
 
     @jax.jit
     def run(cls, box, direction):
-        targets = assign(anchors, gt[..., :7], jnp.any(gt != 0, axis=-1), CONFIG.anchors)
-        return losses.rpn_losses(cls, box, direction, targets, CONFIG)
+        targets = assign(anchors, gt[..., :7], jnp.any(gt != 0, axis=-1), config=CONFIG.anchors)
+        return losses.rpn_losses((cls, box, direction), targets, CONFIG)
 
     terms, expected = run(cls, box, direction), values["heads"]["rpn_loss"]
     for name in ("cls", "loc", "dir"):

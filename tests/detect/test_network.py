@@ -8,7 +8,7 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import DetectorConfig, DetectorExperiment, VoxelConfig
-from jaxsim.detect.backbone3d import VoxelBackBone8x
+from jaxsim.detect.backbones import VoxelBackBone8x
 from jaxsim.detect.network import VoxelRcnn, bev_channels
 from jaxsim.detect.state import create_state, network_shapes
 from jaxsim.detect.steps import make_detect, make_train_step

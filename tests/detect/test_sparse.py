@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.sparse import (
+    CUBE,
     Sites,
+    Window,
     cells,
     key_of,
     neighbours,
@@ -22,29 +24,28 @@ from jaxsim.detect.sparse import (
 pytestmark = pytest.mark.usefixtures("quick_compile")
 
 LAYERS = {
-    "sparse_k3_s1_p1": ((3, 3, 3), (1, 1, 1), (1, 1, 1)),
-    "sparse_k3_s2_p1": ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
-    "sparse_k3_s2_p011": ((3, 3, 3), (2, 2, 2), (0, 1, 1)),
-    "sparse_k311_s211_p0": ((3, 1, 1), (2, 1, 1), (0, 0, 0)),
+    "sparse_k3_s1_p1": Window(CUBE, (1, 1, 1), (1, 1, 1)),
+    "sparse_k3_s2_p1": Window(CUBE, (2, 2, 2), (1, 1, 1)),
+    "sparse_k3_s2_p011": Window(CUBE, (2, 2, 2), (0, 1, 1)),
+    "sparse_k311_s211_p0": Window((3, 1, 1), (2, 1, 1), (0, 0, 0)),
 }
-CUBE = (3, 3, 3)
-FORM = ("kernel", "stride", "padding")
+HALVING = LAYERS["sparse_k3_s2_p1"]
 
 
-@partial(jax.jit, static_argnames=(*FORM, "capacity"))
-def strided(x, weights, sites, kernel, stride, padding, capacity):
+@partial(jax.jit, static_argnames=("window", "capacity"))
+def strided(x, weights, sites, window, capacity):
     """Output, its sites, and how many did not fit."""
-    out, dropped = strided_sites(sites, kernel, stride, padding, capacity=capacity)
-    return sparse_conv(x, weights, strided_tables(sites, out, kernel, stride, padding)), out, dropped
+    out, dropped = strided_sites(sites, window, capacity)
+    return sparse_conv(x, weights, strided_tables(sites, out, window)), out, dropped
 
 
 @jax.jit
 def submanifold(x, weights, sites):
-    return sparse_conv(x, weights, submanifold_tables(sites, CUBE))
+    return sparse_conv(x, weights, submanifold_tables(sites))
 
 
-find = jax.jit(neighbours, static_argnames=FORM)
-find_sites = jax.jit(strided_sites, static_argnames=(*FORM, "capacity"))
+find = jax.jit(neighbours, static_argnames="window")
+find_sites = jax.jit(strided_sites, static_argnames=("window", "capacity"))
 
 
 def sites_of(zyx, shape, capacity):
@@ -103,13 +104,13 @@ def test_strided_convolution_is_spconvs(published, layer):
     vectors = published("sparse_conv")
     coords, features = vectors["coords_bzyx"], vectors["features"]
     shape = tuple(int(s) for s in vectors["spatial_shape_zyx"])
-    kernel, form = kernel_of(vectors[f"{layer}_weight_okzkykxi"]), LAYERS[layer]
+    kernel = kernel_of(vectors[f"{layer}_weight_okzkykxi"])
     places, outputs = [], []
     for sample in range(2):
         mine = coords[:, 0] == sample
         sites, order = sites_of(coords[mine, 1:], shape, 2000)
         x = jnp.zeros((2000, 8)).at[: mine.sum()].set(features[mine][order])
-        y, out, dropped = strided(x, kernel, sites, *form, 16000)
+        y, out, dropped = strided(x, kernel, sites, LAYERS[layer], 16000)
         assert dropped == 0
         assert out.shape == tuple(vectors[f"{layer}_out_shape"])
         used = np.asarray(out.valid)
@@ -122,21 +123,21 @@ def test_strided_convolution_is_spconvs(published, layer):
     np.testing.assert_allclose(outputs[rows], vectors[f"{layer}_out_features"], atol=1e-5)
 
 
-@pytest.mark.parametrize("form", [*LAYERS.values(), "submanifold"])
-def test_values_and_gradients_are_those_of_a_dense_convolution(form):
+@pytest.mark.parametrize("window", [*LAYERS.values(), None])
+def test_values_and_gradients_are_those_of_a_dense_convolution(window):
+    """Without a window, of a submanifold convolution."""
     shape, capacity = (6, 8, 7), 300
-    sparse_form = None if form == "submanifold" else form
-    size, stride, padding = sparse_form or (CUBE, (1, 1, 1), (1, 1, 1))
+    size, stride, padding = window or Window(CUBE, (1, 1, 1), (1, 1, 1))
 
     def sparse(x, weights, change, sites):
-        if sparse_form is None:
+        if window is None:
             return (submanifold(x, weights, sites) * change[:capacity] * sites.valid[:, None].astype(x.dtype)).sum()
-        y, out, _ = strided(x, weights, sites, *form, 400)
+        y, out, _ = strided(x, weights, sites, window, 400)
         return (y * change * out.valid[:, None].astype(x.dtype)).sum()
 
     def dense(x, weights, change, sites):
         volume = dense_conv(dense_of(sites, x), weights, stride, padding).reshape(-1, 4)
-        out = sites if sparse_form is None else find_sites(sites, *form, capacity=400)[0]
+        out = sites if window is None else find_sites(sites, window, capacity=400)[0]
         return (volume.at[out.key].get(mode="fill", fill_value=0) * change[: len(out.key)]).sum()
 
     mine, theirs = (jax.jit(jax.value_and_grad(f, (0, 1))) for f in (sparse, dense))
@@ -151,11 +152,11 @@ def test_values_and_gradients_are_those_of_a_dense_convolution(form):
 
 
 def test_a_table_is_what_looking_up_every_place_gives():
-    shape, form = (4, 5, 6), ((3, 3, 3), (2, 2, 2), (1, 1, 1))
+    shape = (4, 5, 6)
     zyx, _, _ = random_sample(5, shape, 0.4)
     sites, _ = sites_of(zyx, shape, len(zyx) + 4)
-    out, _ = find_sites(sites, *form, capacity=60)
-    table = np.asarray(find(sites, out, *form))
+    out, _ = find_sites(sites, HALVING, capacity=60)
+    table = np.asarray(find(sites, out, HALVING))
     rows = {tuple(place): row for row, place in enumerate(np.asarray(sites.zyx)[: len(zyx)].tolist())}
     for place, valid, found in zip(np.asarray(out.zyx), np.asarray(out.valid), table, strict=True):
         corner = place * 2 - 1
@@ -166,9 +167,8 @@ def test_a_table_is_what_looking_up_every_place_gives():
 def test_outputs_beyond_the_capacity_are_counted():
     zyx, _, _ = random_sample(6, (6, 8, 7), 0.5)
     sites, _ = sites_of(zyx, (6, 8, 7), len(zyx))
-    form = ((3, 3, 3), (2, 2, 2), (1, 1, 1))
-    whole, none = find_sites(sites, *form, capacity=100)
-    few, dropped = find_sites(sites, *form, capacity=10)
+    whole, none = find_sites(sites, HALVING, capacity=100)
+    few, dropped = find_sites(sites, HALVING, capacity=10)
     assert none == 0
     assert dropped == whole.valid.sum() - 10
     np.testing.assert_array_equal(few.key, whole.key[:10])
@@ -176,8 +176,7 @@ def test_outputs_beyond_the_capacity_are_counted():
 
 def test_nothing_in_gives_nothing_out():
     sites, _ = sites_of(np.zeros((0, 3), int), (6, 8, 7), 12)
-    form = ((3, 3, 3), (2, 2, 2), (1, 1, 1))
-    y, out, _ = strided(jnp.ones((12, 5)), jnp.ones((3, 3, 3, 5, 4)), sites, *form, 20)
+    y, out, _ = strided(jnp.ones((12, 5)), jnp.ones((3, 3, 3, 5, 4)), sites, HALVING, 20)
     assert not out.valid.any()
     assert (y == 0).all()
 
@@ -185,6 +184,4 @@ def test_nothing_in_gives_nothing_out():
 def test_a_grid_whose_keys_do_not_fit_is_refused():
     with pytest.raises(ValueError, match="beyond 32 bits"):
         cells((2000, 2000, 2000))
-    assert strided_shape((41, 1600, 1408), (3, 3, 3), (2, 2, 2), padding=(1, 1, 1)) == (21, 800, 704)
-    with pytest.raises(ValueError, match="even sides"):
-        submanifold_tables(Sites(jnp.zeros(1, jnp.int32), (1, 1, 1)), (2, 3, 3))
+    assert strided_shape((41, 1600, 1408), HALVING) == (21, 800, 704)

@@ -138,7 +138,7 @@ def simulate_anew(simulated: Path, out: Path, model: SensorModel) -> None:
     grid, about = read_grid(simulated)
     names = frame_names(simulated)
     images, rasters = zip(*(read_frame(simulated, name) for name in names), strict=True)
-    reported = model.simulate(scan_of(grid, images, rasters, [about[name] for name in names]), jax.random.key(0))
+    reported = model.simulate(scan_of(grid, images, rasters, about=[about[name] for name in names]), jax.random.key(0))
     for k, name in enumerate(names):
         image = PolarImage(reported.range_m[k], reported.intensity[k], reported.valid[k])
         write_frame(out, name, image, **rasters[k])

@@ -39,7 +39,7 @@ def toy(frames: int = 6, rows: int = 16, columns: int = 60, *, seed: int = 0, ga
         light = shine * rng.normal(1.2, 0.02) * gains * np.exp(rng.normal(0, 0.08, r.shape))
         sensed["intensity"].append(np.where(back, np.clip(light, 0, 1), 0))
         sensed["valid"].append(back)
-    scan = scan_of(grid, images, more, about)
+    scan = scan_of(grid, images, more, about=about)
     return scan, Measured(*(np.stack(v).astype(np.float32 if n != "valid" else bool) for n, v in sensed.items()))
 
 

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.effects import Scan
-from jaxsim.effects.planes import slopes_of
-from jaxsim.effects.scan import scan_of
+from jaxsim.effects.scan import scan_of, slopes_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 ROWS, COLUMNS = 24, 96
@@ -54,7 +53,7 @@ def road_and_walls(grid: PolarGrid | None = None, frames: int = 1, **about) -> S
     image = PolarImage(np.where(hit, range_m, 0).astype("f4"), (0.4 * cosine).astype("f4"), hit)
     more = {"semantic": semantic, "incidence": np.where(hit, np.arccos(np.clip(cosine, 0, 1)), 0)}
     given = [{key: value[k] for key, value in about.items()} for k in range(frames)]
-    return jax.tree.map(jnp.asarray, scan_of(grid, [image] * frames, [more] * frames, given))
+    return jax.tree.map(jnp.asarray, scan_of(grid, [image] * frames, [more] * frames, about=given))
 
 
 def clutter_of_everything(seed: int = 0, frames: int = 2, rows: int = 5, columns: int = 14) -> Scan:

@@ -38,7 +38,7 @@ def run(name):
 
     def both(values):
         def total(values):
-            after = apply_law(effect, values, rays, scan)
+            after = apply_law(effect, values, rays, scan=scan)
             floats = (x for x in jax.tree.leaves(after) if x.dtype == jnp.float32)
             return sum(jnp.where(jnp.abs(x) < 1e9, x, 0.0).sum() for x in floats), after
 

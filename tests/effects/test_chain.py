@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxsim.effects import EFFECTS, STAGES, all_rays
-from jaxsim.effects.chain import SensorModel, frame_of
-from jaxsim.effects.draw import clutter_range, sample
+from jaxsim.effects.chain import SensorModel, frame_of, sample
+from jaxsim.effects.clutter import clutter_range
 from tests.effects.streets import clutter_of_everything, grid_of, road_and_walls
 
 KEY = jax.random.key(3)

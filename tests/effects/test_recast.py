@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import apply_law
-from jaxsim.effects.planes import slopes_of
+from jaxsim.effects.scan import slopes_of
 from tests.effects.streets import cast, directions_of, fields_of, grid_of, road_and_walls
 from tests.quick import quick_jit
 
@@ -31,7 +31,7 @@ def rotation(roll, pitch, yaw):
 
 def displaced(name, values, scan, rays=None):
     rays = jax.jit(all_rays)(scan) if rays is None else rays
-    return compiled(name)(EFFECTS[name].values(values, scan.range_m.shape[1]), rays, scan)
+    return compiled(name)(EFFECTS[name].values(values, scan.range_m.shape[1]), rays, scan=scan)
 
 
 @cache
@@ -142,7 +142,7 @@ def test_the_derivative_is_that_of_the_true_scene():
     effect = EFFECTS["extrinsic_rotation"]
 
     def ranges(pitch):
-        return apply_law(effect, effect.values({}, 24) | {"pitch_rad": pitch}, all_rays(scan), scan).reading_m[0]
+        return apply_law(effect, effect.values({}, 24) | {"pitch_rad": pitch}, all_rays(scan), scan=scan).reading_m[0]
 
     slope = np.asarray(quick_jit(jax.jacfwd(ranges))(jnp.float32(0.0)))
     step = 1e-5

@@ -23,7 +23,9 @@ def test_what_files_hold_becomes_the_scan():
         "rgb": np.full((24, 96, 3), 255, np.uint8),
         "time": np.tile(np.linspace(5, 5.05, 96), (24, 1)),
     }
-    scan = scan_of(grid, [one, one], [more, more], [{"time": 1e9, "speed": 3.0}, {"time": 1e9 + 0.5, "speed": 4.0}])
+    scan = scan_of(
+        grid, [one, one], [more, more], about=[{"time": 1e9, "speed": 3.0}, {"time": 1e9 + 0.5, "speed": 4.0}]
+    )
     assert not scan.hit[0, 0, 0]
     assert scan.range_m[0, 0, 0] == 0
     assert (scan.semantic[scan.hit] == 26).all()
@@ -68,7 +70,7 @@ def test_counts_and_grids_must_agree():
     with pytest.raises(ValueError, match="range is"):
         scan_of(grid_of(), [image(columns=95)])
     with pytest.raises(ValueError, match="speed is given for some"):
-        scan_of(grid_of(), [image(), image()], None, [{"speed": 1.0}, {}])
+        scan_of(grid_of(), [image(), image()], about=[{"speed": 1.0}, {}])
 
 
 @pytest.mark.parametrize("turn", [2 * np.pi, 1.2])

@@ -9,10 +9,10 @@ from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.pix2pix import convolution_cpu
+from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
 from jaxsim.pix2pix.state import Network, split
-from jaxsim.pix2pix.vgg import load_vgg
 from tests.pix2pix.rule import draw_vgg
 
 IN_CHANNELS, OUT_CHANNELS = 8, 3

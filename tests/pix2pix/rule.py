@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.pix2pix.vgg import BLOCKS
+from jaxsim.pix2pix.losses import BLOCKS
 
 
 def draw(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, np.ndarray]:

@@ -5,10 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge
+from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, perceptual, vgg_features
 from jaxsim.pix2pix.published import to_published
 from jaxsim.pix2pix.state import discriminator_definition, generator_definition, join, split
-from jaxsim.pix2pix.vgg import perceptual, vgg_features
 
 
 def channels_first(x):

@@ -9,11 +9,17 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
-from jaxsim.pix2pix.losses import discriminator_loss, generator_terms, least_squares
+from jaxsim.pix2pix.losses import (
+    LAYER_WEIGHTS,
+    discriminator_loss,
+    generator_terms,
+    least_squares,
+    load_vgg,
+    vgg_features,
+)
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published, to_published
 from jaxsim.pix2pix.state import join, split
-from jaxsim.pix2pix.vgg import LAYER_WEIGHTS, load_vgg, vgg_features
 from tests.pix2pix.rule import draw, draw_vgg
 from tests.quick import quick_jit
 

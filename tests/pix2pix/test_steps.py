@@ -12,7 +12,6 @@ from jaxsim.pix2pix.losses import discriminator_loss, generator_terms
 from jaxsim.pix2pix.state import (
     create_state,
     discriminator_definition,
-    ema_generator,
     generator_definition,
     join,
     learning_rate,
@@ -152,7 +151,7 @@ def test_average_copies_up_to_its_start_and_lags_from_then_on(steps, batch):
     head = lambda tree: tree["enhancers"][0]["head"]["conv"]["kernel"]  # noqa: E731
     for k in (0, 1):
         state = history[k][0]
-        np.testing.assert_array_equal(head(ema_generator(state)), head(state.generator.parameters))
+        np.testing.assert_array_equal(head(state.ema), head(state.generator.parameters))
     before, after = (history[k][0] for k in (1, 2))
     expected = 0.999 * head(before.ema) + 0.001 * head(after.generator.parameters)
     np.testing.assert_allclose(head(after.ema), expected, rtol=1e-6, atol=1e-9)
@@ -160,7 +159,7 @@ def test_average_copies_up_to_its_start_and_lags_from_then_on(steps, batch):
 
 def test_generate_gives_an_image_of_the_averaged_generator(batch):
     generate = make_generate(GAN, CHANNELS)
-    parameters = ema_generator(create_state(GAN, CHANNELS, seed=0))
+    parameters = create_state(GAN, CHANNELS, seed=0).ema
     image = generate(parameters, batch["inputs"])
     assert image.shape == (2, 8, 16, 1)
     inside = jax.jit(lambda p, x: generate(p, x))(parameters, batch["inputs"])

@@ -101,7 +101,7 @@ def cast(scan: Scan, frame: Int[np.ndarray, " b"], column: Int[np.ndarray, "b c"
 
 @jax.jit
 def _cast(scan: Scan, index: RayIndex) -> Cast:
-    rays = rays_at(scan, *index)
+    rays = rays_at(scan, index)
     return Cast(rays, pose_derivatives(scan, rays))
 
 

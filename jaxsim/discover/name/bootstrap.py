@@ -21,7 +21,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
-from jaxsim.effects.draw import sample
+from jaxsim.effects.chain import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
 

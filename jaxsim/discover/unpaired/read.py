@@ -173,7 +173,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
     good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
     at = _thinned(good, frame_scene, per_scene, rng)
-    rays = jax.tree.map(np.asarray, rays_at(scan, *(part.astype(np.int32) for part in at)))
+    rays = jax.tree.map(np.asarray, rays_at(scan, tuple(part.astype(np.int32) for part in at)))
     return UnpairedComparison(
         grid=grid,
         scan=scan,

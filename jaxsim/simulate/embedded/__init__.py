@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 
-from jaxsim.pix2pix import ema_generator, state_shapes
+from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import load_run
@@ -58,7 +58,7 @@ def check(folder: Path) -> None:
 
 def shapes_of(run: Run) -> Tree:
     """Shapes and dtypes of the generator that a run keeps."""
-    return jax.eval_shape(ema_generator, state_shapes(run.experiment, input_channels(run.experiment.prepare)))
+    return state_shapes(run.experiment, input_channels(run.experiment.prepare)).ema
 
 
 def sha256(path: Path) -> str:

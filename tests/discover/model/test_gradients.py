@@ -35,7 +35,7 @@ def test_rays_and_slopes_are_the_effects_own(name, street):
     z = to_z(effect, GEOMETRY.get(name, {"gain": 0.1 * np.cos(np.arange(ROWS))}), ROWS)
 
     def alone(z):
-        after = apply_law(effect, to_values(effect, z), rays, scan)
+        after = apply_law(effect, to_values(effect, z), rays, scan=scan)
         seen = {field: jnp.asarray(getattr(after, field), jnp.float32) for field in DIFFERENTIATED}
         return seen, after
 

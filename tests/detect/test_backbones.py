@@ -9,8 +9,7 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import BackboneConfig, DetectorConfig, VoxelConfig
-from jaxsim.detect.backbone2d import BevBackbone
-from jaxsim.detect.backbone3d import VoxelBackBone8x, capacities, height_compression
+from jaxsim.detect.backbones import BevBackbone, VoxelBackBone8x, capacities, height_compression
 from jaxsim.detect.published import SPARSE_LAYOUTS, tensors
 from jaxsim.detect.sparse import Sites
 from jaxsim.detect.state import join, split
