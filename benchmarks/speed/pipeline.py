@@ -24,7 +24,7 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, ema_generator, load_vgg, make_generate, make_train_step
 from jaxsim.prepare import input_channels
 from jaxsim.simulate.predict import make_batch, make_predict
-from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import ahead
 
 
 def main(experiment: Experiment, *, steps: int, rounds: int) -> None:

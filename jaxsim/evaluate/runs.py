@@ -22,9 +22,8 @@ from jaxsim.metrics.detection import Curve
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import pairs_before, prepared
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import load_run
+from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor
 

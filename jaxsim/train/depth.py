@@ -36,8 +36,7 @@ from jaxsim.prepare.depth.penet.training import (
 )
 from jaxsim.report import depth_picture
 from jaxsim.runs.kinds import DepthRun
-from jaxsim.train.prefetch import ahead
-from jaxsim.train.training import Batch, Scores, Training, run_folder
+from jaxsim.train.training import Batch, Scores, Training, ahead, run_folder
 
 THREADS = 4
 SHOWN = 4

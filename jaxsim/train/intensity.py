@@ -19,8 +19,7 @@ from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
 from jaxsim.runs.run import describe
 from jaxsim.simulate.predict import make_batch, make_predict
-from jaxsim.train.prefetch import ahead
-from jaxsim.train.training import Scores, Training, run_folder
+from jaxsim.train.training import Scores, Training, ahead, run_folder
 
 
 def intensity_training(experiment: Experiment) -> Training:

@@ -11,9 +11,8 @@ from jaxsim.cli.detect import Detect
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import start_run
+from jaxsim.runs.run import Checkpoints, start_run
 from jaxsim.simulate.sensor import load
 from tests.detect.tiny import EXPERIMENT
 

@@ -21,7 +21,7 @@ from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor, load
 from jaxsim.studies.ablation.page import ablation_picture, ablation_table, write_ablation
 from jaxsim.studies.ablation.table import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
-from jaxsim.train.apart import TRAINER, train_apart
+from jaxsim.train.loop import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 
