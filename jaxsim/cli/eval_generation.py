@@ -12,7 +12,7 @@ from jaxsim.report import list_scores, write_list
 
 @dataclass(frozen=True)
 class Generation:
-    """LiDAR generation metrics between two folders of polar frames, or of clouds (docs/metrics.md).
+    """LiDAR generation metrics between two folders of polar frames, or of clouds.
 
     Frames need no common names; those that have them are also compared as pairs (Chamfer distances).
     """

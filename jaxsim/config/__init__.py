@@ -5,7 +5,7 @@ flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value a
 """
 
 from jaxsim.config.clouds import CloudKind, CloudRecipe, LoopConfig
-from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig
+from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig, RunConfig
 from jaxsim.config.depth import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.config.detector import (
     AnchorConfig,
@@ -26,7 +26,6 @@ from jaxsim.config.intensity import (
     LossConfig,
     OptimConfig,
 )
-from jaxsim.config.run import RunConfig
 
 __all__ = [
     "AnchorConfig",

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli.eval_detector import judge_run, said_mean
+from jaxsim.cli.eval_detection import judge_run, said_mean
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Found
