@@ -30,7 +30,7 @@ from jaxsim.train.training import ahead
 def main(experiment: Experiment, *, steps: int, rounds: int) -> None:
     data, prepare, optim, loss = experiment.data, experiment.prepare, experiment.optim, experiment.loss
     dataset = open_dataset(data)
-    train = prepared(dataset, select(data.train, dataset), data, prepare)
+    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
     loader = batches(train, size=optim.batch, seed=0, flip=optim.flip, scale_limit=optim.scale_limit, raster=raster)
     to_batch = make_batch(prepare, drop_weight=loss.drop_weight, unseen_weight=loss.unseen_weight)

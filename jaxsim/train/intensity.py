@@ -38,8 +38,8 @@ def intensity_training(experiment: Experiment) -> Training:
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)
-    train = prepared(dataset, select(data.train, dataset), data, prepare)
-    validation = prepared(dataset, select(data.validation, dataset), data, prepare)
+    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
+    validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
     # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
     loader = batches(

@@ -72,7 +72,7 @@ def test_both_folders_hold_the_same_frames_on_the_runs_window(run: Path, out: Pa
 
 def test_measured_frames_are_the_scans_that_the_run_is_trained_on(run: Path, out: Path):
     experiment = load(run).run.experiment
-    pairs = prepared(open_dataset(experiment.data), [0, 4, 8], experiment.data, experiment.prepare)
+    pairs = prepared(open_dataset(experiment.data), [0, 4, 8], experiment.data, prepare=experiment.prepare)
     for name, pair in zip(pairs.names, pairs, strict=True):
         measured, _ = read_frame(out / "measured", name)
         counts = pair.measured.valid & (pair.measured.intensity >= 0.005) & pair.painted.valid
@@ -83,7 +83,7 @@ def test_measured_frames_are_the_scans_that_the_run_is_trained_on(run: Path, out
 
 def test_simulated_frames_say_what_lies_under_a_ray_also_where_it_is_dropped(run: Path, out: Path):
     experiment = load(run).run.experiment
-    pairs = prepared(open_dataset(experiment.data), [0], experiment.data, experiment.prepare)
+    pairs = prepared(open_dataset(experiment.data), [0], experiment.data, prepare=experiment.prepare)
     image, more = read_frame(out / "simulated", pairs.names[0])
     painted = pairs[0].painted
     assert set(more) == {"semantic", "instance", "rgb", "incidence"}

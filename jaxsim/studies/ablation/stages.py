@@ -72,11 +72,11 @@ def compare_networks(
 
     # Frames: one set for all.
     dataset = open_dataset(data)
-    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare)
+    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
     baselines = baseline_scores(
-        prepared(dataset, select(data.train, dataset), data, prepare), judged, [None] * len(judged)
+        prepared(dataset, select(data.train, dataset), data, prepare=prepare), judged, [None] * len(judged)
     )
 
     # Scores.
