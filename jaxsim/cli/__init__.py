@@ -64,7 +64,7 @@ COMMANDS = {
 """Every command by its name."""
 MODES = {
     "eval generation": Command(
-        "eval_generation:Generation",
+        "eval:Generation",
         "two folders of frames or clouds",
         "jaxsim eval generation --simulated simulated/polar --measured measured --out scores",
     ),

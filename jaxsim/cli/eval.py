@@ -1,4 +1,7 @@
-"""`jaxsim eval RUN`: a learned sensor's scores beside baselines, or a detector's on its validation frames."""
+"""`jaxsim eval RUN`: a learned sensor's scores beside baselines, or a detector's on its validation frames.
+
+`jaxsim eval generation`: LiDAR generation metrics between two folders.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,12 @@ import tyro
 from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.source import SAME, Source
 from jaxsim.evaluate.fid import frechet_line
+from jaxsim.evaluate.generation import generation_scores, open_folder
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.metrics import Score
+from jaxsim.metrics.generation.rangenet import load_rangenet
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.report import pair_picture, save_picture, score_table, write_list, write_scores
+from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 
@@ -73,3 +78,30 @@ class Evaluation:
             write_list(out, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)
             print(f"{frechet_line(frechet)}\n")
         print(f"scores and pictures: {out}")
+
+
+@dataclass(frozen=True)
+class Generation:
+    """LiDAR generation metrics between two folders of polar frames, or of clouds.
+
+    Frames need no common names; those that have them are also compared as pairs (Chamfer distances).
+    """
+
+    simulated: Path
+    """Folder of polar frames (grid.json and NAME.npz), or of clouds (.bin, or .npz with xyz)."""
+    measured: Path
+    """Folder of the sensor's."""
+    rangenet: Path | None = None
+    """Converted RangeNet++ (`jaxsim convert rangenet53`): also the Fréchet distance over its features."""
+    out: Path | None = None
+    """Folder for generation.json and generation.md."""
+
+    def __call__(self) -> None:
+        simulated, measured = open_folder(self.simulated), open_folder(self.measured)
+        rangenet = load_rangenet(self.rangenet) if self.rangenet else None
+        scores = generation_scores(simulated, measured, rangenet=rangenet)
+        frames = [len(simulated.names), len(measured.names)]
+        print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
+        if self.out:
+            about = {"simulated": str(self.simulated), "measured": str(self.measured), "frames": frames}
+            write_list(self.out, "generation", scores, about=about)

@@ -47,7 +47,10 @@ class Rendered(Sequence[DepthFrame]):
     """Frames of a renderer by position, each made once and kept in memory: a few hundred, 6 MB each."""
 
     def __init__(self, make: Callable[[int], DepthFrame], positions: Sequence[int]):
-        self.make, self.positions, self.kept, self.lock = make, positions, {}, Lock()
+        self.make = make
+        self.positions = positions
+        self.kept: dict[int, DepthFrame] = {}
+        self.lock = Lock()
 
     def __len__(self) -> int:
         return len(self.positions)

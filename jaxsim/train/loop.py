@@ -15,10 +15,10 @@ from tqdm import tqdm
 from jaxsim import devices
 from jaxsim.detect.left_out import LeftOut
 from jaxsim.report import save_picture
-from jaxsim.runs.kinds import kind_of
+from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
 from jaxsim.runs.run import Checkpoints, start_run
-from jaxsim.train.experiments import CONFIGS, AnyExperiment
+from jaxsim.train.experiments import CONFIGS
 from jaxsim.train.training import Scores, Training, run_folder, write_card
 
 TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
