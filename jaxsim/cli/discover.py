@@ -41,7 +41,8 @@ class Discover:
     compared with their own scans; they go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
-    catalogue does not hold. Writes verdict.json, sensor.json, report.html and figures/ to OUT.
+    catalogue does not hold. Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and
+    figures/ to OUT.
     """
 
     out: Path

@@ -67,7 +67,8 @@ class Evaluation:
         judged = score_sensor(sensor, data, frames=self.frames, validation=validation, extractor=extractor)
 
         # Tables and pictures.
-        pairs, frechet = judged.pairs, judged.frechet
+        pairs = judged.pairs
+        frechet = judged.frechet
         write_scores(out, judged.scores, frames=pairs.names)
         for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
             predicted = np.asarray(judged.predict(sensor.params, pair))
@@ -82,9 +83,11 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Generation:
-    """LiDAR generation metrics between two folders of polar frames, or of clouds.
+    """LiDAR generation metrics between two folders of polar frames, or of clouds; lower is nearer in all of them.
 
-    Frames need no common names; those that have them are also compared as pairs (Chamfer distances).
+    Jensen-Shannon divergence and MMD of counts seen from above, each as its publisher's program defines it (lidargen_,
+    r2dm_, lidm_); of polar frames also sliced Wasserstein distances (swd_) and histograms of intensity. Frames need no
+    common names; those that have them are also compared as pairs (Chamfer distances).
     """
 
     simulated: Path
