@@ -60,7 +60,7 @@ class PrepareConfig:
     """Rows and columns the window is scaled to for the network."""
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
-    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image; it needs weights."""
+    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image."""
     depth_weights: Path | None = None
     """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
     denoise: Literal["none", "non_local_means", "lidia"] = "none"
