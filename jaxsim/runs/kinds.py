@@ -82,19 +82,19 @@ class Kind:
 
     def plain(self, experiment: Any) -> dict[str, Any]:
         """The settings of an experiment as JSON has them."""
-        return TypeAdapter(self.experiment).dump_python(experiment, mode="json")
+        return TypeAdapter[Any](self.experiment).dump_python(experiment, mode="json")
 
     def dump(self, run: AnyRun) -> bytes:
         """The config.json of a run."""
         if self.bare:
-            return TypeAdapter(self.experiment).dump_json(run.experiment, indent=2)
-        return TypeAdapter(self.run).dump_json(run, indent=2)
+            return TypeAdapter[Any](self.experiment).dump_json(run.experiment, indent=2)
+        return TypeAdapter[Any](self.run).dump_json(run, indent=2)
 
     def parse(self, content: bytes) -> Any:
         """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
         if self.bare:
-            return self.run(TypeAdapter(self.experiment).validate_json(content))
-        return TypeAdapter(self.run).validate_json(content)
+            return self.run(TypeAdapter[Any](self.experiment).validate_json(content))
+        return TypeAdapter[Any](self.run).validate_json(content)
 
 
 KINDS = (
