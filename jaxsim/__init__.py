@@ -40,20 +40,17 @@ __all__ = [
 ]
 
 HOMES = {
-    "LearnedSensor": "simulate",
-    "Result": "discover",
-    "Verdict": "discover",
-    "discover_folders": "discover",
-    "load": "simulate",
-    "open_dataset": "data",
-    "save_cloud": "cloud",
-    "simulate_frame": "simulate",
+    "cloud": ("save_cloud",),
+    "data": ("open_dataset",),
+    "discover": ("Result", "Verdict", "discover_folders"),
+    "simulate": ("LearnedSensor", "load", "simulate_frame"),
 }
-"""The package of each public name."""
+"""The public names of each package."""
 
 
 def __getattr__(name: str) -> Any:
     # On demand: `import jaxsim` costs nothing, and parts whose packages are absent do not stop the others.
-    if name in HOMES:
-        return getattr(importlib.import_module(f"jaxsim.{HOMES[name]}"), name)
+    for package, names in HOMES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"jaxsim.{package}"), name)
     raise AttributeError(f"module 'jaxsim' has no attribute {name!r}; it has {', '.join(__all__)}")

@@ -8,20 +8,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from jaxtyping import PyTree
 from threadpoolctl import threadpool_limits
-
-Array = Any
-Tree = Any
 
 DATA = "data"
 """The mesh's only axis: the batch is cut along it."""
-WHOLE, CUT = PartitionSpec(), PartitionSpec(DATA)
+WHOLE = PartitionSpec()
+CUT = PartitionSpec(DATA)
 
 
 def connect() -> None:
@@ -95,7 +93,7 @@ def by_first(action: Callable[[], None]) -> None:
         raise ValueError("devices: process 0 stopped; its own output says why")
 
 
-def cut(mesh: Mesh | None, part: Tree) -> Tree:
+def cut(mesh: Mesh | None, part: PyTree) -> PyTree:
     """This process's part of a batch as the batch of all: arrays cut along their first axis over the mesh."""
     if mesh is None:
         return part
@@ -103,7 +101,7 @@ def cut(mesh: Mesh | None, part: Tree) -> Tree:
     return jax.tree.map(lambda x: jax.make_array_from_process_local_data(sharding, np.asarray(x)), part)
 
 
-def everywhere(mesh: Mesh | None, tree: Tree) -> Tree:
+def everywhere(mesh: Mesh | None, tree: PyTree) -> PyTree:
     """Process 0's values, whole on every device. The other processes give a tree of the same shapes."""
     if mesh is None:
         return tree
@@ -114,15 +112,15 @@ def everywhere(mesh: Mesh | None, tree: Tree) -> Tree:
     return jax.tree.map(lambda x: jax.make_array_from_process_local_data(sharding, x, x.shape), values)
 
 
-def nearby(tree: Tree) -> Tree:
+def nearby(tree: PyTree) -> PyTree:
     """Arrays that every device holds whole, as those of this process's first device."""
     return jax.tree.map(lambda x: x.addressable_data(0) if isinstance(x, jax.Array) else x, tree)
 
 
-def to_host(tree: Tree) -> Tree:
+def to_host(tree: PyTree) -> PyTree:
     """NumPy arrays of the whole values; where they are cut over processes, all processes have to ask."""
 
-    def fetch(x: Array) -> np.ndarray:
+    def fetch(x: jax.Array | np.ndarray) -> np.ndarray:
         if isinstance(x, jax.Array) and not (x.is_fully_addressable or x.is_fully_replicated):
             return np.asarray(multihost_utils.process_allgather(x, tiled=True))
         return np.asarray(x)
@@ -137,4 +135,4 @@ def wait(name: str) -> None:
 
 
 one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
-"""Decorator."""
+"""Decorator: NumPy's linear algebra on one thread, for BLAS's threads spin against XLA's for the same cores."""

@@ -124,7 +124,7 @@ def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
     return {name: np.asarray(arrays[prefix + name], np.float32) for name in shapes}
 
 
-def convert(kind: str, converter: Converter, source: Path, out: Path) -> Weights:
+def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weights:
     """Reads a published state dict, checks it and writes `out`.
 
     Raises ValueError for files that are no state dict and for weights of another network; it says what to fetch.

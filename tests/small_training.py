@@ -14,7 +14,7 @@ from jaxsim import devices
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.data.batches import batches
 from jaxsim.pix2pix import convolution_cpu, create_state, make_train_step
-from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.run import Checkpoints
 
 CHANNELS, SIZE = 3, (16, 32)
 EXPERIMENT = Experiment(

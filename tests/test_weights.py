@@ -21,7 +21,7 @@ def state(**more: np.ndarray) -> dict[str, np.ndarray]:
 def test_what_was_converted_comes_back_under_its_published_names(tmp_path):
     arrays = state()
     np.savez(tmp_path / "state.npz", **arrays, extra=np.zeros(3))
-    written = convert("tiny", TINY, tmp_path / "state.npz", tmp_path / "out.npz")
+    written = convert("tiny", TINY, tmp_path / "state.npz", out=tmp_path / "out.npz")
     kept = load_weights(tmp_path / "out.npz", "tiny", TINY)
     assert sorted(kept.arrays) == sorted(SHAPES)
     for name, array in kept.arrays.items():
@@ -38,7 +38,7 @@ def test_only_the_very_file_of_the_publisher_counts_as_published(tmp_path):
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     for known, published in ((digest[:8], True), ("0" * 8, False)):
         named = Converter(TINY.title, TINY.fetch, TINY.convert, digest=known)
-        convert("tiny", named, source, tmp_path / "out.npz")
+        convert("tiny", named, source, out=tmp_path / "out.npz")
         assert load_weights(tmp_path / "out.npz", "tiny", named).published is published
 
 
@@ -50,7 +50,7 @@ def test_a_shared_prefix_falls_away():
 def test_weights_of_another_network_are_refused_by_name_and_shape(tmp_path):
     np.savez(tmp_path / "other.npz", **{"stem.weight": np.zeros((8, 3, 3, 3)), "head.weight": np.zeros(2)})
     with pytest.raises(ValueError, match=r"is not the tiny network of nobody") as raised:
-        convert("tiny", TINY, tmp_path / "other.npz", tmp_path / "out.npz")
+        convert("tiny", TINY, tmp_path / "other.npz", out=tmp_path / "out.npz")
     message = str(raised.value)
     assert "stem.weight is (8, 3, 3, 3), not (4, 3, 3, 3)" in message
     assert "stem.bias is missing, not (4,)" in message
@@ -63,7 +63,7 @@ def test_a_file_of_another_kind_or_of_no_kind_is_refused(tmp_path):
     np.savez(tmp_path / "plain.npz", **state())
     with pytest.raises(ValueError, match=r"was not written by `jaxsim convert`.*jaxsim convert tiny FILE"):
         load_weights(tmp_path / "plain.npz", "tiny", TINY)
-    convert("other", TINY, tmp_path / "plain.npz", tmp_path / "other.npz")
+    convert("other", TINY, tmp_path / "plain.npz", out=tmp_path / "other.npz")
     with pytest.raises(ValueError, match="holds other, not tiny"):
         load_weights(tmp_path / "other.npz", "tiny", TINY)
     with pytest.raises(FileNotFoundError, match="no the tiny network"):
@@ -93,7 +93,7 @@ def test_pytorch_files_are_read_as_plain_tensors_alone(tmp_path):
     arrays = state()
     nested = {"state_dict": {name: torch.from_numpy(a) for name, a in arrays.items()}, "epoch": 3}
     torch.save(nested, tmp_path / "state.pth")
-    kept = convert("tiny", TINY, tmp_path / "state.pth", tmp_path / "out.npz").arrays
+    kept = convert("tiny", TINY, tmp_path / "state.pth", out=tmp_path / "out.npz").arrays
     np.testing.assert_array_equal(kept["stem.weight"], arrays["stem.weight"])
     torch.save({"a": Converter}, tmp_path / "code.pth")
     with pytest.raises(ValueError, match="no PyTorch checkpoint of plain tensors"):
@@ -106,7 +106,7 @@ def test_a_checkpoint_that_holds_more_than_tensors_says_what_to_do(tmp_path):
     content = {"model": {"stem.bias": torch.zeros(4)}, "args": argparse.Namespace(lr=1e-3)}
     torch.save(content, tmp_path / "pe.pth.tar")
     with pytest.raises(ValueError, match=r"^convert: .*pe\.pth\.tar cannot be read as PENet") as raised:
-        convert("penet", PENET["penet"], tmp_path / "pe.pth.tar", tmp_path / "out.npz")
+        convert("penet", PENET["penet"], tmp_path / "pe.pth.tar", out=tmp_path / "out.npz")
     message = str(raised.value)
     assert "weights_only=False" in message
     assert "only if you trust the file" in message
@@ -117,4 +117,4 @@ def test_a_checkpoint_that_holds_more_than_tensors_says_what_to_do(tmp_path):
 def test_a_file_that_is_no_archive_says_what_to_fetch(tmp_path):
     (tmp_path / "state.npz").write_bytes(b"PK nonsense")
     with pytest.raises(ValueError, match=r"cannot be read as the tiny network of nobody\. Fetch https://example\.org"):
-        convert("tiny", TINY, tmp_path / "state.npz", tmp_path / "out.npz")
+        convert("tiny", TINY, tmp_path / "state.npz", out=tmp_path / "out.npz")

@@ -12,9 +12,8 @@ from jaxsim.frame import CameraFrame
 from jaxsim.geometry import preset
 from jaxsim.pix2pix import state_shapes
 from jaxsim.prepare import input_channels
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import describe, start_run
+from jaxsim.runs.run import Checkpoints, describe, start_run
 
 
 def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Path:

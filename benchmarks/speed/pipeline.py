@@ -24,13 +24,13 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step
 from jaxsim.prepare import input_channels
 from jaxsim.simulate.predict import make_batch, make_predict
-from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import ahead
 
 
 def main(experiment: Experiment, *, steps: int, rounds: int) -> None:
     data, prepare, optim, loss = experiment.data, experiment.prepare, experiment.optim, experiment.loss
     dataset = open_dataset(data)
-    train = prepared(dataset, select(data.train, dataset), data, prepare)
+    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
     loader = batches(train, size=optim.batch, seed=0, flip=optim.flip, scale_limit=optim.scale_limit, raster=raster)
     to_batch = make_batch(prepare, drop_weight=loss.drop_weight, unseen_weight=loss.unseen_weight)

@@ -77,7 +77,7 @@ def tune(weights: Path, out: Path, prepare: PrepareConfig, data: DataConfig, upd
     if path.is_file():
         return path
     world = open_dataset(data)
-    raw = prepared(world, TUNED_ON, data, prepare)
+    raw = prepared(world, TUNED_ON, data, prepare=prepare)
     records = [raw.record(k) for k in range(len(raw))]
     clean = [without_noise(world, record) for record in tqdm(records, desc="truth to tune on", unit="frame")]  # type: ignore
     noisy, valid = (np.stack([getattr(pair.measured, name) for pair in raw]) for name in ("intensity", "valid"))
@@ -91,7 +91,7 @@ def tune(weights: Path, out: Path, prepare: PrepareConfig, data: DataConfig, upd
 def make_pairs(numbers: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> float:
     """Keeps the pairs with this denoiser's target, made of the raw ones: nothing else of a pair depends on it. Seconds
     of processor time for each that was made."""
-    raw = prepared(open_dataset(data), numbers, data, replace(prepare, denoise="none", denoise_weights=None))
+    raw = prepared(open_dataset(data), numbers, data, prepare=replace(prepare, denoise="none", denoise_weights=None))
     folder = cache_folder(data, prepare)
     missing = [k for k, i in enumerate(numbers) if not (folder / f"{i:06d}.npz").is_file()]
     begun = time.process_time()
@@ -166,7 +166,7 @@ def main(
     }
     world = open_dataset(data)
     numbers = [*select(train_on, world)], [*select(judge, world)]
-    kept = prepared(world, numbers[1], data, raw)
+    kept = prepared(world, numbers[1], data, prepare=raw)
     records, judged = [kept.record(k) for k in range(len(kept))], list(kept)
     truth = [without_noise(world, record) for record in tqdm(records, desc="truth to judge by", unit="frame")]  # type: ignore
     measured = [pair.measured.intensity for pair in judged]
@@ -178,7 +178,7 @@ def main(
         if prepare.denoise == "lidia":
             flags[name] = ["--prepare.denoise", "lidia", "--prepare.denoise-weights", str(prepare.denoise_weights)]
         seconds = make_pairs(numbers[1], data, prepare)
-        own = [pair.target for pair in prepared(world, numbers[1], data, prepare)]
+        own = [pair.target for pair in prepared(world, numbers[1], data, prepare=prepare)]
         row: dict = {"target_psnr_db": scores_of(own, judged, truth)["psnr"], "seconds_a_frame": seconds, "runs": []}
         title = f"target: {name}, {row['target_psnr_db']:.1f} dB over all frames"
         print(f"{title}; {seconds:.2f} s of processor time a frame", flush=True)

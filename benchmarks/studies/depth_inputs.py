@@ -76,9 +76,9 @@ def main(
         flags[name] = ["--prepare.depth", name]
         if prepare.depth_weights is not None:
             flags[name] += ["--prepare.depth-weights", str(prepare.depth_weights.resolve())]
-        made[name] = list(prepared(world, [*select(judge, world)], data, prepare))
+        made[name] = list(prepared(world, [*select(judge, world)], data, prepare=prepare))
     cells = [np.logical_and.reduce([np.asarray(p.painted.valid) for p in same]) for same in zip(*made.values())]  # noqa: B905
-    given = list(prepared(world, [*select(judge, world)], data, plain))
+    given = list(prepared(world, [*select(judge, world)], data, prepare=plain))
 
     results: dict[str, dict] = {}
     panels: list[tuple[str, np.ndarray]] = []

@@ -25,7 +25,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector
 from jaxsim.report.markdown import markdown_table
-from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.run import Checkpoints
 
 
 def zero(intensity: np.ndarray) -> np.ndarray:

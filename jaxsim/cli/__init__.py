@@ -1,7 +1,7 @@
 """`jaxsim COMMAND`: the commands of the console script.
 
-A command is a row of COMMANDS and a module of this package. Only the module of the command that is asked for is
-imported, so that `jaxsim --help` answers at once; nothing here imports JAX.
+A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
+for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX.
 """
 
 from __future__ import annotations
@@ -9,10 +9,9 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import Command, call, choose, overview
-from jaxsim.cli.common import enable_compilation_cache, stop_on_error
+from jaxsim.cli.commands import Command, call, choose, enable_compilation_cache, overview, stop_on_error
 
-__all__ = ["COMMANDS", "enable_compilation_cache", "main", "stop_on_error"]
+__all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
 
 COMMANDS = {
     "prepare": Command(
@@ -26,7 +25,7 @@ COMMANDS = {
         "jaxsim train synthetic",
     ),
     "eval": Command(
-        "eval:main",
+        "eval:Evaluation",
         "score a trained run, two folders of frames, a detector's results; compare networks",
         "jaxsim eval runs/demo",
     ),
@@ -63,6 +62,24 @@ COMMANDS = {
     ),
 }
 """Every command by its name."""
+MODES = {
+    "eval generation": Command(
+        "eval:Generation",
+        "two folders of frames or clouds",
+        "jaxsim eval generation --simulated simulated/polar --measured measured --out scores",
+    ),
+    "eval detection": Command(
+        "eval_detection:Detection",
+        "a detector's KITTI result files",
+        "jaxsim eval detection --detections detected/results --labels tree/training/label_2",
+    ),
+    "eval ablation": Command(
+        "ablation:run",
+        "networks of different inputs in one table",
+        "jaxsim eval ablation --train ablation --out runs/ablation",
+    ),
+}
+"""Commands of two words: what `jaxsim eval` scores besides a run. Any other second word is a run's folder."""
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -74,4 +91,8 @@ def main(argv: list[str] | None = None) -> None:
         elif words[0] == "--version":
             print(f"jaxsim {version('jaxsim-lidar')}")
         else:
-            call(choose(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")
+            mode = " ".join(words[:2])
+            if mode in MODES:
+                call(MODES[mode], words[2:], name=f"jaxsim {mode}")
+            else:
+                call(choose(words[0], COMMANDS), words[1:], name=f"jaxsim {words[0]}")

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxsim.cli import MODES
 from jaxsim.cli.commands import parse
-from jaxsim.cli.eval import MODES
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
@@ -81,5 +81,5 @@ def ablation(args: Ablation, *, flags: Sequence[str] = ()) -> None:
 def run(words: Sequence[str]) -> None:
     """Runs the command on the words that follow its name; those after `--` are flags of the training."""
     end = words.index("--") if "--" in words else len(words)
-    asked = parse(Ablation, words[:end], name="jaxsim eval ablation", example=MODES["ablation"].example)
+    asked = parse(Ablation, words[:end], name="jaxsim eval ablation", example=MODES["eval ablation"].example)
     ablation(asked, flags=words[end + 1 :])

@@ -1,14 +1,16 @@
-"""How a row of a command table becomes a running command."""
+"""How a row of a command table becomes a running command, and what all command lines share."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from inspect import getdoc
+from pathlib import Path
 from typing import Any, NamedTuple
-
-from jaxsim.cli.common import enable_compilation_cache
 
 
 class Command(NamedTuple):
@@ -24,7 +26,7 @@ class Command(NamedTuple):
 
     def load(self) -> Any:
         """What `home` names; its module is imported here and not before."""
-        module, name = self.home.split(":")
+        module, _, name = self.home.partition(":")
         return getattr(importlib.import_module(f"jaxsim.cli.{module}"), name)
 
 
@@ -57,7 +59,7 @@ def call(command: Command, words: Sequence[str], *, name: str) -> None:
     if isinstance(entry, type):
         parse(entry, words, name=name, example=command.example)()
     else:
-        entry(list(words))
+        entry(words)
 
 
 def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
@@ -68,3 +70,36 @@ def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
 
     description = f"    {example}\n\n{getdoc(flags) or ''}"
     return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=description)
+
+
+def enable_compilation_cache() -> None:
+    """Keeps compiled programs on disk, so that the second run starts at once.
+
+    JAX_COMPILATION_CACHE_DIR chooses the folder; an empty one turns it off.
+    """
+    import jax
+
+    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxsim" / "xla"
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(default))
+    if folder:
+        jax.config.update("jax_compilation_cache_dir", folder)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+
+
+@contextmanager
+def stop_on_error() -> Iterator[None]:
+    """Ends the program with the message alone where a user can mend the cause, and quietly where nobody reads on
+    (`| head`).
+
+    JAXSIM_TRACEBACK=1 shows where it came from.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        # Python flushes once more at its end: into nothing.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)  # what shells call a closed pipe
+    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
+        if os.environ.get("JAXSIM_TRACEBACK"):
+            raise
+        sys.exit(f"error: {error}")

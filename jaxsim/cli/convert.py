@@ -52,7 +52,7 @@ class Convert:
         converter = CONVERTERS.get(self.kind)
         if converter is None:
             raise ValueError(f"convert: no kind {self.kind!r}; known kinds: {', '.join(CONVERTERS)}")
-        weights = convert(self.kind, converter, self.file, self.out)
+        weights = convert(self.kind, converter, self.file, out=self.out)
         print(f"{self.out}: {len(weights.arrays)} arrays of {converter.title}, SHA-256 {weights.sha256[:16]}")
         if converter.digest and not weights.published:
             print(

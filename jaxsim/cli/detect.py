@@ -53,14 +53,15 @@ class Detect:
             if getattr(self, name) and not self.calib:
                 raise ValueError(f"detect: --{name} needs --calib, which says where the camera is on the LiDAR")
         learned = load_detector(self.detector, step=self.step)
-        experiment = learned.experiment
         if self.max_voxels:
-            experiment = replace(experiment, voxels=replace(experiment.voxels, max_voxels=self.max_voxels))
-        learned = replace(learned, experiment=experiment)
+            voxels = replace(learned.experiment.voxels, max_voxels=self.max_voxels)
+            learned = replace(learned, experiment=replace(learned.experiment, voxels=voxels))
+        experiment = learned.experiment
         kind = experiment.detector.anchors.kind
         files = cloud_files(self.clouds)
-        self.claim(learned)
-        todo = {file.stem: file for file in files if not self.result(file.stem).is_file()}
+        self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
+        results = {file.stem: self.out / "results" / f"{file.stem}.txt" for file in files}
+        todo = {file.stem: file for file in files if not results[file.stem].is_file()}
         views = {name: self.folder.view(name) for name in todo}
 
         def clouds() -> Iterator[tuple[str, np.ndarray]]:
@@ -69,16 +70,16 @@ class Detect:
                 # As in training: a detector that saw only the camera's view would take the rest for something else.
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
-        total = 0
-        find, roomier = make_find(experiment), "raise --max-voxels"
-        detections = find_all(find, learned.network, clouds(), total=len(todo), more_room=roomier)
-        for k, (name, found) in enumerate(detections):
-            total += len(found.score)
+        found = 0
+        finder = make_find(experiment)
+        detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
+        for k, (name, boxes) in enumerate(detections):
+            found += len(boxes.score)
             if k < self.pictures:
-                self.draw(name, read_points(todo[name]), found, learned=learned)
-            write_detections(self.result(name), found, kind, view=views[name])
+                self.draw(name, read_points(todo[name]), boxes, learned=learned)
+            write_detections(results[name], boxes, kind, view=views[name])
         kept = f"{len(files) - len(todo)} clouds were there"
-        print(f"{total} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
+        print(f"{found} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
         if todo and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:
@@ -86,23 +87,15 @@ class Detect:
 
     @property
     def folder(self) -> CloudFolder:
-        """The clouds and what belongs to them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
-
-    def claim(self, learned: LearnedDetector) -> None:
-        """Writes OUT/detect.json. Raises ValueError where OUT holds results of another making."""
-        self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
-
-    def result(self, name: str) -> Path:
-        return self.out / "results" / f"{name}.txt"
 
     def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> None:
         """Writes a cloud's pictures."""
         view = self.folder.view(name)
         labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
-        boxes = {"found": found.boxes, "score": found.score, "labelled": labelled, "title": name}
-        above = draw_above(points, learned.experiment.voxels.range_m, **boxes)
-        save_picture(self.out / "pictures" / f"{name}_above.png", above)
+        drawn = {"found": found.boxes, "score": found.score, "labelled": labelled, "title": name}
+        pictures = {"above": draw_above(points, learned.experiment.voxels.range_m, **drawn)}
         if self.images:
-            picture = draw_on_image(self.folder.image(name), view, **boxes)
-            save_picture(self.out / "pictures" / f"{name}_image.png", picture)
+            pictures["image"] = draw_on_image(self.folder.image(name), view, **drawn)
+        for kind, picture in pictures.items():
+            save_picture(self.out / "pictures" / f"{name}_{kind}.png", picture)

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from jaxsim.cli.source import SAME, Source
-from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import read_grid
-from jaxsim.data.select import frames_to_judge
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate.beside_drive import write_pairs
 from jaxsim.simulate.sensor import load
 
+say = partial(print, flush=True)
 NOT_UNPAIRED = {
     "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
     "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
@@ -34,11 +34,11 @@ class Discover:
 
         jaxsim discover runs/NAME --data.kind kitti_raw --data.root DIR --out OUT
 
-    Two folders of polar frames (docs/polar-frames.md): grid.json, and one NAME.npz a frame with range (m, 0 = no
-    return) and intensity (0..1), rows x columns; frames of the same name are compared. `jaxsim simulate` writes such a
-    folder as OUT/polar. Or the learned sensor of a run against the drive that it should imitate: its frames are
-    simulated on the run's polar window, with the ranges of the camera's dense depth, and compared with their own scans;
-    they go to OUT/simulated and OUT/measured.
+    Two folders of polar frames, as `jaxsim simulate` writes one (OUT/polar): grid.json (`azimuth` of the columns and
+    `elevation` of the rows, rad, falling), and one NAME.npz a frame with range (m, 0 = no return) and intensity (0..1),
+    rows x columns; frames of the same name are compared. Or the learned sensor of a run against the drive that it
+    should imitate: its frames are simulated on the run's polar window, with the ranges of the camera's dense depth, and
+    compared with their own scans; they go to OUT/simulated and OUT/measured.
 
     The answer is one of three: effects of the catalogue (`jaxsim effects` lists it), none, or something that the
     catalogue does not hold. Writes verdict.json, sensor.json (for `jaxsim simulate --effects`), report.html and
@@ -65,7 +65,7 @@ class Discover:
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
     what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
     effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes about a
-    fifth of the time of an answer. 0: the bar that was set on development cases (docs/discover.md)."""
+    fifth of the time of an answer. 0: the bar that was set on development cases."""
     unpaired: bool = False
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
@@ -75,8 +75,8 @@ class Discover:
             if self.unpaired and getattr(self, flag):
                 name = "a run" if flag == "run" else f"--{flag}"
                 raise ValueError(f"discover: {name} came with --unpaired, {why}")
-        simulated, measured = self.pairs_of(self.run) if self.run else self.folders()
-        print(f"reading {simulated} and {measured}", flush=True)
+        simulated, measured = self.sides()
+        say(f"reading {simulated} and {measured}")
         if self.unpaired:
             result = discover_unpaired(simulated=simulated, measured=measured, log=say)
         else:
@@ -89,25 +89,24 @@ class Discover:
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
 
-    def folders(self) -> tuple[Path, Path]:
-        """The simulated and the measured folder that were given. Raises ValueError where one is missing."""
-        given = [f"data.{field.name}" for field in fields(Source) if getattr(self.data, field.name) != field.default]
-        for flag in [*given, *["frames"] * bool(self.frames)]:
+    def sides(self) -> tuple[Path, Path]:
+        """The simulated and the measured folder: those that were given, or those of a run, made here.
+
+        Raises ValueError where one is missing, and for flags that do not go together.
+        """
+        if self.run:
+            if self.measured or self.simulated:
+                raise ValueError(
+                    "discover: a run and --measured or --simulated were given; a run is held against the scans of its "
+                    "data set (--data.kind, --data.root): give one or the other"
+                )
+            sensor = load(self.run)
+            dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
+            return write_pairs(sensor, dataset, positions, out=self.out, say=say)
+        of_runs = [f"data.{field.name}" for field in fields(Source) if getattr(self.data, field.name) != field.default]
+        for flag in [*of_runs, *["frames"] * bool(self.frames)]:
             raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
         return _folder("--simulated", self.simulated), _folder("--measured", self.measured)
-
-    def pairs_of(self, run: Path) -> tuple[Path, Path]:
-        """Simulates a run's frames; the simulated and the measured folder."""
-        if self.measured or self.simulated:
-            raise ValueError(
-                "discover: a run and --measured or --simulated were given; a run is held against the scans of its data "
-                "set (--data.kind, --data.root): give one or the other"
-            )
-        sensor = load(run)
-        own = sensor.run.experiment.data
-        dataset = open_dataset(self.data.config(own))
-        positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
-        return write_pairs(sensor, dataset, positions, out=self.out, say=say)
 
 
 def _folder(flag: str, folder: Path | None) -> Path:
@@ -119,7 +118,3 @@ def _folder(flag: str, folder: Path | None) -> Path:
             "(jaxsim discover --help)"
         )
     return folder
-
-
-def say(line: str) -> None:
-    print(line, flush=True)

@@ -19,7 +19,8 @@ class Export:
     """Writes frames as a KITTI tree: OUT/training/{velodyne, calib, label_2, image_2} and OUT/ImageSets.
 
     Objects farther than 80 m, and frames in which no object is left, are left out. A frame's number is its place in
-    the data set. What is already there is not made again, so that a killed command resumes (docs/kitti-tree.md).
+    the data set. What is already there is not made again, so that a killed command resumes; export.json says what
+    the tree was made with.
     """
 
     out: Path

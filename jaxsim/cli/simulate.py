@@ -10,8 +10,6 @@ import tyro
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of
-from jaxsim.data import open_dataset
-from jaxsim.data.select import frames_to_judge
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
@@ -54,8 +52,7 @@ class Simulate:
         learned = load(self.run)
         own = learned.run.experiment.data
         source = self.data.config(own)
-        dataset = open_dataset(source)
-        positions = frames_to_judge(self.frames, dataset, validation="" if self.data.foreign else own.validation)
+        dataset, positions = self.data.open(own, frames=self.frames)
         rows = len(learned.window[0].elevation_rad)
         unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from jaxsim.config import DataConfig, DataKind
+from jaxsim.data import Dataset, open_dataset, source_of
+from jaxsim.data.select import frames_to_judge
 
 
 @dataclass(frozen=True)
@@ -48,31 +50,40 @@ class Source:
 
     def config(self, own: DataConfig | None = None) -> DataConfig:
         """The data set's settings; `own` are those of the command's run."""
-        from jaxsim.data import source_of
-
         optional = ("variations", "camera", "lidar", "rows", "seed", "streets")
         given = {name: value for name in optional if (value := getattr(self, name)) is not None}
         return source_of(own or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
 
+    def validation(self, own: DataConfig) -> str:
+        """The frames that a run judges by where it is asked for no others: of another data set all, which is ""."""
+        return "" if self.foreign else own.validation
 
-SAME, SYNTHETIC = Source(), Source(kind="synthetic")
+    def open(self, own: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
+        """The data set, and the positions in it that `frames` names. Raises ValueError where there are none."""
+        dataset = open_dataset(self.config(own))
+        return dataset, frames_to_judge(frames, dataset, validation=self.validation(own))
+
+
+SAME = Source()
+SYNTHETIC = Source("synthetic")
 """Defaults: the run's own data set, and the embedded world."""
 
 
 def in_new_spelling(words: Sequence[str], flags: Any) -> list[str]:
     """The words of a command line, with flags that were called otherwise in earlier versions under their names of
     today; a first word that is no flag, where `flags` has no place for it, is the kind of data set."""
-    today = old_spellings(flags)
+    today = _old_spellings(flags)
     result = []
     for word in words:
         flag, equals, value = word.partition("=")
         result.append(today.get(flag.replace("_", "-"), flag) + equals + value)
-    if words and not words[0].startswith("-") and _groups(flags) == ["data"] and not _takes_a_word(flags):
+    takes_a_word = any("Positional" in str(field.type) for field in fields(flags))
+    if words and not words[0].startswith("-") and _groups(flags) == ["data"] and not takes_a_word:
         result.insert(0, "--data.kind")
     return result
 
 
-def old_spellings(flags: Any) -> dict[str, str]:
+def _old_spellings(flags: Any) -> dict[str, str]:
     """Earlier spelling of a flag -> its name: `--root` -> `--data.root`, `--data` -> `--data.kind`, `--sensor` ->
     `--effects`. A flag that the command itself has is never an earlier spelling."""
     names = {field.name for field in fields(flags)}
@@ -87,8 +98,3 @@ def old_spellings(flags: Any) -> dict[str, str]:
 def _groups(flags: Any) -> list[str]:
     """Names of the fields that are a Source."""
     return [field.name for field in fields(flags) if isinstance(field.default, Source)]
-
-
-def _takes_a_word(flags: Any) -> bool:
-    """Whether a positional argument is among the fields."""
-    return any("Positional" in str(field.type) for field in fields(flags))

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import tyro
 
-from jaxsim.train.experiments import AnyExperiment, experiment_names, load_experiment
+from jaxsim.runs.kinds import AnyExperiment
+from jaxsim.train import experiment_names, load_experiment, train
 
 DEFAULT = "synthetic"
 
@@ -18,8 +19,6 @@ def run(argv: Sequence[str]) -> None:
     `argv` is an experiment (one of configs/, a file like them, or the config.json of a run; by default the embedded
     world) and flags, which are its settings.
     """
-    from jaxsim.train.loop import train
-
     train(*parse_experiment(argv))
 
 

@@ -4,8 +4,8 @@ An experiment (`configs/*.py`) is one `Experiment`, `DetectorExperiment` or `Dep
 flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
 """
 
-from jaxsim.config.clouds import CloudKind, CloudRecipe, LoopConfig
-from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig
+from jaxsim.config.clouds import CloudRecipe, LoopConfig
+from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig, RunConfig
 from jaxsim.config.depth import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.config.detector import (
     AnchorConfig,
@@ -26,13 +26,11 @@ from jaxsim.config.intensity import (
     LossConfig,
     OptimConfig,
 )
-from jaxsim.config.run import RunConfig
 
 __all__ = [
     "AnchorConfig",
     "AugmentConfig",
     "BackboneConfig",
-    "CloudKind",
     "CloudRecipe",
     "DataConfig",
     "DataKind",

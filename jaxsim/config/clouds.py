@@ -21,8 +21,8 @@ class CloudRecipe:
     """Of `simulated`: intensity of the camera's pixels, or of the LiDAR's grid, onto which its rasters are carried."""
     lines: str = ""
     """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
-    sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows and columns of any other
-    (docs/polar-frames.md), or `none`. Empty: `64` for a cloud of pixels, else `none`."""
+    sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows (`elevation`, rad) and columns
+    (`azimuth`, rad) of any other, or `none`. Empty: `64` for a cloud of pixels, else `none`."""
     beams: tuple[int, ...] = ()
     """Rows of the lines to keep, 0 the top; all by default. Not of `32_of_64`, which keeps rows of its own."""
     keep_zero: bool = False

@@ -1,4 +1,4 @@
-"""Which frames to learn from, and how they become training pairs."""
+"""What trainings share: which frames they learn from, how these become pairs, and where a run is kept."""
 
 from __future__ import annotations
 
@@ -60,23 +60,43 @@ class PrepareConfig:
     """Rows and columns the window is scaled to for the network."""
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
-    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image
-    (docs/depth-completion.md)."""
+    is nearer with 64 lines, `ip_basic` (multi-scale) fills wider gaps. `penet` is learned and also sees the image."""
     depth_weights: Path | None = None
     """Of `penet`: the file that `jaxsim convert penet` or a training wrote."""
     denoise: Literal["none", "non_local_means", "lidia"] = "none"
-    """Denoiser of the target intensity (docs/denoising.md)."""
+    """Denoiser of the target intensity: OpenCV's non-local means, or the network of the paper, LIDIA."""
     denoise_weights: Path | None = None
     """Of `lidia`: the file that `jaxsim convert lidia` wrote."""
     denoise_statistics: Literal["stored", "image"] = "image"
     """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of
-    their training, which expect more noise than a LiDAR has (docs/denoising.md)."""
+    their training, which expect more noise than a LiDAR has."""
     denoise_gain: float = 1.0
     """Of `lidia`: times this contrast is shown to the network, so that the sensor's noise becomes what the weights were
-    trained for: 15, 25 or 50 / 255, where KITTI's is 0.03 (docs/denoising.md)."""
+    trained for: 15, 25 or 50 / 255, where KITTI's is 0.03."""
     occlusion_m: float = 1.0
     """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
     the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next
     column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
     max_range_m: float = 120.0
     """Depth and range channels are scaled by this."""
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Where the run is kept and how often it reports."""
+
+    name: str = ""
+    """Folder under `out`; empty: the experiment's name."""
+    out: Path = Path("runs")
+    seed: int = 2
+    log_every: int = 10
+    save_every: int = 200
+    """Steps between checkpoints; a killed run resumes from the last. 0, for a detector: an epoch."""
+    picture_every: int = 200
+    """Steps between validation scores and pictures (input | predicted | measured). 0, for a detector: an epoch."""
+    keep: int = 2
+    """Checkpoints kept."""
+    distributed: bool = False
+    """Train together with the other processes that a launcher started (Slurm, Open MPI, Kubernetes, TPU pods; any other
+    sets JAX_COORDINATOR_ADDRESS, JAX_NUM_PROCESSES and JAX_PROCESS_ID), on all their devices. One process uses all
+    devices of its machine without it."""

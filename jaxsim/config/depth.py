@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from jaxsim.config.data import DataConfig
-from jaxsim.config.run import RunConfig
+from jaxsim.config.data import DataConfig, RunConfig
 
 Part = Literal["branches", "refinement", "joint"]
 Norms = Literal["batch", "renorm", "stored"]

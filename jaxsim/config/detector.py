@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from jaxsim.config.data import DataConfig
-from jaxsim.config.run import RunConfig
+from jaxsim.config.data import DataConfig, RunConfig
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class DetectorConfig:
     """Detections below it are left out."""
     intensity_m: float = 1.0
     """What an intensity of 1 is to the first convolution, which also sums the points' x, y and z in metres. At the
-    published 1 it is next to nothing, and a short training never sees it (docs/real2sim2real.md)."""
+    published 1 it is next to nothing, and a short training never sees it."""
     cls_weight: float = 1.0
     loc_weight: float = 2.0
     dir_weight: float = 0.2

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from jaxsim.config.data import DataConfig, PrepareConfig
-from jaxsim.config.run import RunConfig
+from jaxsim.config.data import DataConfig, PrepareConfig, RunConfig
 
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""

@@ -26,9 +26,8 @@ from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import load_run
+from jaxsim.runs.run import Checkpoints, load_run
 
 STEP_POINTS = 8192
 """Clouds are filled up to multiples of this, so that few sizes are compiled."""

@@ -22,9 +22,8 @@ from jaxsim.metrics.detection import Curve
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import pairs_before, prepared
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import load_run
+from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor
 
@@ -61,9 +60,9 @@ def score_sensor(
     own_dataset = open_dataset(own)
     dataset = open_dataset(data) if data != own else own_dataset
     positions = frames_to_judge(frames, dataset, validation=validation)
-    judged = prepared(dataset, positions, data, prepare)
+    judged = prepared(dataset, positions, data, prepare=prepare)
     before = pairs_before(dataset, positions, data, prepare=prepare)
-    train = prepared(own_dataset, select(own.train, own_dataset), own, prepare)
+    train = prepared(own_dataset, select(own.train, own_dataset), own, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
 

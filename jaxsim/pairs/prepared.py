@@ -64,7 +64,7 @@ def make_record(
     )
 
 
-def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: PrepareConfig) -> PreparedPairs:
+def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepare: PrepareConfig) -> PreparedPairs:
     """The pairs at these positions of a data set. Of frames, those that are not kept yet are made; a prepared set has
     them, or says what it lacks.
 
@@ -78,11 +78,10 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, prepare: 
     labelled = cache_folder(data, replace(prepare, inputs=("semantic",)))
     if all((labelled / f"{i:06d}.npz").is_file() for i in positions):
         folder = labelled
-    me, processes = jax.process_index(), jax.process_count()
-    if processes > 1:
-        _make(dataset, positions[me::processes], folder, data, prepare)
+    if jax.process_count() > 1:
+        _make(dataset, positions[jax.process_index() :: jax.process_count()], folder, kind=data.kind, prepare=prepare)
         wait("prepared pairs")
-    _make(dataset, positions, folder, data, prepare)
+    _make(dataset, positions, folder, kind=data.kind, prepare=prepare)
     files = [folder / f"{i:06d}.npz" for i in positions]
     return PreparedPairs([_entry(file) for file in files], lambda i: _read(files[i]))
 
@@ -93,18 +92,18 @@ def pairs_before(
     """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
     holds = dataset.holds if data.kind == "prepared" else lambda position: True
     followers = [p for p in positions if p > 0 and holds(p - 1)]
-    scenes = prepared(dataset, followers, data, prepare).scenes
-    earlier = prepared(dataset, [p - 1 for p in followers], data, prepare)
+    scenes = prepared(dataset, followers, data, prepare=prepare).scenes
+    earlier = prepared(dataset, [p - 1 for p in followers], data, prepare=prepare)
     both = zip(followers, scenes, earlier.scenes, earlier, strict=True)
     pair_before = {p: pair for p, scene, scene_before, pair in both if scene == scene_before}
     return [pair_before.get(p) for p in positions]
 
 
-def _make(dataset: Any, positions: Sequence[int], folder: Path, data: DataConfig, prepare: PrepareConfig) -> None:
+def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, prepare: PrepareConfig) -> None:
     missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
     if missing:
         check_networks(prepare)
-    for i in tqdm(missing, desc=f"preparing {data.kind}", unit="frame", disable=not missing):
+    for i in tqdm(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
         record = make_record(dataset[i], i, dataset.spec, prepare=prepare)
         with replacing(folder / f"{i:06d}.npz") as path:
             np.savez(path, **example_of(record))

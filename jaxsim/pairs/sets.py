@@ -18,9 +18,8 @@ from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
 from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
 from jaxsim.files import claim, lock, unlock
-from jaxsim.pairs.beam import make_by_beam
 from jaxsim.pairs.prepared import fingerprint
-from jaxsim.pairs.shards import Job, make_all, read_note, write_shard
+from jaxsim.pairs.shards import Job, make_all, make_by_beam, read_note, write_shard
 from jaxsim.prepare import check_networks
 
 
@@ -48,7 +47,7 @@ def make_set(
             f"prepare: {size} pairs a file and {workers} workers; a file holds one or more, 0 is one a core"
         )
     dataset = open_dataset(data)
-    splits = choose(dataset, data.kind, train, evaluation)
+    splits = _splits(dataset, data.kind, train=train, evaluation=evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
     lock(Path(out), doing="writing to", instead="another --out")
     try:
@@ -58,7 +57,7 @@ def make_set(
         else:
             first = dataset[next(iter(splits.values()))[0]]
             job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
-            _make(folder, dataset, job, splits, size=size, workers=workers, beam=beam)
+            _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam)
     finally:
         unlock(Path(out))
     return folder
@@ -68,8 +67,8 @@ def _make(
     folder: Path,
     dataset: Dataset,
     job: Job,
-    splits: dict[str, list[int]],
     *,
+    splits: dict[str, list[int]],
     size: int,
     workers: int,
     beam: Sequence[str] | None,
@@ -90,18 +89,17 @@ def _make(
             make_by_beam(job, missing, making, options=beam, bar=bar)
         elif missing:
             made = make_all(job, positions, min(workers or os.cpu_count() or 1, len(positions)))
-            shown = (_counted(pair, bar) for pair in made)
             for shard in missing:
-                write_shard(shard, making, islice(shown, len(shard.positions)))
+                write_shard(shard, making, islice(made, len(shard.positions)), bar=bar)
 
     # The set: described, then renamed, so that a folder of that name is whole.
-    about = _about(dataset, job, shards, making)
+    about = _about(dataset, job, shards, making=making)
     JaxsimPairs(data_dir=folder.parents[2], kind=job.data.kind, shards=shards, about=about).settle(making)
     os.replace(making, folder)
     _tidy(folder)
 
 
-def choose(dataset: Dataset, kind: str, train: str, evaluation: str) -> dict[str, list[int]]:
+def _splits(dataset: Dataset, kind: str, *, train: str, evaluation: str) -> dict[str, list[int]]:
     """Positions of `train` and `eval`. Raises ValueError where there are none for training, or both hold one."""
     parts = getattr(dataset, "splits", {})
     if not len(dataset):
@@ -118,11 +116,6 @@ def choose(dataset: Dataset, kind: str, train: str, evaluation: str) -> dict[str
             f"{dataset.name_of(both[0])}); name each once"
         )
     return {name: chosen for name, chosen in (("train", trained), ("eval", judged)) if chosen}
-
-
-def _counted(pair: Any, bar: tqdm[Any]) -> Any:
-    bar.update()
-    return pair
 
 
 def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], *, size: int) -> None:
@@ -158,7 +151,7 @@ def _flat(plan: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in plan.items() if name != "splits"} | plan["splits"]
 
 
-def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], making: Path) -> About:
+def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path) -> About:
     notes = {shard: read_note(shard, making) for shard in shards}
     lost = [shard.file(making).name for shard, note in notes.items() if note is None]
     if lost:
@@ -174,14 +167,13 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], making: Path) ->
             scenes=tuple(value for note in own.values() for value in note["scenes"]),
             windows=tuple((rows, columns) for note in own.values() for rows, columns in note["windows"]),
         )
-    parts = {name: tuple(positions) for name, positions in getattr(dataset, "splits", {}).items()}
     return About(
         jaxsim=version("jaxsim-lidar"),
         settings=pair_settings(job.data, job.prepare),
         fingerprint=fingerprint(job.data, job.prepare),
         spec=job.spec,
         length=len(dataset),
-        parts=parts,
+        parts={name: tuple(positions) for name, positions in getattr(dataset, "splits", {}).items()},
         splits=splits,
         files={shard.file(making).name: note["bytes"] for shard, note in notes.items() if note},
         measured=job.scan,

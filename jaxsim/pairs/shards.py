@@ -7,15 +7,17 @@ file that it was making, and several machines can work on one set.
 from __future__ import annotations
 
 import json
+import logging
 import multiprocessing
 import os
+import re
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
@@ -23,6 +25,7 @@ from typing import Any
 
 import cv2
 import jax
+from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset
@@ -34,6 +37,8 @@ from jaxsim.pairs.prepared import make_record
 
 AHEAD = 4
 """Pairs a worker may be ahead of the one that is written next."""
+POLL_S = 1.0
+"""Seconds between looks at what Beam's workers have finished."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +78,23 @@ def make(job: Job, position: int) -> Made:
     return Made(serialized(example_of(record)), record.name, record.scene, (rows, columns), labelled)
 
 
-def note_of(shard: Shard, folder: Path) -> Path:
+def _note_of(shard: Shard, folder: Path) -> Path:
     """What says that a file is made."""
     return folder / "done" / f"{shard.file(folder).name}.json"
 
 
 def read_note(shard: Shard, folder: Path) -> dict[str, Any] | None:
     """The note of a file that is there whole; None where it has yet to be made."""
-    note, file = note_of(shard, folder), shard.file(folder)
+    note = _note_of(shard, folder)
+    file = shard.file(folder)
     if not (note.is_file() and file.is_file()):
         return None
     about = json.loads(note.read_text())
     return about if about["bytes"] == file.stat().st_size else None
 
 
-def write_shard(shard: Shard, folder: Path, made: Iterable[Made]) -> None:
-    """Writes the file of these pairs, then its note."""
+def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: tqdm[Any] | None = None) -> None:
+    """Writes the file of these pairs, then its note; tells `bar` of each pair."""
     about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": []}
 
     def records() -> Iterator[bytes]:
@@ -97,15 +103,12 @@ def write_shard(shard: Shard, folder: Path, made: Iterable[Made]) -> None:
             for column, value in zip(about.values(), values, strict=True):
                 column.append(value)
             yield pair.record
+            if bar is not None:
+                bar.update()
 
     write_records(shard.file(folder), records())
-    with replacing(note_of(shard, folder)) as part:
+    with replacing(_note_of(shard, folder)) as part:
         part.write_text(json.dumps({"bytes": shard.file(folder).stat().st_size, **about}))
-
-
-def make_shard(shard: Shard, folder: Path, job: Job) -> None:
-    """Makes one file alone, as a worker of another machine does."""
-    write_shard(shard, folder, (make(job, position) for position in shard.positions))
 
 
 def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]:
@@ -118,13 +121,13 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
         return
     cache = jax.config.jax_compilation_cache_dir  # type: ignore
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
-    with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(job, cache)) as pool:
+    with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(cache,)) as pool:
         todo = iter(positions)
-        waiting = deque(pool.submit(_make, position) for position in islice(todo, AHEAD * workers))
+        waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
         try:
             while waiting:
                 yield waiting.popleft().result()
-                waiting.extend(pool.submit(_make, position) for position in islice(todo, 1))
+                waiting.extend(pool.submit(make, job, position) for position in islice(todo, 1))
         except BrokenProcessPool as error:
             raise ValueError(
                 f"prepare: one of {workers} worker processes was killed, perhaps for want of memory; start fewer "
@@ -134,12 +137,7 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
             pool.shutdown(cancel_futures=True)
 
 
-_job: Job | None = None
-
-
-def _begin(job: Job, cache: str | None) -> None:
-    global _job
-    _job = job
+def _begin(cache: str | None) -> None:
     jax.config.update("jax_platforms", "cpu")  # a GPU would be taken whole by the first of them
     jax.config.update("jax_compilation_cache_dir", cache)
     cv2.setNumThreads(1)
@@ -154,6 +152,53 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _make(position: int) -> Made:
-    assert _job is not None
-    return make(_job, position)
+def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: tqdm[Any]) -> None:
+    """Makes these files by Apache Beam; `options` are Beam's, such as `runner=FlinkRunner`. Shows the finished ones'
+    pairs on `bar`.
+
+    The unit of work is a file: the worker that makes its pairs writes it, by the function that the plain command uses,
+    so the bytes are the same. Workers need jaxsim, the data set's root and the output folder under the same paths.
+    Raises ModuleNotFoundError where Beam is not installed, ValueError where a frame lacks what the job asks for.
+    """
+    try:
+        import apache_beam as beam
+        from apache_beam.options.pipeline_options import PipelineOptions
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"prepare: --beam needs Apache Beam ({error}); in an environment of its own, for it asks for older "
+            "versions of some packages: pip install -e '.[beam]' -c constraints-beam.txt"
+        ) from error
+    # Beam tells a hundred lines of how it starts; its warnings are enough, unless the options say more.
+    logging.getLogger("apache_beam").setLevel(logging.WARNING)
+    flags = ["--default_sdk_harness_log_level=WARNING", *(f"--{option.lstrip('-')}" for option in options)]
+    ended = threading.Event()
+    watch = threading.Thread(target=_show, args=(shards, folder), kwargs={"bar": bar, "ended": ended})
+    watch.start()
+    try:
+        with beam.Pipeline(options=PipelineOptions(flags)) as pipeline:
+            files = pipeline | "files" >> beam.Create(list(shards))
+            spread = files | "spread" >> beam.Reshuffle()
+            _ = spread | "make" >> beam.Map(partial(_make_on_worker, folder=folder, job=job))
+    except RuntimeError as error:  # a worker's own error comes as text, in a traceback of many
+        reasons = re.findall(r"^(?:\w+\.)*ValueError: (.*?)(?: \[while running .*)?$", str(error), re.MULTILINE)
+        if not reasons:
+            raise
+        raise ValueError(f"{reasons[-1]} (the same command goes on with the files that are made)") from error
+    finally:
+        ended.set()
+        watch.join()
+
+
+def _make_on_worker(shard: Shard, folder: Path, job: Job) -> None:
+    jax.config.update("jax_platforms", "cpu")
+    write_shard(shard, folder, (make(job, position) for position in shard.positions))
+
+
+def _show(shards: Sequence[Shard], folder: Path, *, bar: tqdm[Any], ended: threading.Event) -> None:
+    waiting = list(shards)
+    last = False
+    while waiting and not last:
+        last = ended.wait(POLL_S)
+        for shard in [shard for shard in waiting if _note_of(shard, folder).is_file()]:
+            waiting.remove(shard)
+            bar.update(len(shard.positions))

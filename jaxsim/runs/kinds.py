@@ -18,6 +18,7 @@ from jaxsim.frame import Camera
 from jaxsim.geometry import LidarSpec
 
 Matrix = tuple[tuple[float, ...], ...]
+AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
 
 
 @dataclass(frozen=True)
@@ -81,23 +82,19 @@ class Kind:
 
     def plain(self, experiment: Any) -> dict[str, Any]:
         """The settings of an experiment as JSON has them."""
-        return _adapter(self.experiment).dump_python(experiment, mode="json")
+        return TypeAdapter[Any](self.experiment).dump_python(experiment, mode="json")
 
     def dump(self, run: AnyRun) -> bytes:
         """The config.json of a run."""
         if self.bare:
-            return _adapter(self.experiment).dump_json(run.experiment, indent=2)
-        return _adapter(self.run).dump_json(run, indent=2)
+            return TypeAdapter[Any](self.experiment).dump_json(run.experiment, indent=2)
+        return TypeAdapter[Any](self.run).dump_json(run, indent=2)
 
     def parse(self, content: bytes) -> Any:
         """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
         if self.bare:
-            return self.run(_adapter(self.experiment).validate_json(content))
-        return _adapter(self.run).validate_json(content)
-
-
-def _adapter(held: Any):
-    return TypeAdapter(held)
+            return self.run(TypeAdapter[Any](self.experiment).validate_json(content))
+        return TypeAdapter[Any](self.run).validate_json(content)
 
 
 KINDS = (
@@ -121,7 +118,7 @@ KINDS = (
 )
 
 
-def kind_of(value: AnyRun | Experiment | DetectorExperiment | DepthExperiment) -> Kind:
+def kind_of(value: AnyRun | AnyExperiment) -> Kind:
     """The kind of a run or of an experiment."""
     return next(kind for kind in KINDS if isinstance(value, kind.run | kind.experiment))
 

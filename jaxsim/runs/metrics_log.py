@@ -24,7 +24,9 @@ class MetricsLog:
     """
 
     def __init__(self, folder: Path, start: int, *, writes: bool = True):
-        self.folder, self.path, self.writes = folder, folder / "metrics.jsonl", writes
+        self.folder = folder
+        self.path = folder / "metrics.jsonl"
+        self.writes = writes
         self._board: Any = None
         if not writes:
             return

@@ -19,9 +19,8 @@ from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, 
 from jaxsim.geometry import incidence, polar_to_points
 from jaxsim.pix2pix import make_generate, state_shapes
 from jaxsim.prepare import check_view, crop_image, input_channels, paint, window_of
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import Run
-from jaxsim.runs.run import load_run
+from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.checks import check_field_of_view, check_image
 from jaxsim.simulate.embedded import is_embedded, read_embedded
 from jaxsim.simulate.predict import Generate, predict_intensity

@@ -5,7 +5,7 @@ At the end the run also holds weights.npz, for `--prepare.depth penet --prepare.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from threading import Lock
 from typing import Any
 
@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from jaxsim import devices
 from jaxsim.config import DepthExperiment
-from jaxsim.data import open_dataset, select
+from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
@@ -36,8 +36,7 @@ from jaxsim.prepare.depth.penet.training import (
 )
 from jaxsim.report import depth_picture
 from jaxsim.runs.kinds import DepthRun
-from jaxsim.train.prefetch import ahead
-from jaxsim.train.training import Batch, Scores, Training, run_folder
+from jaxsim.train.training import Batch, Scores, Training, ahead, run_folder
 
 THREADS = 4
 SHOWN = 4
@@ -47,8 +46,12 @@ SHOWN = 4
 class Rendered(Sequence[DepthFrame]):
     """Frames of a renderer by position, each made once and kept in memory: a few hundred, 6 MB each."""
 
-    def __init__(self, make: Callable[[int], DepthFrame], positions: Sequence[int]):
-        self.make, self.positions, self.kept, self.lock = make, positions, {}, Lock()
+    def __init__(self, dataset: Dataset, positions: Sequence[int], *, crop: tuple[int, int]):
+        self.dataset = dataset
+        self.positions = positions
+        self.crop = crop
+        self.kept: dict[int, DepthFrame] = {}
+        self.lock = Lock()  # several threads ask: one makes a frame, the others wait for it
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -56,7 +59,8 @@ class Rendered(Sequence[DepthFrame]):
     def __getitem__(self, i):
         with self.lock:
             if i not in self.kept:
-                self.kept[i] = self.make(self.positions[i])
+                frame = self.dataset[self.positions[i]]
+                self.kept[i] = where_backed(depth_frame(frame, self.crop))
             return self.kept[i]
 
 
@@ -77,11 +81,8 @@ def frames_of(experiment: DepthExperiment) -> tuple[Sequence[DepthFrame], Sequen
             "that holds train/; other data are chosen by --data.validation"
         )
     dataset = open_dataset(data)
-
-    def make(i: int) -> DepthFrame:
-        return where_backed(depth_frame(dataset[i], crop))
-
-    return Rendered(make, list(select(data.train, dataset))), Rendered(make, list(select(data.validation, dataset)))
+    train = Rendered(dataset, select(data.train, dataset), crop=crop)
+    return train, Rendered(dataset, select(data.validation, dataset), crop=crop)
 
 
 def depth_training(experiment: DepthExperiment) -> Training:

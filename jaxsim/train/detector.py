@@ -12,8 +12,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.evaluate.detector import experiment_scenes, main_scores, make_find, score_detector
 from jaxsim.report import detection_picture, list_scores
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.train.prefetch import ahead
-from jaxsim.train.training import Scores, Training, run_folder
+from jaxsim.train.training import Scores, Training, ahead, run_folder
 
 
 def detector_training(experiment: DetectorExperiment) -> Training:

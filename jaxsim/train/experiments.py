@@ -18,10 +18,9 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, LoopConfig
-from jaxsim.runs.kinds import kind_in
+from jaxsim.config import LoopConfig
+from jaxsim.runs.kinds import AnyExperiment, kind_in
 
-AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
 PACKAGE = Path(__file__).parents[1]
 CONFIGS = next(folder for folder in (PACKAGE / "configs", PACKAGE.parent / "configs") if folder.is_dir())
 """The folder of experiments: installed, or of the checkout."""
@@ -62,7 +61,12 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
     Raises ValueError for a name that is unknown, and for a file that holds no such settings.
     """
     if name.endswith(".json"):
-        return _read_loop(Path(name)), f"settings of {name}"
+        try:
+            return TypeAdapter(LoopConfig).validate_json(Path(name).read_bytes()), f"settings of {name}"
+        except FileNotFoundError:
+            raise ValueError(f"real2sim2real: no file {name}; name one of configs/, or a loop.json") from None
+        except ValidationError as error:
+            raise ValueError(f"real2sim2real: {name} is no loop.json of this version: {error}") from error
     if not name.endswith(".py") and name not in loop_names():
         raise ValueError(f"no Real2Sim2Real {name!r} in configs/; there are {', '.join(loop_names())}")
     module = _module(name)
@@ -81,15 +85,6 @@ def read_experiment(path: Path) -> AnyExperiment:
         raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
     except (ValueError, AttributeError, TypeError, ValidationError) as error:
         raise ValueError(f"{path} is not the config.json of a run of this version: {error}") from error
-
-
-def _read_loop(path: Path) -> LoopConfig:
-    try:
-        return TypeAdapter(LoopConfig).validate_json(path.read_bytes())
-    except FileNotFoundError:
-        raise ValueError(f"real2sim2real: no file {path}; name one of configs/, or a loop.json") from None
-    except ValidationError as error:
-        raise ValueError(f"real2sim2real: {path} is no loop.json of this version: {error}") from error
 
 
 def _names() -> list[str]:

@@ -19,8 +19,7 @@ from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
 from jaxsim.runs.run import describe
 from jaxsim.simulate.predict import make_batch, make_predict
-from jaxsim.train.prefetch import ahead
-from jaxsim.train.training import Scores, Training, run_folder
+from jaxsim.train.training import Scores, Training, ahead, run_folder
 
 
 def intensity_training(experiment: Experiment) -> Training:
@@ -39,8 +38,8 @@ def intensity_training(experiment: Experiment) -> Training:
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)
-    train = prepared(dataset, select(data.train, dataset), data, prepare)
-    validation = prepared(dataset, select(data.validation, dataset), data, prepare)
+    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
+    validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
     # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
     raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
     loader = batches(

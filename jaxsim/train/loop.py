@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import importlib
+import os
+import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 from tqdm import tqdm
 
 from jaxsim import devices
-from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
 from jaxsim.detect import LeftOut
 from jaxsim.report import save_picture
-from jaxsim.runs.checkpoints import Checkpoints
-from jaxsim.runs.kinds import kind_of
+from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
-from jaxsim.runs.run import start_run
-from jaxsim.train.card import write_card
-from jaxsim.train.training import Scores, Training, run_folder
+from jaxsim.runs.run import Checkpoints, start_run
+from jaxsim.train.experiments import CONFIGS
+from jaxsim.train.training import Scores, Training, run_folder, write_card
+
+TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
+"""The program that trains, of this very package."""
 
 
-def train(experiment: Experiment | DetectorExperiment | DepthExperiment, description: str = "") -> None:
+def train(experiment: AnyExperiment, description: str = "") -> None:
     """Trains to the last step in the run's folder; the same experiment again resumes it.
 
     `description` is for the card. Raises ValueError where the experiment cannot be, or its folder holds another run,
@@ -119,7 +124,17 @@ def train(experiment: Experiment | DetectorExperiment | DepthExperiment, descrip
     devices.wait("the end")
 
 
-def build(experiment: Experiment | DetectorExperiment | DepthExperiment) -> Training:
+def build(experiment: AnyExperiment) -> Training:
     """The training of an experiment, by the builder of its kind."""
     module, _, builder = kind_of(experiment).builder.partition(":")
     return getattr(importlib.import_module(module), builder)(experiment)
+
+
+def train_apart(*arguments: str | Path, trainer: Sequence[str] = TRAINER) -> int:
+    """Runs `jaxsim train ARGUMENTS`, or another `trainer`, in a process of its own, which gives its memory back and
+    whose kill costs no other; its exit status."""
+    environment = dict(os.environ)
+    if (CONFIGS.parent / "jaxsim").is_dir():  # a checkout, which need not be installed
+        paths = (str(CONFIGS.parent), os.environ.get("PYTHONPATH", ""))
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+    return subprocess.run([*trainer, *map(str, arguments)], env=environment).returncode

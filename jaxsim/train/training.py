@@ -1,23 +1,29 @@
-"""What the loop needs of an experiment, whatever it trains."""
+"""What the loop needs of an experiment, whatever it trains; batches made ahead of it; the card that it leaves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import PyTree, UInt8
 
 from jaxsim.config import RunConfig
+from jaxsim.files import replacing
 from jaxsim.metrics import Score
-from jaxsim.runs.kinds import AnyRun
+from jaxsim.runs.kinds import AnyRun, kind_of
 
 Batch = dict[str, Any]
 """Arrays by name, each with the batch's items first."""
 Scores = dict[str, Score]
+Item = TypeVar("Item", covariant=True)
+AHEAD = 4
+"""Batches that wait in memory for the devices."""
 
 
 @dataclass(frozen=True)
@@ -58,5 +64,42 @@ class Training:
 
 
 def run_folder(settings: RunConfig) -> Path:
-    """The folder of a run."""
     return Path(settings.out) / settings.name
+
+
+@runtime_checkable
+class Loader(Protocol[Item]):
+    """Batches by number."""
+
+    def __getitem__(self, k: int, /) -> Item: ...
+
+
+def ahead(loader: Loader[Item], start: int, stop: int, *, threads: int = 2) -> Iterator[Item]:
+    """Batches `start` to `stop` - 1 in order; while the devices work on one, threads make the next AHEAD."""
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Future[Item]] = deque()
+        for k in range(start, stop):
+            waiting.append(pool.submit(loader.__getitem__, k))
+            if len(waiting) > AHEAD:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def write_card(folder: Path, training: Training, description: str, *, scores: Scores, seconds: float) -> None:
+    """Writes card.md. `description` is the experiment's docstring, `seconds` the time since the last start."""
+    noun = kind_of(training.run).name
+    facts = (
+        *training.facts,
+        f"{training.steps} steps; {seconds / 60:.1f} minutes since the last start",
+        f"jaxsim {training.run.version}; all settings are in config.json",
+    )
+    parts = (
+        f"# {folder.name}",
+        description.splitlines()[0] if description else f"{noun[0].upper()}{noun[1:]}.",
+        "\n".join(f"- {fact}" for fact in facts),
+        training.scored(scores),
+        training.use,
+    )
+    with replacing(folder / "card.md") as path:
+        path.write_text("\n\n".join(parts) + "\n")

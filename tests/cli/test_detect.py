@@ -11,9 +11,8 @@ from jaxsim.cli.detect import Detect
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import start_run
+from jaxsim.runs.run import Checkpoints, start_run
 from jaxsim.simulate.sensor import load
 from tests.detect.tiny import EXPERIMENT
 
@@ -67,7 +66,7 @@ def results(kitti, tmp_path):
 
 
 def test_results_of_another_making_are_not_taken_for_these(run, results, kitti, tmp_path):
-    Detect(run, **results).claim(load_detector(run))
+    Detect(run, **results).folder.claim(results["out"], load_detector(run))
     (results["out"] / "results" / "000001.txt").write_text("")
     Detect(run, **results)()
     Detect(run, **results, step=10)()
@@ -88,7 +87,7 @@ def test_other_weights_or_another_score_limit_are_another_detector(run, results,
         start_run(tmp_path / name, DetectorRun(experiment, 10, 8))
         state = create_state(experiment, 10, seed=seed)
         Checkpoints(tmp_path / name, keep=1).save(10, state=state, network=state.network)
-    Detect(run, **results).claim(load_detector(run))
+    Detect(run, **results).folder.claim(results["out"], load_detector(run))
     (results["out"] / "results" / "000001.txt").write_text("")
     with pytest.raises(ValueError, match=r"weights was \w+, now \w+\);"):
         Detect(tmp_path / "weights", **results, step=10)()

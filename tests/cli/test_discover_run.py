@@ -46,7 +46,7 @@ def run(tmp_path_factory) -> Path:
 def out(run: Path, tmp_path_factory) -> Path:
     """The folders that the command makes of the run's validation frames."""
     out = tmp_path_factory.mktemp("out")
-    discover.Discover(run=run, out=out).pairs_of(run)
+    discover.Discover(run=run, out=out).sides()
     return out
 
 
@@ -72,7 +72,7 @@ def test_both_folders_hold_the_same_frames_on_the_runs_window(run: Path, out: Pa
 
 def test_measured_frames_are_the_scans_that_the_run_is_trained_on(run: Path, out: Path):
     experiment = load(run).run.experiment
-    pairs = prepared(open_dataset(experiment.data), [0, 4, 8], experiment.data, experiment.prepare)
+    pairs = prepared(open_dataset(experiment.data), [0, 4, 8], experiment.data, prepare=experiment.prepare)
     for name, pair in zip(pairs.names, pairs, strict=True):
         measured, _ = read_frame(out / "measured", name)
         counts = pair.measured.valid & (pair.measured.intensity >= 0.005) & pair.painted.valid
@@ -83,7 +83,7 @@ def test_measured_frames_are_the_scans_that_the_run_is_trained_on(run: Path, out
 
 def test_simulated_frames_say_what_lies_under_a_ray_also_where_it_is_dropped(run: Path, out: Path):
     experiment = load(run).run.experiment
-    pairs = prepared(open_dataset(experiment.data), [0], experiment.data, experiment.prepare)
+    pairs = prepared(open_dataset(experiment.data), [0], experiment.data, prepare=experiment.prepare)
     image, more = read_frame(out / "simulated", pairs.names[0])
     painted = pairs[0].painted
     assert set(more) == {"semantic", "instance", "rgb", "incidence"}
@@ -151,7 +151,7 @@ def test_frames_that_the_data_set_does_not_have(run: Path, tmp_path: Path):
 
 @pytest.mark.slow
 def test_another_gain_for_every_beam_is_found_beside_a_run(run: Path, tmp_path: Path):
-    discover.Discover(run=run, out=tmp_path, frames="0-47:4").pairs_of(run)
+    discover.Discover(run=run, out=tmp_path, frames="0-47:4").sides()
     rng = np.random.default_rng(0)
     gain = rng.normal(0, 0.3, len(read_grid(tmp_path / "simulated")[0].elevation_rad))
     # The sensor is the run itself with gains: an untrained network is no model of any other.

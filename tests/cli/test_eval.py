@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.cli import main
-from jaxsim.cli.eval import MODES
+from jaxsim.cli import MODES, main
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
 
@@ -12,7 +11,7 @@ from jaxsim.frame import PolarGrid, PolarImage
 @pytest.mark.parametrize("mode", MODES)
 def test_a_mode_parses_its_own_flags(mode: str):
     with pytest.raises(SystemExit) as stop:
-        main(["eval", mode, "--no-such-flag"])
+        main([*mode.split(), "--no-such-flag"])
     assert stop.value.code == 2
 
 

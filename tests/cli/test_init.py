@@ -5,13 +5,18 @@ import sys
 
 import pytest
 
-from jaxsim.cli import COMMANDS, main
+from jaxsim.cli import COMMANDS, MODES, main
 from jaxsim.cli.commands import Command, call
-from jaxsim.cli.eval import MODES
 
 HEAVY = ("jax", "tyro", "cv2", "numpy", "tensorflow_datasets")
-EVERY = {(name,): command for name, command in COMMANDS.items()}
-EVERY |= {("eval", mode): command for mode, command in MODES.items()}
+EVERY = {**COMMANDS, **MODES}
+
+ENDLESS = """
+from jaxsim.cli import stop_on_error
+with stop_on_error():
+    for _ in range(100_000):
+        print("line")
+"""
 
 
 def modules_after(code: str) -> set[str]:
@@ -53,30 +58,40 @@ def test_an_unknown_command_answers_with_the_nearest_and_all_known_ones(typed: s
     assert all(name in str(stop.value) for name in COMMANDS)
 
 
-@pytest.mark.parametrize("words", EVERY, ids=" ".join)
-def test_the_help_of_every_command_begins_with_an_example(words: tuple[str, ...], capsys):
-    example = EVERY[words].example
-    assert example.startswith(" ".join(("jaxsim", *words)))
+@pytest.mark.parametrize("name", EVERY)
+def test_the_help_of_every_command_begins_with_an_example(name: str, capsys):
+    example = EVERY[name].example
+    assert example.startswith(f"jaxsim {name}")
     with pytest.raises(SystemExit) as stop:
-        main([*words, "--help"])
+        main([*name.split(), "--help"])
     assert not stop.value.code
     usage, *said = [line.strip(" │") for line in capsys.readouterr().out.splitlines() if line.strip(" │")]
     assert usage.startswith("usage: ")
     assert said[0].startswith(example)
 
 
-@pytest.mark.parametrize("words", EVERY, ids=" ".join)
-def test_every_example_parses(words: tuple[str, ...], monkeypatch):
-    command, called = EVERY[words], []
+@pytest.mark.parametrize("name", EVERY)
+def test_every_example_parses(name: str, monkeypatch):
+    command, called = EVERY[name], []
     entry = command.load()
     if isinstance(entry, type):
         monkeypatch.setattr(entry, "__call__", lambda flags: called.append(flags))
-        call(command, command.example.split()[1 + len(words) :], name="jaxsim")
+        call(command, command.example.removeprefix(f"jaxsim {name}").split(), name="jaxsim")
         assert isinstance(called[0], entry)
 
 
 def test_a_function_gets_the_words_that_follow(monkeypatch):
     taken = []
-    monkeypatch.setattr("jaxsim.cli.eval.main", taken.append)
-    call(Command("eval:main", "", ""), ("a", "--b"), name="jaxsim eval")
+    monkeypatch.setattr("jaxsim.cli.train.run", taken.append)
+    call(Command("train:run", "", ""), ["a", "--b"], name="jaxsim train")
     assert taken == [["a", "--b"]]
+
+
+def test_a_reader_that_stops_reading_ends_the_program_without_a_traceback():
+    with subprocess.Popen([sys.executable, "-c", ENDLESS], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as writer:
+        assert writer.stdout
+        assert writer.stderr
+        assert writer.stdout.readline() == b"line\n"
+        writer.stdout.close()
+        assert writer.stderr.read() == b""
+    assert writer.returncode == 141

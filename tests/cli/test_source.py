@@ -8,7 +8,7 @@ import tyro
 from jaxsim.cli import COMMANDS
 from jaxsim.cli.ablation import Ablation
 from jaxsim.cli.discover import Discover
-from jaxsim.cli.eval_run import Evaluation
+from jaxsim.cli.eval import Evaluation
 from jaxsim.cli.export import Export
 from jaxsim.cli.prepare import Prepare
 from jaxsim.cli.simulate import Simulate

@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.data.batches import batches, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
-from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import ahead
 
 
 def pair(i: int) -> Pair:

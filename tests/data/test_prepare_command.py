@@ -170,3 +170,12 @@ def test_training_on_a_set_gives_the_losses_and_scores_of_training_on_its_frames
     assert f"--data kitti_raw --root {drives}" in refused
     said(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated",
          "--data", "kitti_raw", "--root", drives, "--frames", "9-11")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [((), "no data set was named"), (("prepared",), "name the data set of its frames")],
+)
+def test_only_the_data_set_of_frames_can_be_prepared(tmp_path, words, message):
+    with pytest.raises(SystemExit, match=message):
+        main(["prepare", *words, "--out", str(tmp_path)])

@@ -65,8 +65,8 @@ def test_a_set_holds_the_pairs_that_its_frames_give_and_the_papers_parts(step_tr
     for part, own in (("training", "train"), ("evaluation", "eval")):
         chosen = select(part, pairs)
         assert chosen == select(own, pairs) == select(part, frames)
-        direct = prepared(frames, chosen, data, settings)
-        kept = prepared(pairs, chosen, of(tmp_path / "out"), settings)
+        direct = prepared(frames, chosen, data, prepare=settings)
+        kept = prepared(pairs, chosen, of(tmp_path / "out"), prepare=settings)
         assert kept.entries == direct.entries
         assert pairs.name_of(chosen[0]) == frames.name_of(chosen[0])
         for i in range(len(kept)):
@@ -82,7 +82,7 @@ def test_a_set_holds_the_pairs_that_its_frames_give_and_the_papers_parts(step_tr
 def test_training_sees_the_same_batches_from_a_set_as_from_frames(raw_root, out, tmp_path, parts):
     loaders = []
     for data in (kitti(raw_root, cache=tmp_path / "cache"), of(out)):
-        pairs = prepared(open_dataset(data), [2, 0, 1], data, PREPARE)
+        pairs = prepared(open_dataset(data), [2, 0, 1], data, prepare=PREPARE)
         loaders.append([batches(pairs, size=2, seed=4, flip=True, part=i, parts=parts) for i in range(parts)])
     for k in range(4):
         for direct, kept in zip(*loaders, strict=True):
@@ -213,7 +213,7 @@ def test_a_file_of_another_set_is_no_part_of_this_one(raw_root, tmp_path):
     file = "jaxsim_pairs/kitti_raw/1.0.0/jaxsim_pairs-train.array_record-00000-of-00001"
     shutil.copy(tmp_path / "other" / file, tmp_path / "one" / file)
     with pytest.raises(ValueError, match=r"record 0 \(2011_09_26_drive_0001_sync-0000000000\) is damaged .*it holds"):
-        prepared(open_dataset(of(tmp_path / "one")), [0], of(tmp_path / "one"), PREPARE)[0]
+        prepared(open_dataset(of(tmp_path / "one")), [0], of(tmp_path / "one"), prepare=PREPARE)[0]
 
 
 def test_what_a_set_does_not_hold_or_was_not_made_for_is_an_error(raw_root, out, tmp_path):
@@ -301,8 +301,8 @@ def test_the_other_readers_frames_come_back_as_their_pairs(kind, object_root, st
     scenes = ("0000",) if kind == "kitti_tracking" else ()
     data = DataConfig(kind=kind, root=root, scenes=scenes, cache=tmp_path / "cache")
     make_set(tmp_path, data, settings, train="0", workers=1)
-    (direct,) = prepared(open_dataset(data), [0], data, settings)
-    (kept,) = prepared(open_dataset(of(tmp_path)), [0], of(tmp_path), settings)
+    (direct,) = prepared(open_dataset(data), [0], data, prepare=settings)
+    (kept,) = prepared(open_dataset(of(tmp_path)), [0], of(tmp_path), prepare=settings)
     equal(kept, direct)
 
 
@@ -310,7 +310,7 @@ def test_real_frames_come_back_as_their_pairs(samples, tmp_path):
     data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path / "cache")
     settings = replace(PREPARE, columns=372)
     make_set(tmp_path, data, settings, train="0,5", workers=1)
-    direct, kept = (prepared(open_dataset(d), [0, 5], d, settings) for d in (data, of(tmp_path)))
+    direct, kept = (prepared(open_dataset(d), [0, 5], d, prepare=settings) for d in (data, of(tmp_path)))
     assert kept.windows == {(44, 372)}
     for one, other in zip(direct, kept, strict=True):
         equal(one, other)
@@ -337,7 +337,7 @@ def test_a_renderers_set_is_the_generators_inputs_and_is_not_trained_on(virtual,
     assert not first["measured"]["valid"].any()
     assert not first["target"].any()
     with pytest.raises(ValueError, match="no LiDAR measured the frames"):
-        prepared(open_dataset(of(tmp_path)), [0], of(tmp_path), settings)
+        prepared(open_dataset(of(tmp_path)), [0], of(tmp_path), prepare=settings)
 
 
 def test_files_are_cut_so_that_the_last_takes_what_is_left():

@@ -86,7 +86,7 @@ def test_a_checkpoint_is_converted_and_loaded(tmp_path):
     checkpoint = {f"model_state.{n}": a for n, a in {**arrays, **counters}.items()} | {"epoch": np.int64(80)}
     np.savez(tmp_path / "checkpoint.npz", **checkpoint)
     assert CONVERTERS[KIND] is CONVERTER
-    convert(KIND, CONVERTER, tmp_path / "checkpoint.npz", tmp_path / "car.npz")
+    convert(KIND, CONVERTER, tmp_path / "checkpoint.npz", out=tmp_path / "car.npz")
     network = load_published(tmp_path / "car.npz")
     kernel = arrays["backbone_3d.conv4.0.0.weight"]
     np.testing.assert_array_equal(network.parameters["backbone3d"]["conv4"]["down"]["kernel"], kernel)
@@ -95,11 +95,11 @@ def test_a_checkpoint_is_converted_and_loaded(tmp_path):
 def test_another_networks_weights_are_refused(tmp_path):
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     with pytest.raises(ValueError, match=r"not OpenPCDet's Voxel R-CNN .* no backbone_3d"):
-        convert(KIND, CONVERTER, tmp_path / "other.npz", tmp_path / "car.npz")
+        convert(KIND, CONVERTER, tmp_path / "other.npz", out=tmp_path / "car.npz")
     arrays = drawn(DetectorExperiment(), "spconv 2")
     arrays["dense_head.conv_cls.weight"] = np.zeros((18, 256, 1, 1), np.float32)  # three classes
     np.savez(tmp_path / "three.npz", **arrays)
     with pytest.raises(ValueError, match=r"conv_cls.weight is \(18, 256, 1, 1\), not \(2, 256, 1, 1\)"):
-        convert(KIND, CONVERTER, tmp_path / "three.npz", tmp_path / "car.npz")
+        convert(KIND, CONVERTER, tmp_path / "three.npz", out=tmp_path / "car.npz")
     with pytest.raises(FileNotFoundError, match="jaxsim convert voxel_rcnn_car"):
         load_published(tmp_path / "none.npz")

@@ -8,7 +8,7 @@ from jaxsim.detect.batches import SceneBatches, augment, collide, cutouts, heigh
 from jaxsim.detect.results import Found, corners_of, label_lines, outlines, result_lines
 from jaxsim.detect.scenes import Scenes, check_points, kept_scenes, read_scene, scene_of, write_scene
 from jaxsim.geometry.boxes import box_corners, iou_bev, points_in_boxes
-from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import ahead
 from tests.detect.tiny import EXPERIMENT, VIEW, VOXELS, scene
 
 AUGMENT = replace(EXPERIMENT.augment, sampled=4, flip=0.5, rotation_rad=0.5, scaling=(0.9, 1.1))

@@ -13,9 +13,8 @@ from jaxsim.detect.batches import SceneBatches
 from jaxsim.detect.state import create_state, state_shapes
 from jaxsim.detect.steps import make_train_step
 from jaxsim.evaluate.detector import main_scores, make_find, score_detector
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import load_run, start_run
+from jaxsim.runs.run import Checkpoints, load_run, start_run
 from tests.detect.tiny import EXPERIMENT, VOXELS, scene, scene_batch
 from tests.programs import ROOT, running, said, wait_until
 

@@ -30,7 +30,7 @@ def generate(params, inputs):
 @pytest.fixture(scope="module")
 def pairs(tmp_path_factory):
     data = DataConfig(cache=tmp_path_factory.mktemp("cache"))
-    return prepared(open_dataset(data), range(6), data, PREPARE)
+    return prepared(open_dataset(data), range(6), data, prepare=PREPARE)
 
 
 def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp_path):

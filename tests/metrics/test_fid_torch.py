@@ -110,7 +110,7 @@ def test_the_distance_equals_that_of_an_independent_program(kind, tmp_path):
             draw = 0.1 * draw
         arrays[name] = draw.astype(np.float32)
     torch.save({name: torch.from_numpy(array) for name, array in arrays.items()}, tmp_path / "state.pth")
-    convert(kind, CONVERTERS[kind], tmp_path / "state.pth", tmp_path / "converted.npz")
+    convert(kind, CONVERTERS[kind], tmp_path / "state.pth", out=tmp_path / "converted.npz")
     extractor = load_extractor(tmp_path / "converted.npz")
 
     smooth = rng.uniform(-1, 1, (12, 8, 32, 1)).repeat(8, 1).repeat(8, 2)

@@ -24,7 +24,7 @@ def test_converted_weights_give_the_published_program_s_features(kind, features,
     prefix, form = CASES[kind]
     seed = int(features["seed_fid" if prefix == "fid" else "seed_torchvision"])
     np.savez(tmp_path / "state.npz", **drawn(features, prefix, seed))
-    convert(kind, CONVERTERS[kind], tmp_path / "state.npz", tmp_path / "converted.npz")
+    convert(kind, CONVERTERS[kind], tmp_path / "state.npz", out=tmp_path / "converted.npz")
     extractor = load_extractor(tmp_path / "converted.npz")
     assert extractor.form == form
     assert extractor.score == "frechet_unpublished"

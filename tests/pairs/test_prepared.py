@@ -30,11 +30,11 @@ def test_pairs_are_shared_by_settings_that_do_not_change_them_and_by_no_others()
 def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
     data = DataConfig(cache=tmp_path)
     world = open_dataset("synthetic")
-    first = prepared(world, [3], data, PREPARE)
+    first = prepared(world, [3], data, prepare=PREPARE)
     (file,) = cache_folder(data, PREPARE).iterdir()
     assert first.keys == [f"{file.parent.name}/{file.stem}"]
     stamp = file.stat().st_mtime_ns
-    again = prepared(world, [3], data, PREPARE)
+    again = prepared(world, [3], data, prepare=PREPARE)
     assert file.stat().st_mtime_ns == stamp
     assert again.names == [world.name_of(3)]
     pair, grid = again[0], again.record(0).grid
@@ -47,26 +47,26 @@ def test_a_pair_is_made_once_and_read_as_it_was_made(tmp_path):
 
 def test_pairs_made_with_labels_serve_settings_without(tmp_path):
     data, world = DataConfig(cache=tmp_path), open_dataset("synthetic")
-    made = prepared(world, [3, 5], data, replace(PREPARE, inputs=("edges", "rgb")))
-    assert prepared(world, [5], data, PREPARE).keys == made.keys[1:]
-    assert prepared(world, [5, 6], data, PREPARE).keys != made.keys
+    made = prepared(world, [3, 5], data, prepare=replace(PREPARE, inputs=("edges", "rgb")))
+    assert prepared(world, [5], data, prepare=PREPARE).keys == made.keys[1:]
+    assert prepared(world, [5, 6], data, prepare=PREPARE).keys != made.keys
     assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
     plain = replace(PREPARE, depth="ip_basic_fast")
-    prepared(open_dataset(data), [0], data, plain)
+    prepared(open_dataset(data), [0], data, prepare=plain)
     (file,) = cache_folder(data, plain).iterdir()
     file.write_bytes(file.read_bytes()[:-500])
     with pytest.raises(ValueError, match=r"000000\.npz is damaged .*; delete it"):
-        prepared(open_dataset(data), [0], data, plain)
+        prepared(open_dataset(data), [0], data, prepare=plain)
 
 
 def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_were_made(samples, tmp_path):
     data = DataConfig(kind="kitti_raw", root=samples / "kitti_raw", cache=tmp_path)
     plain = replace(PREPARE, depth="ip_basic")
     frames = open_dataset(data)
-    assert len(prepared(frames, [0], data, plain)) == 1
+    assert len(prepared(frames, [0], data, prepare=plain)) == 1
     with pytest.raises(ValueError, match="need class labels"):
-        prepared(frames, [0], data, replace(plain, inputs=("rgb", "semantic")))
+        prepared(frames, [0], data, prepare=replace(plain, inputs=("rgb", "semantic")))

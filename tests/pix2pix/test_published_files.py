@@ -125,7 +125,7 @@ def test_training_starts_from_a_converted_checkpoint(tmp_path, experiment):
     arrays = imaginaire_checkpoint(experiment.generator, experiment.discriminator)
     np.savez(tmp_path / "published.npz", **arrays)
     file = tmp_path / "start.npz"
-    convert("pix2pixhd_imaginaire", CONVERTERS["pix2pixhd_imaginaire"], tmp_path / "published.npz", file)
+    convert("pix2pixhd_imaginaire", CONVERTERS["pix2pixhd_imaginaire"], tmp_path / "published.npz", out=file)
     state = start_from(untrained(experiment), [file], experiment)
     for network, name in ((state.generator, "net_G.module.module."), (state.discriminator, "net_D.module.")):
         for key, array in to_published(network).items():

@@ -10,9 +10,9 @@ import pytest
 
 from jaxsim.config import DetectorExperiment, RunConfig
 from jaxsim.metrics import Score
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.metrics_log import TrainingDiverged
+from jaxsim.runs.run import Checkpoints
 from jaxsim.train import train
 from jaxsim.train.training import Training
 

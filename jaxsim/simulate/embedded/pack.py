@@ -7,8 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxsim.runs.checkpoints import Checkpoints
-from jaxsim.runs.run import load_run
+from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import FILES, FOLDER, SUMS, name_of, sha256, shapes_of
 
 

@@ -21,7 +21,7 @@ from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor, load
 from jaxsim.studies.ablation.page import ablation_picture, ablation_table, write_ablation
 from jaxsim.studies.ablation.table import MODALITIES, ablation_row, besides, labelled_prepare, named_sensors
-from jaxsim.train.apart import TRAINER, train_apart
+from jaxsim.train.loop import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 
@@ -72,11 +72,11 @@ def compare_networks(
 
     # Frames: one set for all.
     dataset = open_dataset(data)
-    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare)
+    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
     baselines = baseline_scores(
-        prepared(dataset, select(data.train, dataset), data, prepare), judged, [None] * len(judged)
+        prepared(dataset, select(data.train, dataset), data, prepare=prepare), judged, [None] * len(judged)
     )
 
     # Scores.

@@ -19,14 +19,14 @@ from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
-from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
 from jaxsim.studies.real2sim2real.page import write_loop
 from jaxsim.studies.real2sim2real.pictures import count_objects, draw_found, draw_kinds
 from jaxsim.studies.real2sim2real.scores import write_score
 from jaxsim.studies.real2sim2real.settings import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.tables import loop_tables
-from jaxsim.train.apart import TRAINER, train_apart
+from jaxsim.train.loop import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
 EPOCHS = 5

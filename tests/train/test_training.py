@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxsim.train.prefetch import ahead
+from jaxsim.train.training import ahead
 
 
 class Squares:

@@ -6,15 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli.eval_detector import judge_run, said_mean
+from jaxsim.cli.eval_detection import judge_run, said_mean
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Found
 from jaxsim.detect.state import create_state
 from jaxsim.evaluate.detector import kitti_curves
-from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.runs.kinds import DetectorRun
-from jaxsim.runs.run import start_run
+from jaxsim.runs.run import Checkpoints, start_run
 from tests.detect.tiny import EXPERIMENT, scene
 
 SCENES = [scene(seed) for seed in range(8)]
