@@ -15,7 +15,7 @@ from jaxsim.data.select import frames_to_judge
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.simulate.beside_drive import write_pairs
+from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
 
 NOT_UNPAIRED = {

@@ -12,7 +12,7 @@ import tyro
 
 from jaxsim.cli.eval_detector import judge_run
 from jaxsim.cli.source import SAME, Source
-from jaxsim.evaluate.fid import frechet_line
+from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.metrics import Score
 from jaxsim.metrics.inception import open_extractor

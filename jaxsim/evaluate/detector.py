@@ -156,7 +156,7 @@ def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:
 
 
 def score_detector(
-    find: Find, network: Network, scenes: Sequence[Scene], experiment: DetectorExperiment
+    find: Find, network: Network, scenes: Sequence[Scene], *, experiment: DetectorExperiment
 ) -> tuple[list[Curve], list[Found]]:
     """What a network finds in scenes, and KITTI's curves of it."""
     clouds = ((scene.name, scene.points) for scene in scenes)

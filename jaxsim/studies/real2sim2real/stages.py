@@ -20,12 +20,10 @@ from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.runs.checkpoints import Checkpoints
+from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.real2sim2real.page import write_loop
-from jaxsim.studies.real2sim2real.pictures import count_objects, draw_found, draw_kinds
-from jaxsim.studies.real2sim2real.scores import write_score
-from jaxsim.studies.real2sim2real.settings import REAL, WITH_EFFECTS, Loop
-from jaxsim.studies.real2sim2real.tables import loop_tables
+from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, write_loop
+from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.apart import TRAINER, train_apart
 
 Rgb = UInt8[np.ndarray, "h w 3"]
@@ -135,7 +133,8 @@ class Stages:
         scenes, steps = self.scenes(judged, "validation"), Checkpoints(run).steps[-EPOCHS:]
         find, per_epoch = make_find(experiment), []
         for step in tqdm(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
-            per_epoch.append(score_detector(find, load_detector(run, step=step).network, scenes, experiment)[0])
+            network = load_detector(run, step=step).network
+            per_epoch.append(score_detector(find, network, scenes, experiment=experiment)[0])
         write_score(path, per_epoch, steps=steps, frames=len(scenes))
 
     def counted(self, kind: str) -> CloudCounts:
