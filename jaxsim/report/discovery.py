@@ -9,8 +9,8 @@ from pathlib import Path
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import replacing
 from jaxsim.report.answer import named_effects, ranking, unexplained
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, RULE, Canvas
-from jaxsim.report.charts import label, ticks
+from jaxsim.report.canvas import AFTER, BEFORE, Canvas
+from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, maps, moved, where
 from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
@@ -122,11 +122,8 @@ def _null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
     def across(gain: float) -> float:
         return LEFT + gain / reach * (RIGHT - LEFT)
 
-    canvas.line([(LEFT, BOTTOM), (RIGHT, BOTTOM)], colour=RULE)
-    for value in ticks(0, reach, 6):
-        canvas.line([(across(value), BOTTOM), (across(value), BOTTOM + 4)], colour=FAINT)
-        canvas.text(across(value), BOTTOM + 17, label(value), anchor="middle", size=11, colour=FAINT)
-    canvas.text((LEFT + RIGHT) / 2, BOTTOM + 36, "gain, nats a scene", anchor="middle", size=12)
+    words = "gain, nats a scene"
+    x_axis(canvas, across, ticks(0, reach, 6), left=LEFT, right=RIGHT, bottom=BOTTOM, words=words)
     canvas.line([(across(nulls.bar), 12), (across(nulls.bar), BOTTOM)], colour=BEFORE, width=1.5)
     for name, y, dots in rows:
         canvas.text(LEFT - 14, y + 4, name, anchor="end", size=12)

@@ -14,6 +14,8 @@ from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 
 Rgb = UInt8[np.ndarray, "_ _ 3"]
 """A picture, rows x columns; pictures of one call may differ in size."""
+Raster = Float[np.ndarray, "rows columns"]
+Mask = Bool[np.ndarray, "rows columns"]
 NOTHING = np.array([38, 38, 42], np.uint8)
 INK = (232, 232, 232)
 
@@ -29,20 +31,15 @@ for _id, _colour in {
 
 
 def colour_scalar(
-    value: Float[np.ndarray, "h w"],
-    valid: Bool[np.ndarray, "h w"],
-    *,
-    low: float | int,
-    high: float | int,
-    gamma: float = 1.0,
-) -> UInt8[np.ndarray, "h w 3"]:
+    value: Raster, valid: Mask, *, low: float | int, high: float | int, gamma: float = 1.0
+) -> UInt8[np.ndarray, "rows columns 3"]:
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
     colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
     return np.where(valid[..., None], colours, NOTHING)
 
 
-def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+def colour_classes(semantic: Int[np.ndarray, "rows columns"], valid: Mask) -> UInt8[np.ndarray, "rows columns 3"]:
     """Cityscapes' own colours."""
     return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
@@ -100,13 +97,14 @@ def save_picture(path: Path, picture: Rgb) -> Path:
     return Path(path)
 
 
-Raster = Float[np.ndarray, "rows columns"]
-Mask = Bool[np.ndarray, "rows columns"]
-
-
 def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:
     """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
     return colour_scalar(intensity, valid & (intensity > 0), low=0.0, high=0.6, gamma=0.7)
+
+
+def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
+    """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
+    return colour_scalar(depth_m, valid, low=0.0, high=60.0, gamma=0.6)
 
 
 def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
@@ -115,16 +113,12 @@ def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
     rgb = np.where(valid[..., None], np.asarray(painted.rgb) * 255, 40).astype(np.uint8)
     panels = [
         ("camera, carried to the LiDAR's grid", rgb),
-        ("range (0-60 m)", colour_scalar(np.asarray(painted.range_m), valid, low=0.0, high=60.0, gamma=0.6)),
+        ("range (0-60 m)", depth_panel(np.asarray(painted.range_m), valid)),
     ]
     semantic = np.asarray(painted.semantic)
     if (semantic > 0).any():
-        panels.append(
-            (
-                "classes; grey: not seen, or occluded",
-                colour_classes(semantic, valid & ~np.asarray(painted.occluded)),
-            )
-        )
+        classes = colour_classes(semantic, valid & ~np.asarray(painted.occluded))
+        panels.append(("classes; grey: not seen, or occluded", classes))
     return panels
 
 
@@ -151,12 +145,7 @@ def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb
     return strip([*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))])
 
 
-def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
-    """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
-    return colour_scalar(depth_m, valid, low=0.0, high=60.0, gamma=0.6)
-
-
-def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.ndarray]], *, width: int = 912) -> Rgb:
+def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.ndarray]]) -> Rgb:
     """Image, the points that are given, each method's dense depth (name, metres, where it has any) and the truth."""
     panels = [
         ("image", np.asarray(frame.rgb)),
@@ -164,4 +153,4 @@ def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.nda
         *((name, depth_panel(depth_m, valid)) for name, depth_m, valid in guesses),
         ("truth", depth_panel(np.asarray(frame.truth_m), np.asarray(frame.known))),
     ]
-    return strip(panels, width=width)
+    return strip(panels, width=912)

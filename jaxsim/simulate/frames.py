@@ -22,6 +22,8 @@ from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.sensor import LearnedSensor, Projection, Window, check_image
 
+BATCH = 8
+"""Frames that a comparison simulates together."""
 NEEDS = {"emitter_drift": "time", "ambient_light": "heading", "motion_distortion": "speed"}
 """Effects that act by what a frame says of itself."""
 DIRECTED = ("ambient_light",)
@@ -155,7 +157,6 @@ def write_pairs(
     positions: Sequence[int],
     *,
     out: Path,
-    batch: int = 8,
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, Path]:
     """Simulates frames of a data set with a run and writes them to OUT/simulated, and the scans themselves, on the
@@ -177,9 +178,9 @@ def write_pairs(
             )
     window, lines = learned.window, learned.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
-    for first in range(0, len(positions), batch):
-        frames = [dataset[p] for p in positions[first : first + batch]]
-        images, painted, _ = simulate_batch(learned, frames, min(batch, len(positions)))
+    for first in range(0, len(positions), BATCH):
+        frames = [dataset[p] for p in positions[first : first + BATCH]]
+        images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

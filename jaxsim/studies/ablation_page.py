@@ -125,12 +125,11 @@ def _cells(rows: Sequence[AblationRow], baselines: Scores) -> tuple[list[str], l
 
 
 def _notes(rows: Sequence[AblationRow]) -> str:
-    lines = [f"{row.name}: {frechet_line(row.frechet)}" for row in rows if row.frechet]
-    lines.append(
+    paper = (
         "The paper's column is FID on KITTI-STEP after 20 epochs. Another extractor, set or number of images gives "
         "other values; only the order can be compared."
     )
-    return "\n".join(lines)
+    return "\n".join([*(f"{row.name}: {frechet_line(row.frechet)}" for row in rows if row.frechet), paper])
 
 
 def _sentence(rows: Sequence[AblationRow]) -> str:
@@ -140,10 +139,13 @@ def _sentence(rows: Sequence[AblationRow]) -> str:
     return f"{text[0].upper()}{text[1:]} of {len(rows)} networks."
 
 
-def _page(rows: Sequence[AblationRow], baselines: Scores, pictures: Mapping[str, Rgb], about: Mapping[str, str]) -> str:
+def _page(
+    rows: Sequence[AblationRow], baselines: Scores, *, pictures: Mapping[str, Rgb], about: Mapping[str, str]
+) -> str:
     heads, cells = _cells(rows, baselines)
     body = [[f"<b>{escape(text)}</b>" if best else escape(text) for text, best in row] for row in cells]
     notes = "".join(paragraph(line) for line in _notes(rows).splitlines())
+    sides = paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.")
     figures = "".join(
         figure(image(picture, f"inputs and predictions of {name}"), name) for name, picture in pictures.items()
     )
@@ -151,11 +153,5 @@ def _page(rows: Sequence[AblationRow], baselines: Scores, pictures: Mapping[str,
         title="jaxsim: which inputs the intensity network needs",
         sentence=_sentence(rows),
         facts=list(about.items()),
-        sections=[
-            section("Scores", table(heads, body, text=1) + notes),
-            section(
-                "Frames",
-                paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.") + figures,
-            ),
-        ],
+        sections=[section("Scores", table(heads, body, text=1) + notes), section("Frames", sides + figures)],
     )

@@ -40,10 +40,12 @@ def test_effects_act_on_what_came_back():
 def test_a_frame_depends_on_its_key_and_time():
     image, painted = frame()
     model = SensorModel((("random_dropout", {"probability": 0.5}), ("emitter_drift", {"rate": 1.0})))
-    first, same, other = (
-        with_effects(model, image, painted, grid=GRID, key=jax.random.key(k), time_s=t)
-        for k, t in ((0, 0.0), (0, 0.0), (1, 60.0))
-    )
+
+    def at(seed: int, time_s: float) -> PolarImage:
+        return with_effects(model, image, painted, grid=GRID, key=jax.random.key(seed), time_s=time_s)
+
+    first, same = at(0, 0.0), at(0, 0.0)
+    other = at(1, 60.0)
     np.testing.assert_array_equal(first.valid, same.valid)
     assert (first.valid != other.valid).any()
     np.testing.assert_allclose(other.intensity[other.valid], 0.2 / np.e, rtol=1e-5)

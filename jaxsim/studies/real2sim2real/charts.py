@@ -141,7 +141,8 @@ def _histograms(counts: Counts, panels: Sequence[_Panel]) -> Canvas:
 
 
 def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: float) -> None:
-    shares, edges, step = _shares(counts, panel), EDGES[panel.quantity][:: panel.together], _STEP[panel.quantity]
+    shares = _shares(counts, panel)
+    edges, step = EDGES[panel.quantity][:: panel.together], _STEP[panel.quantity]
     middles = (edges[1:] + edges[:-1]) / 2
     first, last = _span(shares, edges, step)
     top = 1.0 if panel.logarithmic else _round_up(max((float(share.max()) for share in shares.values()), default=0.0))

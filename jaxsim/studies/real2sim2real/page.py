@@ -106,12 +106,11 @@ def draw_kinds(loop: Loop, scenes: Mapping[str, Sequence[Scene]]) -> dict[str, R
     if not shared:
         return {}
     name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=count_objects).name
+    nothing = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
     panels = []
     for kind in kinds:
         scene = next(s for s in scenes[kind] if s.name == name)
-        title = f"{kind}: {len(scene.points)} points"
-        nothing = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
-        panels.append(_panel(scene, span, nothing, title=title))
+        panels.append(_panel(scene, span, nothing, title=f"{kind}: {len(scene.points)} points"))
     return {"clouds": _grid(panels)}
 
 
@@ -128,9 +127,9 @@ def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -
     )
 
 
-def _grid(panels: Sequence[Rgb], *, across: int = 3) -> Rgb:
-    """Panels of one size in rows."""
-    rows = [beside(panels[k : k + across]) for k in range(0, len(panels), across)]
+def _grid(panels: Sequence[Rgb]) -> Rgb:
+    """Panels of one size in rows of three."""
+    rows = [beside(panels[k : k + 3]) for k in range(0, len(panels), 3)]
     width = max(row.shape[1] for row in rows)
     return np.concatenate([np.pad(row, ((0, 4), (0, width - row.shape[1]), (0, 0))) for row in rows])
 

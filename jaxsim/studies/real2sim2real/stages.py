@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 from pydantic import TypeAdapter
 from tqdm import tqdm
 
@@ -19,6 +18,7 @@ from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
+from jaxsim.report.pictures import Rgb
 from jaxsim.runs.checkpoints import Checkpoints
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
@@ -26,7 +26,6 @@ from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_ki
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.apart import TRAINER, train_apart
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""
 
@@ -50,11 +49,11 @@ def check_sources(config: LoopConfig) -> None:
             )
 
 
-def kinds_of(scene: Scene) -> tuple[str, ...]:
-    """Classes of the labels; raises ValueError where there are none."""
+def _classes(scene: Scene) -> list[str]:
+    """Of the labelled objects. Raises ValueError where there are no labels."""
     if scene.labels is None:
         raise ValueError(f"real2sim2real: {scene.name} has no labels; choose labelled frames")
-    return scene.labels.kind
+    return [kind for kind in scene.labels.kind if kind.lower() != "dontcare"]
 
 
 class Stages:
@@ -70,7 +69,8 @@ class Stages:
     ):
         """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds: commands, which lie
         above. `trainer` is the program that trains the experiment of a file."""
-        self.loop, self.discover_lacking, self.export, self.trainer = loop, discover, export, trainer
+        self.loop, self.trainer = loop, trainer
+        self.discover_lacking, self.export = discover, export
         self.scenes_of: dict[tuple[str, str], Sequence[Scene]] = {}
         self.counts_of: dict[str, CloudCounts] = {}
 
@@ -142,7 +142,7 @@ class Stages:
         if kind not in self.counts_of:
             voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
             named = (
-                (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
+                (s.points[in_range(s.points, voxels)], s.boxes, _classes(s))
                 for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
             )
             self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))
