@@ -59,6 +59,7 @@ def make_find(experiment: DetectorExperiment) -> Find:
     def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
         points = points[in_range(points, voxels)]
         padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
+        # A batch of one: clouds differ in size, and each size is a program of its own.
         detections, dropped = detect(network, jnp.asarray(padded)[None], jnp.asarray(real)[None])
         detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
         valid = detections.valid[0]

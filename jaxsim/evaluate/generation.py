@@ -113,6 +113,7 @@ def _pictures(folder: Folder, names: Sequence[str]) -> np.ndarray:
     pictures = []
     for name in names:
         image, _ = folder.image(name)
+        # log2(63 + 1) = 6: the scale ends at 63 m, and near ranges take most of it.
         log = np.clip(np.log2(image.range_m + 1) / 6, 0, 1)
         pictures.append(np.where(image.valid[..., None], np.stack([log, image.intensity], -1), 0))
     return np.stack(pictures).astype(np.float32)

@@ -175,9 +175,8 @@ def require_images(count: int, extractor: Extractor) -> None:
 def frechet_line(score: FrechetScore) -> str:
     """What the score is, what it rests on and how far the size of the sets moves it."""
     counts = f"{score.counts[0]} predicted and {score.counts[1]} measured images, {score.features} features"
-    bias = (
-        ""
-        if score.half is None
-        else (f"; from half the images {score.half:.2f}: small sets raise the score: compare it at this number alone")
-    )
-    return f"{score.name} {score.value:.2f} ({counts}{bias})"
+    if score.half is not None:
+        counts += (
+            f"; from half the images {score.half:.2f}: small sets raise the score: compare it at this number alone"
+        )
+    return f"{score.name} {score.value:.2f} ({counts})"

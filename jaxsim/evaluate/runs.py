@@ -73,10 +73,8 @@ def score_sensor(
     # Fréchet distance: images of the network's size, every judged frame once.
     frechet = None
     if extractor:
-        cache = own.cache / "statistics"
-        frechet = frechet_of_run(
-            learned.generate, learned.params, judged, extractor=extractor, prepare=prepare, cache=cache
-        )
+        settings = {"extractor": extractor, "prepare": prepare, "cache": own.cache / "statistics"}
+        frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
     return SensorScores(judged, predict, scores, frechet)
 
 

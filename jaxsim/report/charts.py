@@ -40,6 +40,7 @@ def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> 
         return [float(low)]
     raw = (high - low) / count
     base = 10 ** math.floor(math.log10(raw))
+    # A hair of slack, for a range of exactly so many steps must not lose one to rounding.
     step = base * next(m for m in (1, 2, 2.5, 5, 10) if m * base >= raw * 0.999 and not (whole and m == 2.5))
     step = max(step, 1) if whole else step
     first = math.ceil(low / step - 1e-9)

@@ -37,12 +37,18 @@ def write_report(folder: Path, result: Result) -> Path:
         charts[name] = canvas
         return figure(canvas.svg(caption), caption)
 
-    verdict = result.verdict
+    verdict, grid = result.verdict, result.grid
     outside = verdict.verdict == "not_in_catalogue"
     page = whole_page(
         title=f"jaxsim discover: {verdict.verdict.replace('_', ' ')}",
         sentence=verdict_sentence(verdict),
-        facts=_facts(result),
+        facts=[
+            ("frames", str(verdict.frames)),
+            ("grid", f"{len(grid.elevation_rad)} rows × {len(grid.azimuth_rad)} columns"),
+            ("scenes to find with", str(len(verdict.find))),
+            ("scenes to judge on", str(len(verdict.judge))),
+            ("time", f"{verdict.seconds:.0f} s"),
+        ],
         sections=[
             unexplained(verdict.unexplained, draw, missing=True) if outside else "",
             named_effects(verdict.effects, draw),
@@ -65,17 +71,6 @@ def write_report(folder: Path, result: Result) -> Path:
     with replacing(folder / "report.html") as path:
         path.write_text(page, encoding="utf-8")
     return folder / "report.html"
-
-
-def _facts(result: Result) -> list[tuple[str, str]]:
-    v, grid = result.verdict, result.grid
-    return [
-        ("frames", str(v.frames)),
-        ("grid", f"{len(grid.elevation_rad)} rows × {len(grid.azimuth_rad)} columns"),
-        ("scenes to find with", str(len(v.find))),
-        ("scenes to judge on", str(len(v.judge))),
-        ("time", f"{v.seconds:.0f} s"),
-    ]
 
 
 def _scenes(verdict: Verdict) -> str:

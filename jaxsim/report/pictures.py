@@ -68,6 +68,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     """A cloud seen from behind and above the sensor, coloured by intensity (x, y, z in metres, 0..1)."""
     height, width = size
     picture = np.full((height, width, 3), 12, np.uint8)
+    # A pinhole camera 14 m behind the sensor and 9 m above it, which looks 17 degrees down.
     eye = np.array([-14.0, 0.0, 9.0])
     pitch, focal = np.deg2rad(17), 0.8 * width
     x, y, z = (points[:, :3] - eye).T
@@ -77,6 +78,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     u = np.round(width / 2 - focal * y[seen] / forward[seen]).astype(int)
     v = np.round(height * 0.46 - focal * up[seen] / forward[seen]).astype(int)
     inside = (u >= 0) & (u < width - 1) & (v >= 0) & (v < height - 1)
+    # Far points first, so that near ones cover them.
     order = np.argsort(-forward[seen][inside])
     u, v = u[inside][order], v[inside][order]
     shade = np.clip(points[seen][inside][order, 3] * 1.6, 0, 1) ** 0.7

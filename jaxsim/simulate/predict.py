@@ -36,6 +36,7 @@ def make_batch(
 
     @jax.jit
     def to_batch(pair: Pair) -> dict[str, Array]:
+        # Lost rays are learned as intensity 0; how much they count beside measured ones is a setting.
         returned = jnp.where(pair.measured.valid, 1.0, drop_weight).astype(jnp.float32)
         seen = jnp.where(pair.painted.valid, 1.0, unseen_weight).astype(jnp.float32)
         counts = jnp.where(pair.painted.occluded, 0.0, seen * returned)
@@ -66,6 +67,7 @@ def predict_intensity(
     inputs = network_inputs(painted, incidence_rad, row, prepare=prepare)
     image = generate(params, inputs.reshape(-1, *inputs.shape[-3:]))[..., 0]
     image = resample(image.reshape(*batch, *image.shape[-2:]), (rows, columns), batch_dims=len(batch))
+    # The generator's -1..1 is intensity 0..1, here put on the steps that the sensor reports.
     return jnp.clip(jnp.round((image + 1) / 2 / STEP), 0, 99) * STEP
 
 
