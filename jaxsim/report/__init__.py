@@ -1,4 +1,11 @@
-"""Pictures and tables, from plain results."""
+"""Pictures and tables, from plain results.
+
+results                              JSON, Markdown and scores as files
+pictures, boxes                      rasters, clouds and boxes as pixels
+canvas, charts, page                 drawings, charts and the parts of a page
+detection                            KITTI's scores of a detector
+discovery, answer, evidence, words   the report of a discovery
+"""
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
 from jaxsim.report.detection import detection_table, mean_table, write_detection
