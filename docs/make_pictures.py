@@ -16,7 +16,7 @@ from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
 from jaxsim.report import beside, draw_above, draw_cloud, draw_on_image, pair_picture, save_picture, strip
-from jaxsim.report.frames import intensity_panel
+from jaxsim.report.pictures import intensity_panel
 from jaxsim.simulate.predict import make_predict
 
 PICTURES = Path(__file__).parent / "pictures"

@@ -39,7 +39,7 @@ from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS
 from jaxsim.report import write_report
-from jaxsim.simulate.beside_drive import write_pairs
+from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
 
 LINEAR = 100

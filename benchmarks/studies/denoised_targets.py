@@ -45,9 +45,9 @@ from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
 from jaxsim.report import save_picture, strip
-from jaxsim.report.frames import intensity_panel
-from jaxsim.report.markdown import markdown_table
-from jaxsim.simulate.beside_drive import measured_in
+from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.results import markdown_table
+from jaxsim.simulate.frames import measured_in
 from jaxsim.simulate.predict import make_predict
 from jaxsim.train.experiments import load_experiment
 

@@ -32,8 +32,8 @@ from jaxsim.metrics import paired_scores, paired_sums
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report import save_picture, strip
-from jaxsim.report.frames import intensity_panel
-from jaxsim.report.markdown import markdown_table
+from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.results import markdown_table
 from jaxsim.train.experiments import load_experiment
 
 NEAR = 0.02

@@ -24,7 +24,7 @@ from jaxsim.cli import enable_compilation_cache
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector
-from jaxsim.report.markdown import markdown_table
+from jaxsim.report.results import markdown_table
 from jaxsim.runs.run import Checkpoints
 
 
@@ -55,7 +55,7 @@ def average(run: Path, checkpoints: int, judged: Path) -> dict[str, float]:
     found = {}
     for name, change in CLOUDS.items():
         clouds = [with_intensity(scene, change) for scene in scenes]
-        curves = [score_detector(find, network, clouds, detector)[0] for network in networks]
+        curves = [score_detector(find, network, clouds, experiment=detector)[0] for network in networks]
         found[name] = mean_curves(curves)["3d", "0.7", "moderate"][0]
     return found
 

@@ -13,8 +13,7 @@ from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.runs.run import load_run
-from jaxsim.studies.ablation.stages import compare_networks, train_all
-from jaxsim.studies.ablation.table import besides
+from jaxsim.studies.ablation import besides, compare_networks, train_all
 
 
 @dataclass(frozen=True)

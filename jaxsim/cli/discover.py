@@ -14,7 +14,7 @@ from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.simulate.beside_drive import write_pairs
+from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
 
 say = partial(print, flush=True)

@@ -15,7 +15,7 @@ import tyro
 
 from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.source import SAME, Source
-from jaxsim.evaluate.fid import frechet_line
+from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.generation import generation_scores, open_folder
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.metrics import Score

@@ -13,7 +13,7 @@ from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig
 from jaxsim.files import lock
 from jaxsim.simulate.trees import export_trees
-from jaxsim.studies.real2sim2real.settings import WITH_EFFECTS, Loop, settle_loop
+from jaxsim.studies.real2sim2real import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
 

@@ -27,12 +27,8 @@ from jaxsim.evaluate.detector import LearnedDetector
 from jaxsim.files import claim
 from jaxsim.geometry.boxes import lidar_boxes
 
-AT_LIDAR = View(
-    intrinsics=np.eye(3),
-    cam_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
-    rect_from_velo=np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]),
-    size=(1, 1),
-)
+_AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+AT_LIDAR = View(intrinsics=np.eye(3), cam_from_velo=_AXES, rect_from_velo=_AXES, size=(1, 1))
 """Where boxes are written without a calibration: a camera that stands in the LiDAR. Their rectangles are empty."""
 
 
@@ -112,13 +108,10 @@ def made_with(learned: LearnedDetector) -> dict[str, Any]:
 def write_detections(path: Path, found: Found, kind: str, *, view: View) -> None:
     """Writes KITTI's lines; boxes as seen from the LiDAR (AT_LIDAR) have no rectangle in an image."""
     lines = result_lines(found, kind, view)
-    write_lines(path, [without_rectangle(line) for line in lines] if view is AT_LIDAR else lines)
-
-
-def without_rectangle(line: str) -> str:
-    """A result line whose rectangle in the image is empty."""
-    words = line.split()
-    return " ".join([*words[:4], "0", "0", "0", "0", *words[8:]])
+    if view is AT_LIDAR:
+        words = [line.split() for line in lines]
+        lines = [" ".join([*w[:4], "0", "0", "0", "0", *w[8:]]) for w in words]
+    write_lines(path, lines)
 
 
 def cloud_files(folder: Path) -> list[Path]:

@@ -58,6 +58,7 @@ def make_find(experiment: DetectorExperiment) -> Find:
     def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
         points = points[in_range(points, voxels)]
         padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
+        # A batch of one: clouds differ in size, and each size is a program of its own.
         detections, dropped = detect(network, jnp.asarray(padded)[None], jnp.asarray(real)[None])
         detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
         valid = detections.valid[0]
@@ -155,7 +156,7 @@ def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:
 
 
 def score_detector(
-    find: Find, network: Network, scenes: Sequence[Scene], experiment: DetectorExperiment
+    find: Find, network: Network, scenes: Sequence[Scene], *, experiment: DetectorExperiment
 ) -> tuple[list[Curve], list[Found]]:
     """What a network finds in scenes, and KITTI's curves of it."""
     clouds = ((scene.name, scene.points) for scene in scenes)

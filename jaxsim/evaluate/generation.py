@@ -113,6 +113,7 @@ def _pictures(folder: Folder, names: Sequence[str]) -> np.ndarray:
     pictures = []
     for name in names:
         image, _ = folder.image(name)
+        # log2(63 + 1) = 6: the scale ends at 63 m, and near ranges take most of it.
         log = np.clip(np.log2(image.range_m + 1) / 6, 0, 1)
         pictures.append(np.where(image.valid[..., None], np.stack([log, image.intensity], -1), 0))
     return np.stack(pictures).astype(np.float32)
@@ -141,10 +142,6 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     return tables[0], tables[1], classes
 
 
-def _range_features(folder: Folder, values: Values) -> np.ndarray:
-    return range_features(values, ((points[..., :3], points[..., 3], valid) for points, valid in _batches(folder)))
-
-
 def generation_scores(a: Folder, b: Folder, *, rangenet: Values | None = None) -> dict[str, Score]:
     """Every metric that these folders allow (`a` simulated, `b` measured): name -> value, unit, frames or rays.
 
@@ -159,7 +156,8 @@ def generation_scores(a: Folder, b: Folder, *, rangenet: Values | None = None) -
             value = float(np.mean([getattr(pair, name) for pair in pairs]))
             scores[f"chamfer_{name}"] = Score(value, unit, len(pairs))
     if rangenet is not None:
-        value = frechet_distance_of(*(_range_features(folder, rangenet) for folder in (a, b)))
+        clouds = [((points[..., :3], points[..., 3], valid) for points, valid in _batches(f)) for f in (a, b)]
+        value = frechet_distance_of(*(range_features(rangenet, of) for of in clouds))
         scores["frechet_rangenet53"] = Score(value, "1", min(len(a.names), len(b.names)))
     if a.grid is None or b.grid is None:
         return scores

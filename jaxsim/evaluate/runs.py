@@ -15,8 +15,7 @@ from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.evaluate.fid import frechet_of_run, require_images
-from jaxsim.evaluate.paired import Predict, baseline_scores, score_pairs
+from jaxsim.evaluate.intensity import Predict, baseline_scores, frechet_of_run, require_images, score_pairs
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve
 from jaxsim.metrics.frechet import FrechetScore
@@ -73,10 +72,8 @@ def score_sensor(
     # Fréchet distance: images of the network's size, every judged frame once.
     frechet = None
     if extractor:
-        cache = own.cache / "statistics"
-        frechet = frechet_of_run(
-            learned.generate, learned.params, judged, extractor=extractor, prepare=prepare, cache=cache
-        )
+        settings = {"extractor": extractor, "prepare": prepare, "cache": own.cache / "statistics"}
+        frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
     return SensorScores(judged, predict, scores, frechet)
 
 
@@ -110,6 +107,6 @@ def score_checkpoints(
     per_step: list[list[Curve]] = []
     detections: list[Found] = []
     for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
-        curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, experiment)
+        curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, experiment=experiment)
         per_step.append(curves)
     return DetectorScores(scenes, steps, per_step, detections)

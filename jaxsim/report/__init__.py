@@ -1,11 +1,25 @@
-"""Pictures and tables, from plain results."""
+"""Pictures and tables, from plain results.
+
+results                              JSON, Markdown and scores as files
+pictures, boxes                      rasters, clouds and boxes as pixels
+canvas, charts, page                 drawings, charts and the parts of a page
+detection                            KITTI's scores of a detector
+discovery, answer, evidence, words   the report of a discovery
+"""
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
 from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.discovery import write_report
-from jaxsim.report.frames import depth_picture, pair_picture, simulated_picture
-from jaxsim.report.pictures import beside, draw_cloud, save_picture, strip
-from jaxsim.report.scores import list_scores, score_table, write_list, write_scores
+from jaxsim.report.pictures import (
+    beside,
+    depth_picture,
+    draw_cloud,
+    pair_picture,
+    save_picture,
+    simulated_picture,
+    strip,
+)
+from jaxsim.report.results import list_scores, score_table, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [

@@ -13,7 +13,7 @@ from jaxsim.effects import EFFECTS, Parameter
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
 from jaxsim.report.page import Draw, bar_cell, file_name, paragraph, section, table
-from jaxsim.report.words import AXES, CHANNELS, Axis, number, probability, span, title_of
+from jaxsim.report.words import AXES, CHANNELS, Axis, dependence, number, probability, span, title_of
 
 
 def named_effects(effects: Sequence[Named], draw: Draw) -> str:
@@ -35,16 +35,17 @@ def _effect(named: Named, draw: Draw) -> str:
             f"{named.gain.unit} (90 % interval {span(named.gain)}; p {_p(named.p_value)}, sign flips over scenes)."
         )
     )
-    rows = [
-        [f"<code>{escape(name)}</code>", escape(_meaning(named.name, name)), *_interval(value), _neutral(named, name)]
-        for name, value in named.parameters.items()
-        if isinstance(value, Interval)
-    ]
+    rows, charts = [], []
+    for name, value in named.parameters.items():
+        of = known.parameters.get(name) if known else None
+        if isinstance(value, Interval):
+            cells = number(value.value), span(value), escape(value.unit), number(of.neutral) if of else "–"
+            rows.append([f"<code>{escape(name)}</code>", escape(of.meaning if of else ""), *cells])
+        else:
+            charts.append(_vector(named.name, name, of, values=value, draw=draw))
     if rows:
         parts.append(table(["parameter", "meaning", "value", "90 % interval", "unit", "does nothing at"], rows, text=2))
-    for name, values in named.parameters.items():
-        if not isinstance(values, Interval):
-            parts.append(_vector(named, name, values, draw=draw))
+    parts += charts
     for other in named.look_alikes:
         apart = named.tell_apart.get(other) or "no measurement is known"
         head = f"<b>Could also be <code>{escape(other)}</code>.</b> To tell them apart: "
@@ -57,27 +58,9 @@ def _p(p: float) -> str:
     return text if text.startswith("<") else f"= {text}"
 
 
-def _interval(value: Interval) -> list[str]:
-    return [number(value.value), span(value), escape(value.unit)]
-
-
-def _parameter(effect: str, name: str) -> Parameter | None:
-    return EFFECTS[effect].parameters.get(name) if effect in EFFECTS else None
-
-
-def _meaning(effect: str, name: str) -> str:
-    known = _parameter(effect, name)
-    return known.meaning if known else ""
-
-
-def _neutral(named: Named, name: str) -> str:
-    known = _parameter(named.name, name)
-    return number(known.neutral) if known else "–"
-
-
-def _vector(named: Named, name: str, values: Sequence[Interval], *, draw: Draw) -> str:
+def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: Draw) -> str:
     """One interval a beam or class, as a chart."""
-    known, unit = _parameter(named.name, name), values[0].unit if values else ""
+    unit = values[0].unit if values else ""
     neutral = known.neutral if known else 0.0
     what = "class" if known and known.shape == "class" else "beam"
     sure = sum(not v.low <= neutral <= v.high for v in values)
@@ -88,7 +71,7 @@ def _vector(named: Named, name: str, values: Sequence[Interval], *, draw: Draw) 
         y_label=f"{name}, {unit}" if unit else name,
     )
     return draw(
-        file_name("parameter", named.name, name),
+        file_name("parameter", effect, name),
         chart,
         f"{name}: one value a {what} with its 90 % interval; {sure} of {len(values)} intervals leave out "
         f"{number(neutral)}, at which it does nothing.",
@@ -133,8 +116,7 @@ def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) 
         return section(title, paragraph(none))
     axis = AXES.get(left.covariate, Axis(left.covariate))
     meaning = f"; x is {axis.x or axis.label}"
-    kind = "dependence" if left.character == "other" else f"{left.character} dependence"
-    words = paragraph(f"A {kind} of {left.channel} on {left.covariate} that no effect of the catalogue accounts for.")
+    words = paragraph(f"A {dependence(left)} that no effect of the catalogue accounts for.")
     words += f"<p><code>{escape(left.formula)}</code>{escape(meaning)}</p>"
     if not left.x:
         return section(title, words)

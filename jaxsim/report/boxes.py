@@ -81,6 +81,7 @@ def draw_on_image(
             if (cam[:, 2] < NEAR_M).any():
                 continue
             pixel = cam @ view.intrinsics.T
+            # Clipped: sixteenths of a pixel of a corner far outside the image would not fit OpenCV's integers.
             uv = np.clip(pixel[:, :2] / pixel[:, 2:], -10000, 10000)
             for a, b in [*EDGES, (0, 5), (1, 4)]:
                 cv2.line(picture, _point(uv[a]), _point(uv[b]), colour, 1, cv2.LINE_AA, 4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass, field
 from html import escape
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -25,22 +26,19 @@ AFTER = "#0072b2"
 _PLAIN = {"−": "-", "°": " deg", "·": "*", "–": "-", "±": "+-", "θ": "theta", "≤": "<=", "≥": ">="}
 
 
-@dataclass(frozen=True)
-class _Stroke:
+class _Stroke(NamedTuple):
     points: Points
     colour: str
     width: Length
 
 
-@dataclass(frozen=True)
-class _Area:
+class _Area(NamedTuple):
     points: Points
     colour: str
     opacity: Length
 
 
-@dataclass(frozen=True)
-class _Dot:
+class _Dot(NamedTuple):
     x: Length
     y: Length
     radius: Length
@@ -48,8 +46,7 @@ class _Dot:
     filled: bool
 
 
-@dataclass(frozen=True)
-class _Text:
+class _Text(NamedTuple):
     x: Length
     y: Length
     text: str
@@ -59,13 +56,15 @@ class _Text:
     turned: bool
 
 
-@dataclass(frozen=True)
-class _Raster:
+class _Raster(NamedTuple):
     x: Length
     y: Length
     width: Length
     height: Length
     rgb: Rgb
+
+
+_Mark = _Stroke | _Area | _Dot | _Text | _Raster
 
 
 @dataclass
@@ -74,7 +73,7 @@ class Canvas:
 
     width: int
     height: int
-    strokes: list[_Stroke | _Area | _Dot | _Text | _Raster] = field(default_factory=list)
+    strokes: list[_Mark] = field(default_factory=list)
 
     def line(self, points: object, *, colour: str = INK, width: Length = 1.0) -> None:
         self.strokes.append(_Stroke(np.asarray(points, float).reshape(-1, 2), colour, width))
@@ -121,7 +120,7 @@ def _path(points: Points) -> str:
     return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
 
 
-def _as_svg(stroke: _Stroke | _Area | _Dot | _Text | _Raster) -> str:
+def _as_svg(stroke: _Mark) -> str:
     match stroke:
         case _Stroke(points, colour, width):
             return f'<polyline points="{_path(points)}" fill="none" stroke="{colour}" stroke-width="{width:g}"/>'
@@ -132,10 +131,8 @@ def _as_svg(stroke: _Stroke | _Area | _Dot | _Text | _Raster) -> str:
             return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}" fill="{fill}" stroke="{colour}"/>'
         case _Text(x, y, text, anchor, colour, size, turned):
             turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else ""
-            return (
-                f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}" font-size="{size:g}"{turn}>'
-                f"{escape(text)}</text>"
-            )
+            style = f'text-anchor="{anchor}" fill="{colour}" font-size="{size:g}"{turn}'
+            return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'
         case _Raster(x, y, width, height, rgb):
             return (
                 f'<image x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" '
@@ -160,7 +157,7 @@ def _fixed(points: Points, scale: int) -> np.ndarray:
     return np.round(points * scale * 16).astype(np.int32).reshape(-1, 1, 2)
 
 
-def _paint(image: Rgb, stroke: _Stroke | _Area | _Dot | _Text | _Raster, scale: int) -> None:
+def _paint(image: Rgb, stroke: _Mark, scale: int) -> None:
     match stroke:
         case _Stroke(points, colour, width):
             thick = max(1, round(width * scale))
@@ -170,11 +167,11 @@ def _paint(image: Rgb, stroke: _Stroke | _Area | _Dot | _Text | _Raster, scale: 
             cv2.fillPoly(over, [_fixed(points, scale)], _colour(colour), cv2.LINE_AA, 4)
             image[:] = cv2.addWeighted(over, opacity, image, 1 - opacity, 0)
         case _Dot(x, y, radius, colour, filled):
-            at = (round(x * scale * 16), round(y * scale * 16))
+            at, wide = (round(x * scale * 16), round(y * scale * 16)), round(radius * scale * 16)
             if not filled:
-                cv2.circle(image, at, round(radius * scale * 16), (255, 255, 255), -1, cv2.LINE_AA, 4)
+                cv2.circle(image, at, wide, (255, 255, 255), -1, cv2.LINE_AA, 4)
             thick = -1 if filled else max(1, scale // 2)
-            cv2.circle(image, at, round(radius * scale * 16), _colour(colour), thick, cv2.LINE_AA, 4)
+            cv2.circle(image, at, wide, _colour(colour), thick, cv2.LINE_AA, 4)
         case _Text():
             _write(image, stroke, scale)
         case _Raster(x, y, width, height, rgb):

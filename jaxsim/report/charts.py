@@ -40,6 +40,7 @@ def ticks(low: Length, high: Length, count: int = 5, *, whole: bool = False) -> 
         return [float(low)]
     raw = (high - low) / count
     base = 10 ** math.floor(math.log10(raw))
+    # A hair of slack, for a range of exactly so many steps must not lose one to rounding.
     step = base * next(m for m in (1, 2, 2.5, 5, 10) if m * base >= raw * 0.999 and not (whole and m == 2.5))
     step = max(step, 1) if whole else step
     first = math.ceil(low / step - 1e-9)
@@ -123,6 +124,17 @@ Coordinate = Callable[[Any], float]
 """From values to pixels."""
 
 
+def x_axis(
+    canvas: Canvas, across: Coordinate, marks: Sequence[float], *, left: int, right: int, bottom: int, words: str
+) -> None:
+    """A level axis with its marks and, below them, its words."""
+    canvas.line([(left, bottom), (right, bottom)], colour=RULE)
+    for value in marks:
+        canvas.line([(across(value), bottom), (across(value), bottom + 4)], colour=FAINT)
+        canvas.text(across(value), bottom + 17, label(value), anchor="middle", size=11, colour=FAINT)
+    canvas.text((left + right) / 2, bottom + 36, words, anchor="middle", size=12)
+
+
 def _axes(
     canvas: Canvas, x: tuple[float, float], y: tuple[float, float], *, x_label: str, y_label: str, whole: bool
 ) -> tuple[Coordinate, Coordinate]:
@@ -143,11 +155,7 @@ def _axes(
         canvas.text(left - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
     if y_low < 0 < y_high:
         canvas.line([(left, up(0)), (right, up(0))], colour=FAINT)
-    canvas.line([(left, bottom), (right, bottom)], colour=RULE)
-    for value in ticks(x_low, x_high, 7, whole=whole):
-        canvas.line([(across(value), bottom), (across(value), bottom + 4)], colour=FAINT)
-        canvas.text(across(value), bottom + 17, label(value), anchor="middle", size=11, colour=FAINT)
-    canvas.text((left + right) / 2, bottom + 36, x_label, anchor="middle", size=12)
+    x_axis(canvas, across, ticks(x_low, x_high, 7, whole=whole), left=left, right=right, bottom=bottom, words=x_label)
     canvas.text(16, (top + bottom) / 2, y_label, anchor="middle", size=12, turned=True)
     return across, up
 

@@ -10,9 +10,8 @@ from typing import Any
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.metrics.detection.rules import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length
-from jaxsim.report.markdown import markdown_table
 from jaxsim.report.pictures import save_picture
-from jaxsim.report.results import list_facts, write_results
+from jaxsim.report.results import list_facts, markdown_table, number_or_none, write_results
 
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
 _COLOURS = dict(zip(DIFFICULTIES, (AFTER, INK, BEFORE), strict=True))
@@ -120,16 +119,11 @@ def write_detection(
 
 def _plain_mean(key: tuple[str, str, str], mean: tuple[float, float]) -> dict[str, Any]:
     named = dict(zip(("metric", "overlap_set", "difficulty"), key, strict=True))
-    return {**named, "ap_r40": _number_or_none(mean[0]), "spread": _number_or_none(mean[1])}
-
-
-def _number_or_none(value: float) -> float | None:
-    """JSON has no NaN: where no label counts there is nothing to average."""
-    return None if math.isnan(value) else value
+    return {**named, "ap_r40": number_or_none(mean[0]), "spread": number_or_none(mean[1])}
 
 
 def _plain(curve: Curve) -> dict[str, Any]:
-    averages = {name: _number_or_none(getattr(curve, name)) for name in ("ap_r40", "ap_r11")}
+    averages = {name: number_or_none(getattr(curve, name)) for name in ("ap_r40", "ap_r11")}
     return {
         "class": curve.kind,
         "difficulty": curve.difficulty,

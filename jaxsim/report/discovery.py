@@ -6,18 +6,22 @@ import re
 from html import escape
 from pathlib import Path
 
-from jaxsim.discover.verdict import Result, Verdict
+from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import replacing
 from jaxsim.report.answer import named_effects, ranking, unexplained
-from jaxsim.report.canvas import Canvas
-from jaxsim.report.chance import chance
+from jaxsim.report.canvas import AFTER, BEFORE, Canvas
+from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, maps, moved, where
-from jaxsim.report.page import paragraph, section, whole_page
+from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
-from jaxsim.report.words import verdict_sentence
+from jaxsim.report.words import number, verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained)_.*"
 """Names of a report's figures."""
+LEFT, RIGHT = 96, 700
+BOTTOM = 112
+FAN = 4.0
+"""Pixels between neighbours of a row, in turn up and down, so that equal gains do not hide one another."""
 
 
 def write_report(folder: Path, result: Result) -> Path:
@@ -31,14 +35,20 @@ def write_report(folder: Path, result: Result) -> Path:
         if canvas is None:
             return paragraph(f"{caption} Nothing to draw: no ray could be compared.")
         charts[name] = canvas
-        return f"<figure>{canvas.svg(caption)}<figcaption>{escape(caption)}</figcaption></figure>"
+        return figure(canvas.svg(caption), caption)
 
-    verdict = result.verdict
+    verdict, grid = result.verdict, result.grid
     outside = verdict.verdict == "not_in_catalogue"
     page = whole_page(
         title=f"jaxsim discover: {verdict.verdict.replace('_', ' ')}",
         sentence=verdict_sentence(verdict),
-        facts=_facts(result),
+        facts=[
+            ("frames", str(verdict.frames)),
+            ("grid", f"{len(grid.elevation_rad)} rows × {len(grid.azimuth_rad)} columns"),
+            ("scenes to find with", str(len(verdict.find))),
+            ("scenes to judge on", str(len(verdict.judge))),
+            ("time", f"{verdict.seconds:.0f} s"),
+        ],
         sections=[
             unexplained(verdict.unexplained, draw, missing=True) if outside else "",
             named_effects(verdict.effects, draw),
@@ -47,7 +57,7 @@ def write_report(folder: Path, result: Result) -> Path:
             curves(result.curves, draw),
             gap(verdict),
             ranking(verdict.ranking, verdict.effects),
-            chance(verdict, draw),
+            _chance(verdict, draw),
             "" if outside else unexplained(verdict.unexplained, draw),
             moved(verdict),
             _scenes(verdict),
@@ -63,24 +73,55 @@ def write_report(folder: Path, result: Result) -> Path:
     return folder / "report.html"
 
 
-def _facts(result: Result) -> list[tuple[str, str]]:
-    v, grid = result.verdict, result.grid
-    return [
-        ("frames", str(v.frames)),
-        ("grid", f"{len(grid.elevation_rad)} rows × {len(grid.azimuth_rad)} columns"),
-        ("scenes to find with", str(len(v.find))),
-        ("scenes to judge on", str(len(v.judge))),
-        ("time", f"{v.seconds:.0f} s"),
-    ]
-
-
 def _scenes(verdict: Verdict) -> str:
     parts = [paragraph(f"Note: {note}.") for note in verdict.notes]
-    for word, names in (
-        ("To find and fit", verdict.find),
-        ("To judge", verdict.judge),
-    ):
+    for word, names in (("To find and fit", verdict.find), ("To judge", verdict.judge)):
         parts.append(f'<p class="names"><b>{word} ({len(names)}):</b> {escape(", ".join(names))}</p>')
     taken = "SHA-256 of this division, taken before anything was fitted"
     parts.append(f'<p class="names">{taken}: <code>{escape(verdict.sha256)}</code></p>')
     return section("Scenes", "".join(parts))
+
+
+def _chance(verdict: Verdict, draw: Draw) -> str:
+    """How often naming errs on these very data, if nulls were drawn; else nothing."""
+    nulls = verdict.nulls
+    if nulls is None:
+        return ""
+    count = len(nulls.gains)
+    words = (
+        f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these "
+        "data, its sign changed scene by scene) and named in like the measured one. On "
+        f"{nulls.answered} of them something would have been said with the bar that was set on other streets. Here an "
+        f"effect must gain more than the strongest on any of them ({number(nulls.bar)} nats a scene), a free curve "
+        f"more than any did ({number(nulls.free_bar)})."
+    )
+    caption = (
+        f"Gains that pass every test but the bar, nats a scene. Below: of the strongest effect on each of {count} "
+        "nulls; above: of the candidates on the measurement, filled if named. The line is the bar."
+    )
+    return section(
+        "What chance gives on these data", paragraph(words) + draw("chance", _null_strip(nulls, verdict), caption)
+    )
+
+
+def _null_strip(nulls: Nulls, verdict: Verdict) -> Canvas:
+    """Two rows of dots on one axis, and the bar as a line."""
+    named = {effect.name for effect in verdict.effects}
+    rows = (
+        ("measured", 34, [(max(rank.gain, 0.0), rank.name in named) for rank in verdict.ranking]),
+        ("nulls", 82, [(gain, False) for gain in nulls.gains]),
+    )
+    reach = 1.05 * max([1.5 * nulls.bar, *(gain for _, _, dots in rows for gain, _ in dots)])
+    canvas = Canvas(720, 158)
+
+    def across(gain: float) -> float:
+        return LEFT + gain / reach * (RIGHT - LEFT)
+
+    words = "gain, nats a scene"
+    x_axis(canvas, across, ticks(0, reach, 6), left=LEFT, right=RIGHT, bottom=BOTTOM, words=words)
+    canvas.line([(across(nulls.bar), 12), (across(nulls.bar), BOTTOM)], colour=BEFORE, width=1.5)
+    for name, y, dots in rows:
+        canvas.text(LEFT - 14, y + 4, name, anchor="end", size=12)
+        for k, (gain, strong) in enumerate(dots):
+            canvas.dot(across(gain), y + FAN * (k % 5 - 2), colour=AFTER, radius=4, hollow=not strong)
+    return canvas

@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable, Sequence
 from html import escape
 
-from jaxsim.report.canvas import AFTER, BEFORE, Canvas
+from jaxsim.report.canvas import AFTER, BEFORE, Canvas, data_uri
+from jaxsim.report.pictures import Rgb
 
 Draw = Callable[[str, Canvas | None, str], str]
 """Keeps a chart under a name and gives its HTML with a caption; nothing but the words for a chart without values."""
@@ -77,6 +78,16 @@ def section(title: str, body: str) -> str:
 
 def paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
+
+
+def figure(drawing: str, words: str) -> str:
+    """A drawing, HTML, above its words."""
+    return f"<figure>{drawing}<figcaption>{escape(words)}</figcaption></figure>"
+
+
+def image(rgb: Rgb, words: str) -> str:
+    """A picture inside the page, as wide as it; `words` are for who cannot see it."""
+    return f'<img src="{data_uri(rgb)}" style="width:100%" alt="{escape(words)}">'
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, text: int, last_text: bool = False) -> str:

@@ -1,4 +1,4 @@
-"""Pictures that people look at: strips of rasters on the polar grid, and clouds from behind."""
+"""Pictures that people look at: strips of rasters on the polar grid, frames, and clouds from behind."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from jaxsim.files import replacing
+from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 
 Rgb = UInt8[np.ndarray, "_ _ 3"]
 """A picture, rows x columns; pictures of one call may differ in size."""
+Raster = Float[np.ndarray, "rows columns"]
+Mask = Bool[np.ndarray, "rows columns"]
 NOTHING = np.array([38, 38, 42], np.uint8)
 INK = (232, 232, 232)
 
@@ -28,20 +31,15 @@ for _id, _colour in {
 
 
 def colour_scalar(
-    value: Float[np.ndarray, "h w"],
-    valid: Bool[np.ndarray, "h w"],
-    *,
-    low: float | int,
-    high: float | int,
-    gamma: float = 1.0,
-) -> UInt8[np.ndarray, "h w 3"]:
+    value: Raster, valid: Mask, *, low: float | int, high: float | int, gamma: float = 1.0
+) -> UInt8[np.ndarray, "rows columns 3"]:
     """A scalar raster in the turbo colour map; cells without a value are dark grey."""
     scaled = np.clip((value - low) / (high - low), 0, 1) ** gamma
     colours = cv2.applyColorMap((scaled * 255).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1]
     return np.where(valid[..., None], colours, NOTHING)
 
 
-def colour_classes(semantic: Int[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+def colour_classes(semantic: Int[np.ndarray, "rows columns"], valid: Mask) -> UInt8[np.ndarray, "rows columns 3"]:
     """Cityscapes' own colours."""
     return np.where(valid[..., None], CLASS_COLOURS[np.clip(semantic, 0, 255)], NOTHING)
 
@@ -70,6 +68,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     """A cloud seen from behind and above the sensor, coloured by intensity (x, y, z in metres, 0..1)."""
     height, width = size
     picture = np.full((height, width, 3), 12, np.uint8)
+    # A pinhole camera 14 m behind the sensor and 9 m above it, which looks 17 degrees down.
     eye = np.array([-14.0, 0.0, 9.0])
     pitch, focal = np.deg2rad(17), 0.8 * width
     x, y, z = (points[:, :3] - eye).T
@@ -79,6 +78,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
     u = np.round(width / 2 - focal * y[seen] / forward[seen]).astype(int)
     v = np.round(height * 0.46 - focal * up[seen] / forward[seen]).astype(int)
     inside = (u >= 0) & (u < width - 1) & (v >= 0) & (v < height - 1)
+    # Far points first, so that near ones cover them.
     order = np.argsort(-forward[seen][inside])
     u, v = u[inside][order], v[inside][order]
     shade = np.clip(points[seen][inside][order, 3] * 1.6, 0, 1) ** 0.7
@@ -97,3 +97,62 @@ def save_picture(path: Path, picture: Rgb) -> Path:
         if not cv2.imwrite(str(temporary), np.ascontiguousarray(picture[..., ::-1])):
             raise OSError(f"pictures: could not write {path}")
     return Path(path)
+
+
+def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:
+    """Intensity 0..0.6 in colour (brighter saturates); no return is dark grey."""
+    return colour_scalar(intensity, valid & (intensity > 0), low=0.0, high=0.6, gamma=0.7)
+
+
+def depth_panel(depth_m: Raster, valid: Mask) -> Rgb:
+    """Depth 0-60 m in colour, near ones with finer steps; none is dark grey."""
+    return colour_scalar(depth_m, valid, low=0.0, high=60.0, gamma=0.6)
+
+
+def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
+    """What the camera knows, on the polar window."""
+    valid = np.asarray(painted.valid)
+    rgb = np.where(valid[..., None], np.asarray(painted.rgb) * 255, 40).astype(np.uint8)
+    panels = [
+        ("camera, carried to the LiDAR's grid", rgb),
+        ("range (0-60 m)", depth_panel(np.asarray(painted.range_m), valid)),
+    ]
+    semantic = np.asarray(painted.semantic)
+    if (semantic > 0).any():
+        classes = colour_classes(semantic, valid & ~np.asarray(painted.occluded))
+        panels.append(("classes; grey: not seen, or occluded", classes))
+    return panels
+
+
+def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
+    """Input, prediction, measurement and their difference, one above the other."""
+    painted, measured = pair.painted, pair.measured
+    seen, returned = np.asarray(painted.valid), np.asarray(measured.valid)
+    both = seen & returned
+    intensity = np.asarray(measured.intensity)
+    error = np.abs(predicted - intensity)
+    mean = f"mean {error[both].mean():.3f}" if both.any() else "no cell"
+    panels = [
+        *input_panels(painted),
+        (f"predicted intensity (0-0.6), {title}", intensity_panel(predicted, seen)),
+        ("measured intensity", intensity_panel(intensity, returned)),
+        (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0.0, high=0.3)),
+    ]
+    return strip(panels)
+
+
+def simulated_picture(image: PolarImage, painted: Painted, *, title: str) -> Rgb:
+    """Input and prediction of a simulated frame."""
+    intensity, valid = np.asarray(image.intensity), np.asarray(image.valid)
+    return strip([*input_panels(painted), (f"simulated intensity (0-0.6), {title}", intensity_panel(intensity, valid))])
+
+
+def depth_picture(frame: DepthFrame, guesses: Sequence[tuple[str, Raster, np.ndarray]]) -> Rgb:
+    """Image, the points that are given, each method's dense depth (name, metres, where it has any) and the truth."""
+    panels = [
+        ("image", np.asarray(frame.rgb)),
+        ("given points (0-60 m)", depth_panel(np.asarray(frame.sparse_m), np.asarray(frame.given))),
+        *((name, depth_panel(depth_m, valid)) for name, depth_m, valid in guesses),
+        ("truth", depth_panel(np.asarray(frame.truth_m), np.asarray(frame.known))),
+    ]
+    return strip(panels, width=912)

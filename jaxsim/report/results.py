@@ -1,13 +1,18 @@
-"""Results as files: JSON for programs, Markdown for people, and a page where there is one."""
+"""Results as files: JSON for programs, Markdown tables for people, and a page where there is one."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jaxsim.files import replacing
+from jaxsim.metrics import Score
+
+Scores = Mapping[str, Mapping[str, Score]]
+"""Predictor -> score's name -> score."""
 
 
 def write_results(
@@ -28,3 +33,53 @@ def write_results(
 def list_facts(about: Mapping[str, Any]) -> str:
     """Facts as a Markdown list, a line `- name: value` each."""
     return "\n".join(f"- {name}: {value}" for name, value in about.items())
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A line of heads, a rule, a line a row."""
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def number_or_none(value: float) -> float | None:
+    """JSON has no NaN: where nothing counts there is nothing to average."""
+    return None if math.isnan(value) else value
+
+
+def plain_scores(scores: Mapping[str, Score]) -> dict[str, dict[str, Any]]:
+    """Scores for JSON."""
+    return {name: score._asdict() for name, score in scores.items()}
+
+
+def score_heads(scores: Mapping[str, Score]) -> list[str]:
+    """Names with their units."""
+    return [name if score.unit == "1" else f"{name} ({score.unit})" for name, score in scores.items()]
+
+
+def score_text(score: Score) -> str:
+    return f"{score.value:.{2 if score.unit == 'dB' else 4}f}"
+
+
+def score_table(scores: Scores) -> str:
+    """A Markdown table: one row a predictor, one column a score."""
+    heads = score_heads(next(iter(scores.values())))
+    rows = [[who, *map(score_text, row.values()), f"{row['mae'].count}"] for who, row in scores.items()]
+    return markdown_table(["predictor", *heads, "cells"], rows)
+
+
+def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
+    """Writes scores.json and scores.md."""
+    content = {"frames": frames, "scores": {who: plain_scores(row) for who, row in scores.items()}}
+    write_results(folder, "scores", content, text=f"{len(frames)} frames\n\n{score_table(scores)}")
+
+
+def list_scores(scores: Mapping[str, Score]) -> str:
+    """A Markdown table: one row a score."""
+    rows = [[name, f"{s.value:.4g}", s.unit, f"{s.count}"] for name, s in scores.items()]
+    return markdown_table(["score", "value", "unit", "frames or rays"], rows)
+
+
+def write_list(folder: Path, name: str, scores: Mapping[str, Score], *, about: dict[str, Any]) -> None:
+    """Writes NAME.json and NAME.md; `about` says what was compared."""
+    facts = "\n".join(f"{key}: {value}" for key, value in about.items())
+    write_results(folder, name, about | {"scores": plain_scores(scores)}, text=f"{facts}\n\n{list_scores(scores)}")

@@ -37,15 +37,11 @@ CHANNELS = {
 """Of residuals, measured minus simulated."""
 
 
-def _same(x: Line) -> Line:
-    return x
-
-
 class Axis(NamedTuple):
     """How a covariate's values are shown."""
 
     label: str
-    shown: Callable[[Line], Line] = _same
+    shown: Callable[[Line], Line] = np.asarray
     """From the values that residuals are compared along to those on the axis."""
     x: str = ""
     """What a formula's x is, if not what the axis shows."""
@@ -95,15 +91,15 @@ def nuisance(name: str, value: Real) -> str:
     return f"{number(math.exp(value))} {unit}" if unit else f"{number(100 / (1 + math.exp(-value)))} %"
 
 
-def number(value: Real | None, digits: int = 3) -> str:
+def number(value: Real | None) -> str:
     """Three significant digits with a true minus sign; a dash where there is no value."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
-        places = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
+        places = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
         text = f"{value:.{places}f}"
     else:
-        text = f"{value:.{digits - 1}e}"
+        text = f"{value:.2e}"
     return text.replace("-", "−")
 
 
@@ -139,7 +135,7 @@ def verdict_sentence(verdict: Verdict) -> str:
     if verdict.verdict == "named":
         return lacks + _closed(verdict) + "." + _choice(verdict)
     if verdict.verdict == "not_in_catalogue":
-        rest = f": {_shape(verdict.unexplained)}" if verdict.unexplained else ""
+        rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict)
     return (
@@ -181,8 +177,7 @@ def _choice(verdict: Verdict) -> str:
     return f" These data cannot tell {listed(parts, 'nor')}." if parts else ""
 
 
-def _shape(u: Unexplained | None) -> str:
-    if u is None:
-        return ""
-    kind = "a dependence" if u.character == "other" else f"a {u.character} dependence"
-    return f"{kind} of {u.channel} on {u.covariate}"
+def dependence(left: Unexplained) -> str:
+    """Of what on what, and its character where it has one."""
+    kind = "dependence" if left.character == "other" else f"{left.character} dependence"
+    return f"{kind} of {left.channel} on {left.covariate}"

@@ -1,16 +1,14 @@
 """The learned sensor: from what a renderer knows to what the LiDAR reports.
 
-sensor         `LearnedSensor`, and the paper's steps in one function: `simulate_frame`
-predict        the network's intensity of every ray
-unprojected    the same where the network sees the camera's rasters without projection
-checks         whether images are like those that the sensor learned from
-effects        effects that the sensor lacks, on simulated frames
+predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection
+sensor         `LearnedSensor`: a trained run, and whether images are like those that it learned from
+frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
-beside_drive   simulated and measured frames of one drive side by side, for `discover`
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)
+embedded       the sensor that travels with the package
 """
 
-from jaxsim.simulate.predict import make_batch, make_predict, predict_intensity
-from jaxsim.simulate.sensor import LearnedSensor, load, simulate_frame
+from jaxsim.simulate.predict import simulate_frame
+from jaxsim.simulate.sensor import LearnedSensor, load
 
-__all__ = ["LearnedSensor", "load", "make_batch", "make_predict", "predict_intensity", "simulate_frame"]
+__all__ = ["LearnedSensor", "load", "simulate_frame"]

@@ -22,8 +22,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Cloud, Frame, PolarGrid
 from jaxsim.geometry import PRESETS, full_grid, polar_to_points
 from jaxsim.prepare import dense_view
-from jaxsim.simulate.beside_drive import take
-from jaxsim.simulate.effects import with_effects
+from jaxsim.simulate.frames import motion_of, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor
 
 NO_LINES = "none"
@@ -111,8 +110,7 @@ def _dense(
         image, painted = take(learned.simulate_view(batch), 0)
         image = replace(image, valid=painted.valid) if recipe.keep_zero else image
         if effects_model is not None:
-            motion = {"time_s": frame.time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
-            image = with_effects(effects_model, image, painted, grid, key=key, **motion)
+            image = with_effects(effects_model, image, painted, grid=grid, key=key, **motion_of(frame))
         return polar_to_points(image, grid)
     if view.depth_m is None:
         raise ValueError(

@@ -25,8 +25,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.files import claim
 from jaxsim.frame import Cloud, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points, same_grid
-from jaxsim.simulate.beside_drive import about_of, rasters, simulate_batch, take
-from jaxsim.simulate.effects import check_motion, with_effects
+from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 Draw = Callable[[str, Cloud, PolarImage, Painted], None]
@@ -84,7 +83,7 @@ def simulate_folder(
     first_s = 0.0
     if effects_model:
         opening = dataset[positions[0]]
-        check_motion(effects_model, **_motion(opening, 0.0))
+        check_motion(effects_model, **motion_of(opening))
         first_s = opening.time_s or 0.0
     claim_effects(out, effects_model)
     claim_frames(out, sensor=learned.fingerprint, data=data, seed=seed if effects_model else None)
@@ -105,7 +104,7 @@ def simulate_folder(
                 image, under = take((images, painted), k)
                 if effects_model:
                     key = jax.random.fold_in(jax.random.key(seed), position)
-                    image = with_effects(effects_model, image, under, grid, key=key, **_motion(frame, first_s))
+                    image = with_effects(effects_model, image, under, grid=grid, key=key, **motion_of(frame, first_s))
                 cloud = polar_to_points(image, grid)
                 # The polar frame is written last: where it is, the frame is whole.
                 *clouds, _ = _files(out, frame.name, formats)
@@ -122,12 +121,6 @@ def simulate_folder(
 def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """All files of a frame that must be there."""
     return [*(out / "clouds" / f"{name}.{suffix}" for suffix in formats), out / "polar" / f"{name}.npz"]
-
-
-def _motion(frame: Frame, first_s: float) -> dict[str, float | None]:
-    """When a frame was taken, counted from the first, and how the car moved; None where the frame does not say."""
-    time_s = None if frame.time_s is None else frame.time_s - first_s
-    return {"time_s": time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
 
 
 def _announce(folder: Path, grid: PolarGrid, frames: Sequence[Frame]) -> None:

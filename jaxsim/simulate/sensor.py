@@ -9,47 +9,28 @@ from pathlib import Path
 from typing import Any, Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from jaxsim.cloud import place_intensity
-from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import incidence, polar_to_points
-from jaxsim.pix2pix import make_generate, state_shapes
-from jaxsim.prepare import check_view, crop_image, input_channels, paint, window_of
+from jaxsim.geometry import polar_to_points
+from jaxsim.pix2pix import make_generate
+from jaxsim.prepare import check_view, crop_image, input_channels, window_of
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
-from jaxsim.simulate.checks import check_field_of_view, check_image
-from jaxsim.simulate.embedded import is_embedded, read_embedded
-from jaxsim.simulate.predict import Generate, predict_intensity
-from jaxsim.simulate.unprojected import camera_intensity, simulate_unprojected
+from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
+from jaxsim.simulate.predict import camera_intensity, simulate_frame, simulate_unprojected
 
 Projection = Literal["lidar", "none"]
 """What the network sees: the camera's rasters carried to the LiDAR's grid, or only scaled down, as in the paper."""
 Window = tuple[PolarGrid, Float[Array, " rows"]]
-
-
-def simulate_frame(
-    params: Any,
-    view: CameraFrame,
-    grid: PolarGrid,
-    row: Float[Array, " rows"],
-    *,
-    generate: Generate,
-    prepare: PrepareConfig,
-) -> tuple[PolarImage, Painted]:
-    """What the LiDAR reports of a camera's view, and what was painted on its grid on the way.
-
-    The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
-    intensity there, drop the rays of zero intensity. `row` is each beam's place in the sensor, 0 top, 1 bottom.
-    """
-    painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
-    angle, _ = incidence(painted.range_m, painted.valid, grid)
-    rows = jnp.broadcast_to(row[:, None], angle.shape)
-    intensity = predict_intensity(generate, params, painted, angle, rows, prepare=prepare)
-    return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0)), painted
+"""A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
+ASPECT = 0.02
+SIZE = 0.03
+VIEW = 0.05
+"""By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
+0.004 in aspect ratio and by 0.015 in size."""
 
 
 class LearnedSensor:
@@ -94,7 +75,8 @@ class LearnedSensor:
         *batch, _, _, _ = view.rgb.shape
         camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
         self._check_projection(view, projection)
-        return self._simulate[projection](self.params, replace(view, camera=camera), *(window or self.window))
+        grid, row = window or self.window
+        return self._simulate[projection](self.params, replace(view, camera=camera), grid, row=row)
 
     def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:
         """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.
@@ -108,8 +90,9 @@ class LearnedSensor:
         cropped = crop_image(view, prepare.image_crop)
         check_view(cropped, prepare)
         self._check_projection(cropped, "none")
-        intensity = np.asarray(self._intensity(self.params, cropped, *self.window))
-        return place_intensity(intensity, size, crop=prepare.image_crop)
+        grid, row = self.window
+        intensity = self._intensity(self.params, cropped, grid, row=row)
+        return place_intensity(np.asarray(intensity), size, crop=prepare.image_crop)
 
     def _check_projection(self, cropped: CameraFrame, projection: str) -> None:
         if projection not in self._simulate:
@@ -160,6 +143,34 @@ def load(folder: Path | str) -> LearnedSensor:
     if is_embedded(folder):
         return LearnedSensor(*read_embedded())
     run = load_run(folder)
-    channels = input_channels(run.experiment.prepare)
-    like = state_shapes(run.experiment, channels).ema
-    return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", like))
+    return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", shapes_of(run)))
+
+
+def check_image(size: tuple[int, int], run: Run) -> None:
+    """Raises ValueError where images of `size` (rows, columns) have not the aspect ratio and size of the run's."""
+    (h, w), (rows, columns) = size, run.image_size
+    wanted = f"this run learned from images of {columns} x {rows}"
+    if abs((w / h) / (columns / rows) - 1) > ASPECT:
+        raise ValueError(
+            f"simulate: the images are {w} x {h}, an aspect ratio of {w / h:.2f}; {wanted}, {columns / rows:.2f}: "
+            f"render at {columns} x {rows}, or cut them to it"
+        )
+    if abs(w / columns - 1) > SIZE:
+        what = "too coarse" if w < columns else "too fine"
+        raise ValueError(
+            f"simulate: images of {w} x {h} are {what}; {wanted}, and its crop is measured in pixels: render at that "
+            "size, or scale image, depth and labels (the latter two without interpolation) and the camera to it"
+        )
+
+
+def check_field_of_view(camera: Camera, run: Run) -> None:
+    """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
+    without projection only the same view fits."""
+    half = run.experiment.prepare.image_crop[1] / 2
+    own = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
+    its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
+    if abs(its / own - 1) > VIEW:
+        raise ValueError(
+            f"simulate: the camera sees {its:.1f} degrees, the run's {own:.1f}; without projection its pixels would "
+            "not be the run's rays: render with that field of view, or project (--projection lidar)"
+        )

@@ -191,7 +191,7 @@ def _number(position: int) -> str:
 def _write_frame(tree: _Tree, dataset: Dataset, position: int, *, frame: Frame) -> dict[str, Any]:
     """Writes one frame, unless nothing is left of it, and gives its entry in export.json."""
     plan = tree.plan
-    boxes = _labels(plan.labels, dataset, position, frame)
+    boxes = _labels(plan.labels, dataset, position, frame=frame)
     boxes = choose_boxes(boxes, within_reach(boxes, plan.labels.reach_m))
     objects = sum(kind != "DontCare" for kind in boxes.kind)
     entry = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
@@ -209,7 +209,7 @@ def _write_frame(tree: _Tree, dataset: Dataset, position: int, *, frame: Frame) 
     return entry | {"points": points}
 
 
-def _labels(rules: LabelRules, dataset: Dataset, position: int, frame: Frame) -> Boxes:
+def _labels(rules: LabelRules, dataset: Dataset, position: int, *, frame: Frame) -> Boxes:
     """Boxes of a frame, with what is to be written into `occluded`. Raises ValueError where it has no labels."""
     if isinstance(dataset, VirtualKitti2):
         seen = [thing for thing in dataset.objects(position) if thing.pixels > 0]

@@ -1,1 +1,5 @@
-"""The paper's studies: which inputs count (ablation), and Real2Sim2Real, with their tables and pages."""
+"""The paper's studies, with their tables and pages.
+
+ablation, ablation_page  which inputs count: networks that differ in their inputs alone
+real2sim2real            learn the sensor, simulate with it, train detectors, score them on real clouds
+"""

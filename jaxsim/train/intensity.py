@@ -12,7 +12,7 @@ from jaxsim import devices
 from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches
-from jaxsim.evaluate.paired import score_pairs
+from jaxsim.evaluate.intensity import score_pairs
 from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels

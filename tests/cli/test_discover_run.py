@@ -17,7 +17,7 @@ from jaxsim.discover import discover_folders
 from jaxsim.discover.read import read_comparison
 from jaxsim.frame import PolarImage
 from jaxsim.pairs.prepared import prepared
-from jaxsim.simulate.beside_drive import comparable, measured_in
+from jaxsim.simulate.frames import comparable, measured_in
 from jaxsim.simulate.sensor import load
 from jaxsim.train.experiments import load_experiment
 from tests.report import results

@@ -29,7 +29,7 @@ def run(tmp_path, monkeypatch):
         Checkpoints(tmp_path / "run", keep=2).save(step, state=state, network=state.network)
     heights = iter((0.4, 0.0))
 
-    def scored(find, network, scenes, experiment):
+    def scored(find, network, scenes, *, experiment):
         off = np.array([0, 0, next(heights), 0, 0, 0, 0], np.float32)
         found = [Found(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
         return kitti_curves(scenes, found, experiment), found

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.real2sim2real import run
 from jaxsim.config import CloudRecipe
-from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real import settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train import read_experiment
 from jaxsim.train.experiments import load_loop

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxsim.cli.real2sim2real import export_kinds
 from jaxsim.data import KittiObject
-from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real import settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
 

@@ -12,7 +12,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.simulate.sensor import load
-from jaxsim.studies.ablation.stages import draw_unmeasured
+from jaxsim.studies.ablation import draw_unmeasured
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ def test_eight_scenes_are_learned_by_heart():
     for k in range(steps):
         state, metrics = train_step(state, loader[k])
         assert bool(metrics["finite"])
-    curves, _ = score_detector(make_find(EXPERIMENT), state.network, scenes, EXPERIMENT)
+    curves, _ = score_detector(make_find(EXPERIMENT), state.network, scenes, experiment=EXPERIMENT)
     scores = main_scores(curves)
     assert scores["AP_3d_moderate"].count == 48
     assert scores["AP_3d_moderate"].value >= 95, scores

@@ -60,10 +60,11 @@ def test_labels_are_drawn_where_their_corners_project(kitti, samples, number):
     frame, (p2, _) = kitti[number], matrices(samples, number)
     scene = scene_of(frame, "Car", in_image=True)
     image = np.asarray(frame.camera.rgb)
-    picture, bare = (
-        draw_on_image(background, scene.view, found=NOTHING, score=np.zeros(0), labelled=scene.boxes)
-        for background in (image, np.zeros_like(image))
-    )
+
+    def drawn(background):
+        return draw_on_image(background, scene.view, found=NOTHING, score=np.zeros(0), labelled=scene.boxes)
+
+    picture, bare = drawn(image), drawn(np.zeros_like(image))
     corners = labelled_corners(samples, number)
     pixel = np.concatenate([corners, np.ones((*corners.shape[:2], 1))], axis=-1) @ p2.T
     uv = pixel[..., :2] / pixel[..., 2:]

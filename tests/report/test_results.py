@@ -1,8 +1,10 @@
-"""Results as files."""
+"""Results as files, and tables of scores."""
 
 import json
 
-from jaxsim.report.results import list_facts, write_results
+from jaxsim.metrics import Score
+from jaxsim.report import list_scores, score_table, write_list, write_scores
+from jaxsim.report.results import list_facts, markdown_table, write_results
 
 
 def test_json_markdown_and_page_hold_what_was_given(tmp_path):
@@ -20,3 +22,34 @@ def test_without_a_page_the_markdown_is_what_to_open(tmp_path):
 
 def test_facts_are_a_list():
     assert list_facts({"frames": 3, "rules": "official"}) == "- frames: 3\n- rules: official"
+
+
+def test_a_table_has_heads_a_rule_and_a_line_a_row():
+    assert markdown_table(["a", "b"], [["1", "2"], ["3", "4"]]) == "| a | b |\n|---|---|\n| 1 | 2 |\n| 3 | 4 |"
+
+
+SCORES = {"network": {"mae": Score(0.12345, "1", 10), "psnr": Score(20.126, "dB", 10)}}
+
+
+def test_a_row_a_predictor_with_units_in_the_head():
+    assert score_table(SCORES).splitlines() == [
+        "| predictor | mae | psnr (dB) | cells |",
+        "|---|---|---|---|",
+        "| network | 0.1235 | 20.13 | 10 |",
+    ]
+
+
+def test_scores_are_written_with_name_value_unit_and_count(tmp_path):
+    write_scores(tmp_path, SCORES, frames=["a", "b"])
+    content = json.loads((tmp_path / "scores.json").read_text())
+    assert content["frames"] == ["a", "b"]
+    assert content["scores"]["network"]["psnr"] == {"value": 20.126, "unit": "dB", "count": 10}
+    assert (tmp_path / "scores.md").read_text() == f"2 frames\n\n{score_table(SCORES)}\n"
+
+
+def test_a_list_says_what_was_compared(tmp_path):
+    write_list(tmp_path, "generation", SCORES["network"], about={"frames": [2, 3]})
+    assert json.loads((tmp_path / "generation.json").read_text())["frames"] == [2, 3]
+    text = (tmp_path / "generation.md").read_text()
+    assert text == f"frames: [2, 3]\n\n{list_scores(SCORES['network'])}\n"
+    assert "| mae | 0.1235 | 1 | 10 |" in text

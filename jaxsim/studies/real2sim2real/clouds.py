@@ -7,19 +7,14 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import UInt8
-
 from jaxsim.metrics.cloud_checks import DISTANCES_M, REST, CloudCounts, band_name, classes_in, compare_clouds
-from jaxsim.report.markdown import markdown_table
-from jaxsim.report.pictures import save_picture
-from jaxsim.report.results import write_results
-from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
+from jaxsim.report.pictures import Rgb, save_picture
+from jaxsim.report.results import markdown_table, number_or_none, write_results
+from jaxsim.studies.real2sim2real import REAL
+from jaxsim.studies.real2sim2real.charts import class_chart, drop_picture, intensity_chart
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]
 Table = tuple[tuple[str, ...], list[list[str]]]
-REAL = "real"
 BANDS = {band_name(band): f"on one, {band[0]:g}-{band[1]:g} m" for band in DISTANCES_M}
 OF_CLASS = {
     "objects": "objects",
@@ -85,7 +80,7 @@ def check_pictures(counts: Counts, first: str) -> dict[str, Rgb]:
 def plain_rows(counts: Counts, kind: str) -> dict[str, dict[str, float | None]]:
     """Measures of one class for JSON, which has no NaN."""
     return {
-        name: {measure: None if math.isnan(value) else value for measure, value in row.items()}
+        name: {measure: number_or_none(value) for measure, value in row.items()}
         for name, row in check_rows(counts, kind).items()
     }
 

@@ -1,4 +1,4 @@
-"""Real2Sim2Real for people: tables, why they differ, pictures, one page."""
+"""Real2Sim2Real for people: tables, why they differ, pictures from above, one page."""
 
 from __future__ import annotations
 
@@ -7,29 +7,39 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 
+from jaxsim.detect.results import Found
+from jaxsim.detect.scenes import Scene
 from jaxsim.metrics.cloud_checks import CloudCounts
-from jaxsim.report.canvas import data_uri
-from jaxsim.report.page import paragraph, section, table, whole_page
-from jaxsim.report.pictures import save_picture
+from jaxsim.report.boxes import draw_above
+from jaxsim.report.page import figure, image, paragraph, section, table, whole_page
+from jaxsim.report.pictures import Rgb, beside, save_picture
 from jaxsim.report.results import write_results
+from jaxsim.studies.real2sim2real import KINDS, Loop
+from jaxsim.studies.real2sim2real.charts import epochs_chart
 from jaxsim.studies.real2sim2real.clouds import WORDS, check_tables, write_checks
-from jaxsim.studies.real2sim2real.epochs_chart import epochs_chart
-from jaxsim.studies.real2sim2real.settings import KINDS, Loop
-from jaxsim.studies.real2sim2real.tables import HEADS, answer, found_effects, loop_tables, plain_scores, score_cells
+from jaxsim.studies.real2sim2real.scores import (
+    HEADS,
+    answer,
+    epochs_on_real,
+    found_effects,
+    loop_tables,
+    plain_tables,
+    score_cells,
+)
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 Counts = Mapping[str, CloudCounts]
+PANEL = 620
+"""Height of a cloud from above, pixels."""
 
 
 def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
     """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page."""
     pictures = write_checks(loop.out, counts, loop.target, pictures=pictures)
-    if epochs := epochs_chart(loop):
+    if epochs := epochs_chart(epochs_on_real(loop)):
         pictures["epochs"] = epochs.pixels()
         save_picture(loop.out / "pictures" / "epochs.png", pictures["epochs"])
-    content, text = plain_scores(loop, counts), loop_tables(loop, counts)
+    content, text = plain_tables(loop, counts), loop_tables(loop, counts)
     page = _page(loop, counts, pictures)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
@@ -38,22 +48,18 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
     def escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
         return [[escape(cell) for cell in row] for row in rows]
 
-    def figure(name: str, words: str) -> str:
-        if name not in pictures:
-            return ""
-        image = f'<img src="{data_uri(pictures[name])}" style="width:100%" alt="{escape(words)}">'
-        return f"<figure>{image}<figcaption>{escape(words)}</figcaption></figure>"
+    def drawn(name: str, words: str) -> str:
+        return figure(image(pictures[name], words), words) if name in pictures else ""
 
-    checks = check_tables(counts, loop.target)
+    checks, config = check_tables(counts, loop.target), loop.config
 
     def check(title: str) -> str:
         heads, rows = checks[title]
-        shown = figure(f"on_{title.lower()}", f"Points on a {title.lower()}: range, height and intensity")
+        shown = drawn(f"on_{title.lower()}", f"Points on a {title.lower()}: range, height and intensity")
         return f"<h3>{escape(title)}</h3>" + table(heads, escaped(rows), text=1) + shown
 
-    on_real, of_real = score_cells(loop, of_real=False), score_cells(loop, of_real=True)
-    known = "".join(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in loop.config.kinds)
-    config = loop.config
+    heads = ("difficulty", "labels", *HEADS)
+    known = "".join(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
         sentence=answer(loop),
@@ -70,24 +76,64 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
                 paragraph(
                     f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI."
                 )
-                + table(("trained on", "difficulty", "labels", *HEADS), escaped(on_real), text=2)
-                + figure("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
+                + table(("trained on", *heads), escaped(score_cells(loop, of_real=False)), text=2)
+                + drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(("scored on", "difficulty", "labels", *HEADS), escaped(of_real), text=2),
+                table(("scored on", *heads), escaped(score_cells(loop, of_real=True)), text=2),
             ),
             section(
-                "The kinds of clouds", known + figure("clouds", "One frame of the renderer, labelled cars in green")
+                "The kinds of clouds", known + drawn("clouds", "One frame of the renderer, labelled cars in green")
             ),
             section(
                 "Why",
                 paragraph(WORDS)
                 + "".join(check(title) for title in checks)
-                + figure("intensity", "Intensity of the points, logarithmic")
-                + figure("elsewhere", "Points on no object: range, height and intensity")
-                + figure("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
+                + drawn("intensity", "Intensity of the points, logarithmic")
+                + drawn("elsewhere", "Points on no object: range, height and intensity")
+                + drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
-            section("One real frame", figure("found", "What each detector finds (orange); labelled cars in green")),
+            section("One real frame", drawn("found", "What each detector finds (orange); labelled cars in green")),
         ],
     )
+
+
+def draw_kinds(loop: Loop, scenes: Mapping[str, Sequence[Scene]]) -> dict[str, Rgb]:
+    """One frame of the renderer as each kind of cloud, labelled; nothing where no frame is in all of them."""
+    kinds, span = loop.config.kinds, loop.config.detector.voxels.range_m
+    shared = set.intersection(*({scene.name for scene in scenes[kind]} for kind in kinds))
+    if not shared:
+        return {}
+    name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=count_objects).name
+    nothing = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
+    panels = []
+    for kind in kinds:
+        scene = next(s for s in scenes[kind] if s.name == name)
+        panels.append(_panel(scene, span, nothing, title=f"{kind}: {len(scene.points)} points"))
+    return {"clouds": _grid(panels)}
+
+
+def draw_found(loop: Loop, real: Scene, found: Mapping[str, Found]) -> dict[str, Rgb]:
+    """A real frame, and what the detector of each kind of cloud finds in it."""
+    span = loop.config.detector.voxels.range_m
+    return {"found": _grid([_panel(real, span, found[kind], title=f"trained on {kind}") for kind in loop.trained])}
+
+
+def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -> Rgb:
+    labelled = scene.boxes[scene.target]
+    return draw_above(
+        scene.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title, height=PANEL
+    )
+
+
+def _grid(panels: Sequence[Rgb]) -> Rgb:
+    """Panels of one size in rows of three."""
+    rows = [beside(panels[k : k + 3]) for k in range(0, len(panels), 3)]
+    width = max(row.shape[1] for row in rows)
+    return np.concatenate([np.pad(row, ((0, 4), (0, width - row.shape[1]), (0, 0))) for row in rows])
+
+
+def count_objects(scene: Scene) -> int:
+    """Labels of a scene that count: of the class, at some difficulty."""
+    return int((scene.target & (scene.difficulty >= 0)).sum())

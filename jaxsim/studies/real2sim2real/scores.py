@@ -1,20 +1,28 @@
-"""What Real2Sim2Real scored so far, and what the paper scored."""
+"""What Real2Sim2Real scored, the paper's tables with ours beside them, and what they say."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jaxsim.effects.chain import SensorModel
 from jaxsim.files import replacing
-from jaxsim.metrics.detection import Curve
-from jaxsim.studies.real2sim2real.settings import REAL, Loop
+from jaxsim.metrics.cloud_checks import CloudCounts
+from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
+from jaxsim.report.results import markdown_table
+from jaxsim.studies.real2sim2real import REAL, Loop
+from jaxsim.studies.real2sim2real.clouds import check_text, plain_rows
 
-PAPER_ON_REAL: dict[str, dict[str, tuple[float, ...]]] = {
+Counts = Mapping[str, CloudCounts]
+Paper = dict[str, dict[str, tuple[float, ...]]]
+HEADS = ("3D@0.7", "BEV@0.7", "3D@0.5", "BEV@0.5", "2D@0.7", "AOS@0.7")
+"""COLUMNS as the papers print them."""
+PAPER_ON_REAL: Paper = {
     "raw_64": {
         "easy": (63.78, 75.32, 79.93, 80.24, 79.24, 78.58),
         "moderate": (50.50, 62.43, 68.54, 68.91, 66.59, 65.05),
@@ -37,7 +45,7 @@ PAPER_ON_REAL: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 """The paper's second table: trained on a kind, scored on KITTI; AP of Car in the order of COLUMNS."""
-PAPER_OF_REAL: dict[str, dict[str, tuple[float, ...]]] = {
+PAPER_OF_REAL: Paper = {
     "raw_64": {
         "moderate": (88.78, 95.79, 98.94, 99.25, 98.59, 97.89),
         "hard": (77.18, 87.84, 92.47, 93.94, 90.59, 89.51),
@@ -100,3 +108,107 @@ def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, st
         return None
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
     return Average(float(np.mean(values)), spread, len(values), labels)
+
+
+def epochs_on_real(loop: Loop) -> dict[str, list[list[float]]]:
+    """Kind -> for each seed, moderate 3D AP on real clouds at its last checkpoints; none where no label counts."""
+    key = " ".join((*COLUMNS[0], "moderate"))
+    curves = {}
+    for kind in (REAL, *loop.config.kinds):
+        seeds = [found for seed in loop.config.seeds if (found := read_checkpoints(loop, kind, REAL, seed=seed))]
+        known = seeds and seeds[0][0]["ap_r40"].get(key) is not None
+        curves[kind] = [[c["ap_r40"][key] for c in one] for one in seeds] if known else []
+    return curves
+
+
+def score_rows(loop: Loop, *, of_real: bool) -> list[tuple[str, str, list[tuple[Average | None, float | None]]]]:
+    """(kind, difficulty, cells) of the paper's second table, or `of_real` its third; a cell is ours, the paper's."""
+    paper = PAPER_OF_REAL if of_real else PAPER_ON_REAL
+    rows = []
+    for kind in loop.config.kinds if of_real else loop.trained:
+        trained, judged = (REAL, kind) if of_real else (kind, REAL)
+        for difficulty in DIFFICULTIES:
+            theirs = paper.get(kind, {}).get(difficulty) or [None] * len(COLUMNS)
+            ours = [read_average(loop, trained, judged, column=c, difficulty=difficulty) for c in COLUMNS]
+            rows.append((kind, difficulty, list(zip(ours, theirs, strict=True))))
+    return rows
+
+
+def answer(loop: Loop) -> str:
+    """Whether simulated intensity was worth anything: moderate 3D AP on real clouds, against depth alone."""
+
+    def moderate(kind: str) -> Average | None:
+        return read_average(loop, kind, REAL, column=COLUMNS[0], difficulty="moderate")
+
+    simulated, raw = moderate("simulated_64"), moderate("raw_64")
+    if simulated is None or raw is None:
+        return "Not all detectors are scored yet."
+    gain, seeds = simulated.mean - raw.mean, min(simulated.seeds, raw.seeds)
+    spread = f"over {seeds} seeds" if simulated.spread is not None else "one seed, so the spread is not known"
+    text = (
+        f"Cars in real clouds, moderate, 3D AP: {simulated.mean:.1f} after training on simulated intensity, "
+        f"{raw.mean:.1f} without it ({gain:+.1f}"
+    )
+    if simulated.spread is not None and raw.spread is not None:
+        text += f"; standard deviation over seeds {simulated.spread:.1f} and {raw.spread:.1f}"
+    real = moderate(REAL)
+    return f"{text}; {spread})" + (f"; {real.mean:.1f} after training on real clouds." if real else ".")
+
+
+def found_effects(loop: Loop) -> str:
+    """What `discover` found the sensor to lack."""
+    if not loop.effects.is_file():
+        return "discover was not asked"
+    return ", ".join(name for name, _ in SensorModel.load(loop.effects).effects) or "nothing"
+
+
+def score_cells(loop: Loop, *, of_real: bool) -> list[list[str]]:
+    """The rows of `score_rows` as text: ours, the paper's in brackets."""
+    lines = []
+    for kind, difficulty, cells in score_rows(loop, of_real=of_real):
+        labels = next((str(ours.labels) for ours, _ in cells if ours), "-")
+        lines.append([kind, difficulty, labels, *(_cell(ours, theirs) for ours, theirs in cells)])
+    return lines
+
+
+def _cell(ours: Average | None, theirs: float | None) -> str:
+    text = "-" if ours is None else f"{ours.mean:.2f}"
+    text += f" ± {ours.spread:.2f}" if ours and ours.spread is not None else ""
+    return f"{text} ({'-' if theirs is None else f'{theirs:.2f}'})"
+
+
+def loop_tables(loop: Loop, counts: Counts) -> str:
+    """Markdown: both tables of scores, ours (the paper's), and the checks of the clouds."""
+    heads = ("difficulty", "labels", *HEADS)
+    return "\n\n".join(
+        [
+            answer(loop),
+            f"The sensor was found to lack: {found_effects(loop)}.",
+            f"Trained on a kind of cloud, scored on real ones; AP R40 of {loop.target}, last epochs (the paper's):",
+            markdown_table(("trained on", *heads), score_cells(loop, of_real=False)),
+            "Trained on real clouds, scored on each kind:",
+            markdown_table(("scored on", *heads), score_cells(loop, of_real=True)),
+            check_text(counts, loop.target),
+        ]
+    )
+
+
+def plain_tables(loop: Loop, counts: Counts) -> dict[str, object]:
+    """All tables for JSON."""
+    return {
+        "answer": answer(loop),
+        "on_real": _plain_rows(loop, of_real=False),
+        "of_real": _plain_rows(loop, of_real=True),
+        "clouds": plain_rows(counts, loop.target),
+    }
+
+
+def _plain_rows(loop: Loop, *, of_real: bool) -> list[dict[str, object]]:
+    rows = []
+    for kind, difficulty, cells in score_rows(loop, of_real=of_real):
+        row: dict[str, object] = {"clouds": kind, "difficulty": difficulty, "unit": "%"}
+        for head, (ours, paper) in zip(HEADS, cells, strict=True):
+            known = {"value": ours and ours.mean, "spread": ours and ours.spread, "seeds": ours and ours.seeds}
+            row[head] = {**known, "paper": paper}
+        rows.append(row)
+    return rows

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 from pydantic import TypeAdapter
 from tqdm import tqdm
 
@@ -19,16 +18,14 @@ from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
+from jaxsim.report.pictures import Rgb
 from jaxsim.runs.run import Checkpoints
+from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.real2sim2real.page import write_loop
-from jaxsim.studies.real2sim2real.pictures import count_objects, draw_found, draw_kinds
-from jaxsim.studies.real2sim2real.scores import write_score
-from jaxsim.studies.real2sim2real.settings import REAL, WITH_EFFECTS, Loop
-from jaxsim.studies.real2sim2real.tables import loop_tables
+from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, write_loop
+from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.loop import TRAINER, train_apart
 
-Rgb = UInt8[np.ndarray, "h w 3"]
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""
 
@@ -52,11 +49,11 @@ def check_sources(config: LoopConfig) -> None:
             )
 
 
-def kinds_of(scene: Scene) -> tuple[str, ...]:
-    """Classes of the labels; raises ValueError where there are none."""
+def _classes(scene: Scene) -> list[str]:
+    """Of the labelled objects. Raises ValueError where there are no labels."""
     if scene.labels is None:
         raise ValueError(f"real2sim2real: {scene.name} has no labels; choose labelled frames")
-    return scene.labels.kind
+    return [kind for kind in scene.labels.kind if kind.lower() != "dontcare"]
 
 
 class Stages:
@@ -72,7 +69,8 @@ class Stages:
     ):
         """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds: commands, which lie
         above. `trainer` is the program that trains the experiment of a file."""
-        self.loop, self.discover_lacking, self.export, self.trainer = loop, discover, export, trainer
+        self.loop, self.trainer = loop, trainer
+        self.discover_lacking, self.export = discover, export
         self.scenes_of: dict[tuple[str, str], Sequence[Scene]] = {}
         self.counts_of: dict[str, CloudCounts] = {}
 
@@ -135,7 +133,8 @@ class Stages:
         scenes, steps = self.scenes(judged, "validation"), Checkpoints(run).steps[-EPOCHS:]
         find, per_epoch = make_find(experiment), []
         for step in tqdm(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
-            per_epoch.append(score_detector(find, load_detector(run, step=step).network, scenes, experiment)[0])
+            network = load_detector(run, step=step).network
+            per_epoch.append(score_detector(find, network, scenes, experiment=experiment)[0])
         write_score(path, per_epoch, steps=steps, frames=len(scenes))
 
     def counted(self, kind: str) -> CloudCounts:
@@ -143,7 +142,7 @@ class Stages:
         if kind not in self.counts_of:
             voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
             named = (
-                (s.points[in_range(s.points, voxels)], s.boxes, [k for k in kinds_of(s) if k.lower() != "dontcare"])
+                (s.points[in_range(s.points, voxels)], s.boxes, _classes(s))
                 for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
             )
             self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))

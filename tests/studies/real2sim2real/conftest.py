@@ -1,6 +1,6 @@
 import pytest
 
-from jaxsim.studies.real2sim2real.settings import Loop
+from jaxsim.studies.real2sim2real import Loop
 from tests.studies.real2sim2real.made import scored_loop
 
 

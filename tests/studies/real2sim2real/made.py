@@ -7,8 +7,8 @@ import numpy as np
 
 from jaxsim.metrics.cloud_checks import count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
+from jaxsim.studies.real2sim2real import Loop, settle_loop
 from jaxsim.studies.real2sim2real.scores import write_score
-from jaxsim.studies.real2sim2real.settings import Loop, settle_loop
 from jaxsim.train.experiments import load_loop
 
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jaxsim.studies.real2sim2real.settings import settle_loop
+from jaxsim.studies.real2sim2real import settle_loop
 from jaxsim.train.experiments import load_experiment, load_loop, loop_names
 
 

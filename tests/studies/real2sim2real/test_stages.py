@@ -14,8 +14,8 @@ from jaxsim.cli.real2sim2real import export_kinds
 from jaxsim.detect.results import Found
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.studies.real2sim2real.pictures import PANEL, draw_kinds
-from jaxsim.studies.real2sim2real.settings import Loop, settle_loop
+from jaxsim.studies.real2sim2real import Loop, settle_loop
+from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT, scene

@@ -8,8 +8,8 @@ from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
-from jaxsim.simulate.effects import NEEDS, with_effects
 from jaxsim.simulate.folder import claim_effects
+from jaxsim.simulate.frames import NEEDS, with_effects
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)
 SHAPE = (16, 40)
@@ -30,7 +30,7 @@ def frame():
 
 def test_effects_act_on_what_came_back():
     image, painted = frame()
-    after = with_effects(MODEL, image, painted, GRID, key=jax.random.key(0))
+    after = with_effects(MODEL, image, painted, grid=GRID, key=jax.random.key(0))
     np.testing.assert_array_equal(after.valid, image.valid)
     np.testing.assert_allclose(after.range_m[after.valid], 12.12, rtol=1e-5)
     gain = np.exp(np.linspace(-0.3, 0.3, 16))
@@ -40,10 +40,12 @@ def test_effects_act_on_what_came_back():
 def test_a_frame_depends_on_its_key_and_time():
     image, painted = frame()
     model = SensorModel((("random_dropout", {"probability": 0.5}), ("emitter_drift", {"rate": 1.0})))
-    first, same, other = (
-        with_effects(model, image, painted, GRID, key=jax.random.key(k), time_s=t)
-        for k, t in ((0, 0.0), (0, 0.0), (1, 60.0))
-    )
+
+    def at(seed: int, time_s: float) -> PolarImage:
+        return with_effects(model, image, painted, grid=GRID, key=jax.random.key(seed), time_s=time_s)
+
+    first, same = at(0, 0.0), at(0, 0.0)
+    other = at(1, 60.0)
     np.testing.assert_array_equal(first.valid, same.valid)
     assert (first.valid != other.valid).any()
     np.testing.assert_allclose(other.intensity[other.valid], 0.2 / np.e, rtol=1e-5)
@@ -63,9 +65,11 @@ def street():
 def test_motion_distortion_moves_ranges_by_the_frames_speed():
     model = SensorModel((("motion_distortion", {"share": 1.0}),))
     image, painted = street()
-    still, fast = (
-        with_effects(model, image, painted, GRID, key=jax.random.key(0), speed_mps=v).range_m for v in (0.0, 20.0)
-    )
+
+    def ranges(speed_mps: float) -> np.ndarray:
+        return with_effects(model, image, painted, grid=GRID, key=jax.random.key(0), speed_mps=speed_mps).range_m
+
+    still, fast = ranges(0.0), ranges(20.0)
     np.testing.assert_allclose(still, image.range_m, rtol=1e-5)
     # 2 m in a scan: the wall is 1 m farther where the scan begins, 1 m nearer where it ends.
     wall = np.asarray(GRID.elevation_rad) > 0
@@ -79,7 +83,7 @@ def test_ambient_light_stays_in_the_world_as_the_car_turns():
     model = SensorModel((("ambient_light", {"strength": 0.95, "heading_rad": 1.2, "width_rad": 0.15}),))
     image, painted = street()
     for heading, away in ((1.2, 0.0), (1.5, -0.3)):
-        after = with_effects(model, image, painted, GRID, key=jax.random.key(0), heading_rad=heading)
+        after = with_effects(model, image, painted, grid=GRID, key=jax.random.key(0), heading_rad=heading)
         lost = (~after.valid).mean(0)
         middle = np.average(np.asarray(GRID.azimuth_rad), weights=lost)
         assert middle == pytest.approx(away, abs=0.06)
@@ -89,10 +93,12 @@ def test_effects_whose_frames_do_not_say_what_they_need_are_told():
     image, painted = frame()
     light = SensorModel((("ambient_light", {"strength": 0.5}),))
     with pytest.raises(ValueError, match="do not say where the car heads"):
-        with_effects(light, image, painted, GRID, key=jax.random.key(0))
+        with_effects(light, image, painted, grid=GRID, key=jax.random.key(0))
     for name, parameter, what in (("motion_distortion", "share", "speed"), ("emitter_drift", "rate", "time")):
         with pytest.warns(UserWarning, match=f"{name} of the sensor model does nothing here.*{what}"):
-            after = with_effects(SensorModel(((name, {parameter: 1.0}),)), image, painted, GRID, key=jax.random.key(0))
+            after = with_effects(
+                SensorModel(((name, {parameter: 1.0}),)), image, painted, grid=GRID, key=jax.random.key(0)
+            )
         np.testing.assert_allclose(after.range_m[image.valid], 12.0, rtol=1e-5)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.evaluate.fid import _in_batches, frechet_line, frechet_of_run, make_images
+from jaxsim.evaluate.intensity import _in_batches, frechet_line, frechet_of_run, make_images
 from jaxsim.metrics.frechet import frechet_distance, moments
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared

@@ -1,11 +1,10 @@
-"""Every network trained, one after the other."""
+"""Every network trained, one after the other, and named by its inputs."""
 
 import sys
 
 import pytest
 
-from jaxsim.studies.ablation.stages import train_all
-from jaxsim.studies.ablation.table import MODALITIES
+from jaxsim.studies.ablation import MODALITIES, besides, modality, train_all
 
 
 def test_every_network_is_trained_in_its_own_process_and_a_failure_ends_the_command(tmp_path):
@@ -26,3 +25,10 @@ def test_every_network_is_trained_in_its_own_process_and_a_failure_ends_the_comm
     )
     with pytest.raises(SystemExit, match="training edges ended with status 3"):
         train_all("ablation", tmp_path / "out", ["--stop"], trainer=trainer)
+
+
+def test_networks_have_the_papers_names_whatever_the_order_of_their_inputs():
+    assert modality(("edges", "semantic", "rgb", "depth")) == "combined"
+    assert modality(("rgb", "depth", "row")) == "rgb+depth"
+    assert modality(("incidence", "row")) == "none"
+    assert besides(("row", "rgb", "incidence")) == ("row", "incidence")

@@ -1,9 +1,13 @@
-"""Charts of what clouds hold."""
+"""Charts of what clouds hold, and of the last checkpoints."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from jaxsim.metrics.cloud_checks import REST, count_clouds
-from jaxsim.studies.real2sim2real.cloud_charts import class_chart, drop_picture, intensity_chart
+from jaxsim.studies.real2sim2real.charts import class_chart, drop_picture, epochs_chart, intensity_chart
+from jaxsim.studies.real2sim2real.scores import epochs_on_real
 from tests.studies.real2sim2real.made import COUNTS, clouds, street
 
 
@@ -16,7 +20,7 @@ def test_the_drop_maps_carry_their_key():
 
 
 def test_the_chart_draws_a_line_for_each_kind():
-    drawn = intensity_chart({kind: clouds(value) for kind, value in COUNTS.items()})
+    drawn = intensity_chart({kind: clouds(value) for kind, value in COUNTS.items()}, "Car")
     assert [s.text for s in drawn.strokes if getattr(s, "text", "") in COUNTS] == list(COUNTS)
     assert (drawn.pixels() < 128).any()
 
@@ -39,3 +43,14 @@ def test_a_class_chart_draws_range_height_and_intensity_of_its_own_points():
     assert full.sum() == 1
     elsewhere = [s.text for s in class_chart(counts, REST).strokes if hasattr(s, "text")]
     assert "range elsewhere, m" in elsewhere
+
+
+def test_each_kind_has_a_line_over_the_checkpoints_and_a_thin_one_a_seed(scored):
+    drawn = epochs_chart(epochs_on_real(scored))
+    lines = [s for s in drawn.strokes if hasattr(s, "points") and len(s.points) == 3]
+    assert [s.width for s in lines].count(2) == len(COUNTS)
+    assert [s.width for s in lines].count(0.5) == 2 * len(COUNTS)
+    thick = {s.colour: np.mean(s.points, axis=0)[1] for s in lines if s.width == 2}
+    assert len(thick) == len(COUNTS)
+    assert (drawn.pixels() < 128).any()
+    assert epochs_chart(epochs_on_real(replace(scored, config=replace(scored.config, seeds=(7,))))) is None

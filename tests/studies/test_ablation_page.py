@@ -2,8 +2,8 @@
 
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
-from jaxsim.studies.ablation.page import ablation_table, best_networks
-from jaxsim.studies.ablation.table import MODALITIES, AblationRow
+from jaxsim.studies.ablation import MODALITIES
+from jaxsim.studies.ablation_page import AblationRow, ablation_table, best_networks
 
 
 def row(name: str, mae: float, psnr: float, distance: float) -> AblationRow:

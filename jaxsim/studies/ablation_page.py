@@ -1,31 +1,47 @@
-"""The ablation of inputs for people: the paper's table with ours beside it, strips of pictures, one page."""
+"""The ablation of inputs for people: the paper's first table with ours beside it, strips of pictures, one page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from html import escape
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import UInt8
 
-from jaxsim.evaluate.fid import frechet_line
+from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.metrics import Score
+from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.prepare import edge_map
-from jaxsim.report.canvas import data_uri
-from jaxsim.report.frames import Raster, input_panels, intensity_panel
-from jaxsim.report.markdown import markdown_table
-from jaxsim.report.page import paragraph, section, table, whole_page
-from jaxsim.report.pictures import NOTHING, beside, strip
-from jaxsim.report.results import list_facts, write_results
-from jaxsim.studies.ablation.table import PAPER_FID, AblationRow
+from jaxsim.report.page import figure, image, paragraph, section, table, whole_page
+from jaxsim.report.pictures import NOTHING, Raster, Rgb, beside, input_panels, intensity_panel, strip
+from jaxsim.report.results import (
+    Scores,
+    list_facts,
+    markdown_table,
+    plain_scores,
+    score_heads,
+    score_text,
+    write_results,
+)
 
-Rgb = UInt8[np.ndarray, "h w 3"]
-Baselines = Mapping[str, dict[str, Score]]
 SMALL = ("mae", "rmse", "frechet")
 """Scores of which the smallest is best; of the others the largest."""
+PAPER_FID = {"rgb": 89.44, "semantic": 77.01, "edges": 102.61, "depth": 81.43, "combined": 73.81}
+"""FID that the paper's first table gives, after 20 epochs on KITTI-STEP."""
+
+
+@dataclass(frozen=True)
+class AblationRow:
+    """One network of the table."""
+
+    name: str
+    inputs: tuple[str, ...]
+    scores: dict[str, Score]
+    """Of each cell: `mae`, `rmse`, `psnr`, `ssim`, `drop_iou`, `drop_f1`."""
+    frechet: FrechetScore | None
+    """Between predicted and measured images; None where none was asked for."""
 
 
 def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured: PolarImage | None) -> Rgb:
@@ -35,14 +51,13 @@ def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured
     white = np.where(edges[..., None], np.uint8(235), NOTHING)
     inputs = [*input_panels(painted), ("edges", white)]
     if measured is not None:
-        inputs.append(
-            ("measured intensity", intensity_panel(np.asarray(measured.intensity), np.asarray(measured.valid)))
-        )
-    outputs = [(name, intensity_panel(np.asarray(image), valid)) for name, image in predicted.items()]
+        panel = intensity_panel(np.asarray(measured.intensity), np.asarray(measured.valid))
+        inputs.append(("measured intensity", panel))
+    outputs = [(name, intensity_panel(np.asarray(intensity), valid)) for name, intensity in predicted.items()]
     return beside([strip(panels, width=744) for panels in (inputs, outputs)])
 
 
-def ablation_table(rows: Sequence[AblationRow], baselines: Baselines) -> str:
+def ablation_table(rows: Sequence[AblationRow], baselines: Scores) -> str:
     """Markdown: a row a network, the paper's FID beside our scores, the best network in bold; then the baselines."""
     heads, cells = _cells(rows, baselines)
     return markdown_table(heads, [[f"**{text}**" if best else text for text, best in row] for row in cells])
@@ -65,7 +80,7 @@ def best_networks(rows: Sequence[AblationRow]) -> dict[str, str]:
 def write_ablation(
     folder: Path,
     rows: Sequence[AblationRow],
-    baselines: Baselines,
+    baselines: Scores,
     *,
     pictures: Mapping[str, Rgb],
     about: Mapping[str, str],
@@ -73,29 +88,31 @@ def write_ablation(
     """Writes ablation.json, ablation.md and ablation.html, self-contained; gives the page. `about`: facts to print."""
     content = {
         "about": dict(about),
-        "rows": [_plain(row) | {"paper_fid": PAPER_FID.get(row.name)} for row in rows],
-        "baselines": {who: {name: score._asdict() for name, score in row.items()} for who, row in baselines.items()},
+        "rows": [
+            {
+                "name": row.name,
+                "inputs": row.inputs,
+                "scores": plain_scores(row.scores),
+                "frechet": asdict(row.frechet) if row.frechet else None,
+                "paper_fid": PAPER_FID.get(row.name),
+            }
+            for row in rows
+        ],
+        "baselines": {who: plain_scores(row) for who, row in baselines.items()},
     }
     text = f"{list_facts(about)}\n\n{ablation_table(rows, baselines)}\n\n{_notes(rows)}"
-    return write_results(folder, "ablation", content, text=text, page=_page(rows, baselines, pictures, about))
+    page = _page(rows, baselines, pictures=pictures, about=about)
+    return write_results(folder, "ablation", content, text=text, page=page)
 
 
-def _plain(row: AblationRow) -> dict[str, object]:
-    frechet = asdict(row.frechet) if row.frechet else None
-    scores = {name: score._asdict() for name, score in row.scores.items()}
-    return {"name": row.name, "inputs": row.inputs, "scores": scores, "frechet": frechet}
-
-
-def _cells(rows: Sequence[AblationRow], baselines: Baselines) -> tuple[list[str], list[list[tuple[str, bool]]]]:
+def _cells(rows: Sequence[AblationRow], baselines: Scores) -> tuple[list[str], list[list[tuple[str, bool]]]]:
     """Heads, and for each row its cells' text and whether a network is the best there."""
     best, first = best_networks(rows), rows[0]
-    names = list(first.scores)
     distance = [first.frechet.name] if first.frechet else []
-    heads = ["inputs", "FID in the paper", *distance]
-    heads += [n if first.scores[n].unit == "1" else f"{n} ({first.scores[n].unit})" for n in names]
+    heads = ["inputs", "FID in the paper", *distance, *score_heads(first.scores)]
 
-    def score(row: dict[str, Score], who: str | None) -> list[tuple[str, bool]]:
-        return [(f"{row[n].value:.{2 if row[n].unit == 'dB' else 4}f}", best[n] == who) for n in names]
+    def score(row: Mapping[str, Score], who: str | None) -> list[tuple[str, bool]]:
+        return [(score_text(row[name]), best[name] == who) for name in first.scores]
 
     cells = []
     for row in rows:
@@ -108,12 +125,11 @@ def _cells(rows: Sequence[AblationRow], baselines: Baselines) -> tuple[list[str]
 
 
 def _notes(rows: Sequence[AblationRow]) -> str:
-    lines = [f"{row.name}: {frechet_line(row.frechet)}" for row in rows if row.frechet]
-    lines.append(
+    paper = (
         "The paper's column is FID on KITTI-STEP after 20 epochs. Another extractor, set or number of images gives "
         "other values; only the order can be compared."
     )
-    return "\n".join(lines)
+    return "\n".join([*(f"{row.name}: {frechet_line(row.frechet)}" for row in rows if row.frechet), paper])
 
 
 def _sentence(rows: Sequence[AblationRow]) -> str:
@@ -124,25 +140,18 @@ def _sentence(rows: Sequence[AblationRow]) -> str:
 
 
 def _page(
-    rows: Sequence[AblationRow], baselines: Baselines, pictures: Mapping[str, Rgb], about: Mapping[str, str]
+    rows: Sequence[AblationRow], baselines: Scores, *, pictures: Mapping[str, Rgb], about: Mapping[str, str]
 ) -> str:
     heads, cells = _cells(rows, baselines)
     body = [[f"<b>{escape(text)}</b>" if best else escape(text) for text, best in row] for row in cells]
     notes = "".join(paragraph(line) for line in _notes(rows).splitlines())
+    sides = paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.")
     figures = "".join(
-        f'<figure><img src="{data_uri(picture)}" style="width:100%" alt="inputs and predictions of {escape(name)}">'
-        f"<figcaption>{escape(name)}</figcaption></figure>"
-        for name, picture in pictures.items()
+        figure(image(picture, f"inputs and predictions of {name}"), name) for name, picture in pictures.items()
     )
     return whole_page(
         title="jaxsim: which inputs the intensity network needs",
         sentence=_sentence(rows),
         facts=list(about.items()),
-        sections=[
-            section("Scores", table(heads, body, text=1) + notes),
-            section(
-                "Frames",
-                paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.") + figures,
-            ),
-        ],
+        sections=[section("Scores", table(heads, body, text=1) + notes), section("Frames", sides + figures)],
     )

@@ -1,8 +1,9 @@
-"""A trained run beside the sensor that it learned from: simulated and measured polar frames of one drive."""
+"""Simulated frames on the host: batches of them, effects on them, and beside the scans of the drive they are of."""
 
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,20 @@ import numpy as np
 
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
+from jaxsim.effects import scan_of
+from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
-from jaxsim.simulate.checks import check_image
-from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
+from jaxsim.simulate.sensor import LearnedSensor, Projection, Window, check_image
+
+BATCH = 8
+"""Frames that a comparison simulates together."""
+NEEDS = {"emitter_drift": "time", "ambient_light": "heading", "motion_distortion": "speed"}
+"""Effects that act by what a frame says of itself."""
+DIRECTED = ("ambient_light",)
+"""Those that act elsewhere where it does not; the others then do nothing."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -66,6 +75,62 @@ def about_of(frame: Frame) -> dict[str, Any]:
     return {"scene": frame.scene} | {key: value for key, value in known.items() if value is not None}
 
 
+def motion_of(frame: Frame, first_s: float = 0.0) -> dict[str, float | None]:
+    """When a frame was taken, counted from `first_s`, and how the car moved; None where the frame does not say."""
+    time_s = None if frame.time_s is None else frame.time_s - first_s
+    return {"time_s": time_s, "speed_mps": frame.speed_mps, "heading_rad": frame.heading_rad}
+
+
+def with_effects(
+    model: SensorModel,
+    image: PolarImage,
+    painted: Painted,
+    *,
+    grid: PolarGrid,
+    key: Array,
+    time_s: float | None = None,
+    speed_mps: float | None = None,
+    heading_rad: float | None = None,
+) -> PolarImage:
+    """One simulated frame (rows, columns) as a sensor with these effects reports it (host memory).
+
+    `time_s` counts from the recording's first frame, speed and heading are as in `Frame`. The effects see what the
+    polar frame's file holds, so that effects which `discover` found in files act here on the same rays. Raises and
+    warns as `check_motion`.
+    """
+    check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
+    about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
+    scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
+    scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))
+    return take(model.simulate(scan, key), 0)
+
+
+def check_motion(
+    model: SensorModel, *, time_s: float | None, speed_mps: float | None, heading_rad: float | None
+) -> None:
+    """Warns of effects that do nothing because a frame does not say how the car moves, or when it was taken.
+
+    Raises ValueError for an effect that acts in a direction of the world on a frame that does not say where the car
+    heads: it would act in the wrong one.
+    """
+    known = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
+    for name, _ in model.effects:
+        what = NEEDS.get(name)
+        if what is None or known[what] is not None:
+            continue
+        if name in DIRECTED:
+            raise ValueError(
+                f"simulate: {name} of the sensor model acts in a direction of the world, and these frames do not say "
+                "where the car heads; take frames that do (kitti_raw with its oxts/, synthetic), or take the effect "
+                "out of sensor.json"
+            )
+        warnings.warn(
+            f"simulate: {name} of the sensor model does nothing here: these frames do not say their {what} (kitti_raw "
+            "has it in oxts/data and velodyne_points/timestamps.txt)",
+            stacklevel=1,
+        )
+
+
 def measured_in(window: Window, frame: Frame, *, lines: int) -> PolarImage:
     """The frame's own scan on a run's window (host memory); `lines` are all those of the sensor.
 
@@ -91,7 +156,6 @@ def write_pairs(
     positions: Sequence[int],
     *,
     out: Path,
-    batch: int = 8,
     say: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, Path]:
     """Simulates frames of a data set with a run and writes them to OUT/simulated, and the scans themselves, on the
@@ -113,9 +177,9 @@ def write_pairs(
             )
     window, lines = learned.window, learned.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
-    for first in range(0, len(positions), batch):
-        frames = [dataset[p] for p in positions[first : first + batch]]
-        images, painted, _ = simulate_batch(learned, frames, min(batch, len(positions)))
+    for first in range(0, len(positions), BATCH):
+        frames = [dataset[p] for p in positions[first : first + BATCH]]
+        images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

@@ -1,0 +1,187 @@
+"""The paper's first table: networks that differ in their inputs alone, trained, judged on the same frames, drawn."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
+from jaxsim.data import open_dataset, select
+from jaxsim.evaluate.intensity import baseline_scores, frechet_of_run, require_images, score_pairs
+from jaxsim.metrics.inception import Extractor
+from jaxsim.pairs.prepared import prepared
+from jaxsim.report import save_picture
+from jaxsim.report.pictures import Rgb
+from jaxsim.simulate.frames import simulate_batch, take
+from jaxsim.simulate.predict import make_predict
+from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.studies.ablation_page import AblationRow, ablation_picture, ablation_table, write_ablation
+from jaxsim.train.loop import TRAINER, train_apart
+
+MODALITIES: dict[str, tuple[InputName, ...]] = {
+    "rgb": ("rgb",),
+    "semantic": ("semantic",),
+    "edges": ("edges",),
+    "depth": ("depth",),
+    "combined": ("rgb", "depth", "semantic", "edges"),
+}
+"""The five networks of the paper, by the names of its table."""
+
+
+def besides(inputs: Sequence[InputName]) -> tuple[InputName, ...]:
+    """Those that the paper has not, as the laser line: every network of a table has the same of them."""
+    return tuple(name for name in inputs if name not in MODALITIES["combined"])
+
+
+def modality(inputs: Sequence[InputName]) -> str:
+    """The name of a network by the paper's inputs that it has: the paper's name, or the inputs themselves."""
+    own = [name for name in inputs if name in MODALITIES["combined"]]
+    return next((name for name, paper in MODALITIES.items() if set(own) == set(paper)), "+".join(own) or "none")
+
+
+def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSensor]:
+    """Sensors by the name of their inputs, those of the paper in its order, then others as they were given.
+
+    `sensors` are by the name of their run. Raises ValueError for two networks of the same inputs, and for runs that
+    learned from other frames, targets or windows, naming the settings that differ.
+    """
+    first = next(iter(sensors))
+    reference = _compared(sensors[first].run.experiment)
+    named: dict[str, LearnedSensor] = {}
+    for run, sensor in sensors.items():
+        settings = _compared(sensor.run.experiment)
+        if other := [key for key in settings if settings[key] != reference[key]]:
+            told = ", ".join(f"{key} is {settings[key]!r} and {reference[key]!r}" for key in other)
+            raise ValueError(f"ablation: {run} and {first} differ in more than their inputs: {told}; train them alike")
+        name = modality(sensor.run.experiment.prepare.inputs)
+        if name in named:
+            raise ValueError(f"ablation: two runs have the inputs {name}, one of them is {run}; leave one out")
+        named[name] = sensor
+    order = [*MODALITIES, *named]
+    return dict(sorted(named.items(), key=lambda item: order.index(item[0])))
+
+
+def _compared(experiment: Experiment) -> dict[str, Any]:
+    """Settings in which runs of one table must agree: all that decides what is learned, but for the inputs."""
+    data = replace(experiment.data, cache=Path(), root=experiment.data.root and experiment.data.root.resolve())
+    parts = {
+        "data": data,
+        "prepare": replace(experiment.prepare, inputs=besides(experiment.prepare.inputs)),
+        **{name: getattr(experiment, name) for name in ("generator", "discriminator", "loss", "optim")},
+    }
+    return {f"{part}.{key}": value for part, config in parts.items() for key, value in vars(config).items()}
+
+
+def labelled_prepare(sensors: Mapping[str, LearnedSensor]) -> PrepareConfig:
+    """How to prepare the frames that all networks are judged on: with labels where any of them sees them."""
+    settings = [sensor.run.experiment.prepare for sensor in sensors.values()]
+    return next((s for s in settings if {"semantic", "edges"} & {*s.inputs}), settings[0])
+
+
+def train_all(
+    experiment: str,
+    out: Path,
+    flags: Sequence[str],
+    *,
+    more: Sequence[str] = (),
+    trainer: Sequence[str] = TRAINER,
+) -> list[Path]:
+    """Trains the experiment once for each of MODALITIES, with `more` inputs, one after the other; the runs' folders.
+
+    `trainer`, a program, itself resumes, refuses a run of other settings, and has nothing to do for one that is
+    finished. Ends the program with its exit status where it fails.
+    """
+    runs = []
+    for name, inputs in reversed(MODALITIES.items()):  # combined first: its pairs have labels and serve all
+        print(f"ablation: {name} ({', '.join(inputs)})", flush=True)
+        named = ["--prepare.inputs", *inputs, *more, "--run.name", name, "--run.out", str(out)]
+        status = train_apart(experiment, *flags, *named, trainer=trainer)
+        if status:
+            sys.exit(f"error: ablation: training {name} ended with status {status}; the same command resumes")
+        runs.insert(0, out / name)
+    return runs
+
+
+def compare_networks(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    frames: str = "",
+    extractor: Extractor | None = None,
+    pictures: int = 4,
+    unmeasured: tuple[DataConfig, str] | None = None,
+) -> None:
+    """Judges the networks of runs on the same frames, and writes and prints their table.
+
+    `frames` are those to judge, by default the runs' validation frames; `unmeasured` is a renderer's data set and its
+    frames to draw as well. Raises ValueError for runs that cannot be compared, and for too few frames.
+    """
+    # Runs: the same frames, targets and settings, other inputs.
+    sensors = named_sensors({str(folder): load(folder) for folder in folders})
+    experiment = next(iter(sensors.values())).run.experiment
+    data, prepare = experiment.data, labelled_prepare(sensors)
+    predicts = {name: make_predict(s.generate, s.run.experiment.prepare) for name, s in sensors.items()}
+
+    # Frames: one set for all.
+    dataset = open_dataset(data)
+    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare=prepare)
+    if extractor:
+        require_images(len(judged), extractor)
+    train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
+    baselines = baseline_scores(train, judged, [None] * len(judged))
+
+    # Scores.
+    rows = []
+    for name, sensor in sensors.items():
+        scores = score_pairs(predicts[name], sensor.params, judged)
+        own, frechet = sensor.run.experiment.prepare, None
+        if extractor:
+            frechet = frechet_of_run(
+                sensor.generate,
+                sensor.params,
+                judged,
+                extractor=extractor,
+                prepare=own,
+                cache=data.cache / "statistics",
+            )
+        rows.append(AblationRow(name, tuple(own.inputs), scores, frechet))
+        print(f"ablation: {name}: mae {scores['mae'].value:.4f}", flush=True)
+
+    # Pictures: evenly spread over the frames.
+    drawn = {}
+    for k in np.unique(np.linspace(0, len(judged) - 1, min(pictures, len(judged))).round().astype(int)).tolist():
+        pair = judged[k]
+        outputs = {name: np.asarray(predicts[name](sensor.params, pair)) for name, sensor in sensors.items()}
+        drawn[judged.names[k]] = ablation_picture(pair.painted, outputs, pair.measured)
+    if unmeasured:
+        drawn |= draw_unmeasured(sensors, *unmeasured)
+    for name, picture in drawn.items():
+        save_picture(out / "pictures" / f"{name.replace('/', '_')}.png", picture)
+
+    about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
+    if more := besides(prepare.inputs):
+        about["every network also sees"] = ", ".join(more)
+    about |= {"updates": str(experiment.optim.steps), "batch": str(experiment.optim.batch)}
+    page = write_ablation(out, rows, baselines, pictures=drawn, about=about)
+    print(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")
+
+
+def draw_unmeasured(sensors: Mapping[str, LearnedSensor], source: DataConfig, frames: str) -> dict[str, Rgb]:
+    """Pictures of a renderer's frames, which have no measured intensity."""
+    dataset = open_dataset(source)
+    pictures = {}
+    for position in select(frames, dataset):
+        frame = dataset[position]
+        outputs = {}
+        painted = None
+        for name, sensor in sensors.items():
+            images, painted, _ = simulate_batch(sensor, [frame], 1)
+            image = take(images, 0)
+            outputs[name] = image.intensity * image.valid
+        pictures[f"{source.kind}: {frame.name}"] = ablation_picture(take(painted, 0), outputs, None)
+    return pictures

@@ -1,1 +1,0 @@
-"""The paper's first table: what each kind of input is worth to the intensity network."""

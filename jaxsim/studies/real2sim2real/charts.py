@@ -1,0 +1,184 @@
+"""Charts of Real2Sim2Real: what kinds of clouds hold, and how detectors end their training."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil, floor, log10
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.metrics.cloud_checks import EDGES, REST, CloudCounts, drop_map
+from jaxsim.report.canvas import FAINT, INK, RULE, Canvas
+from jaxsim.report.pictures import Rgb, colour_scalar, strip
+
+Counts = Mapping[str, CloudCounts]
+Shares = Float[np.ndarray, " n"]
+COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
+"""Of real, then of the kinds in their order."""
+_LEFT = 60
+_TOP = 40
+_WIDTH = 380
+_HEIGHT = 230
+_GAP = 70
+_KEY = 130
+_DECADES = 4
+"""Of a logarithmic panel, from 1 down."""
+_STEP = {"range": 10.0, "height": 1.0, "intensity": 0.25}
+"""Between two marks of an axis."""
+
+
+class _Panel(NamedTuple):
+    """One histogram of all kinds of clouds."""
+
+    kind: str
+    quantity: str
+    together: int
+    """Bins of EDGES that make one of the chart."""
+    words: str
+    logarithmic: bool = False
+
+
+def _panels(kind: str) -> tuple[_Panel, _Panel, _Panel]:
+    on = "elsewhere" if kind == REST else f"on {kind.lower()}s"
+    return (
+        _Panel(kind, "range", 2, f"range {on}, m"),
+        _Panel(kind, "height", 2, f"height above the LiDAR {on}, m"),
+        _Panel(kind, "intensity", 5, f"intensity {on}", True),
+    )
+
+
+def class_chart(counts: Counts, kind: str) -> Canvas:
+    """Distributions of range, height and intensity of the points on a class of object, or of REST."""
+    return _histograms(counts, _panels(kind))
+
+
+def intensity_chart(counts: Counts, kind: str) -> Canvas:
+    """Distribution of intensity on a class of object and elsewhere, a line each kind of cloud."""
+    return _histograms(counts, (_panels(kind)[2], _panels(REST)[2]))
+
+
+def drop_picture(counts: Counts) -> Rgb:
+    """Share of the scenes in which a direction returns nothing, a panel each kind of cloud; the key below."""
+    maps = {f"{kind}: share without a return": drop_map(own) for kind, own in counts.items()}
+    columns = next(iter(maps.values())).shape[1]
+    key = np.broadcast_to(np.linspace(0, 1, columns), (max(columns // 60, 1), columns))
+    maps["key: 0, every scene returns (left), to 1, none does (right)"] = key
+    panels = [
+        (title, colour_scalar(part, np.ones(part.shape, bool), low=0.0, high=1.0)) for title, part in maps.items()
+    ]
+    return strip(panels, width=900)
+
+
+def epochs_chart(curves: Mapping[str, Sequence[Sequence[float]]]) -> Canvas | None:
+    """Moderate 3D AP (percent) on real clouds at each of the last checkpoints: a line a kind, the mean over the seeds,
+    and a thin line a seed. `curves` are a kind's, one a seed; None where no kind has any."""
+    known = [one for seeds in curves.values() for one in seeds]
+    if not known:
+        return None
+    # Seeds may have kept different numbers of checkpoints; what they share is the end of the training.
+    count = min(map(len, known))
+    top = max(10.0, float(np.ceil(max(map(max, known)) / 10) * 10))
+    width, height = 560, 260
+    canvas = Canvas(max(_LEFT + width + 20, _LEFT + _KEY * len(curves)), _TOP + height + 50)
+    _colour_key(canvas, tuple(curves))
+    x = _LEFT + width * (np.arange(count) + 0.5) / count
+    _rules(canvas, [top * part / 5 for part in range(6)], left=_LEFT, width=width, height=height)
+    for k in range(count):
+        words = "last" if k == count - 1 else f"last - {count - 1 - k}"
+        canvas.text(float(x[k]), _TOP + height + 16, words, anchor="middle", size=11, colour=FAINT)
+    for k, seeds in enumerate(curves.values()):
+        if not seeds:
+            continue
+        colour = COLOURS[k]
+        values = np.array([one[-count:] for one in seeds], float)
+        for one in values if len(values) > 1 else ():
+            canvas.line(np.column_stack([x, _TOP + height * (1 - one / top)]), colour=colour, width=0.5)
+        y = _TOP + height * (1 - values.mean(0) / top)
+        canvas.line(np.column_stack([x, y]), colour=colour, width=2)
+        for a, b in zip(x, y, strict=True):
+            canvas.dot(float(a), float(b), colour=colour, radius=3)
+    canvas.text(_LEFT + width / 2, _TOP + height + 36, "checkpoint", anchor="middle", size=12, colour=INK)
+    canvas.text(14, _TOP + height / 2, "3D AP, moderate, %", anchor="middle", size=12, turned=True)
+    return canvas
+
+
+def _colour_key(canvas: Canvas, kinds: Sequence[str]) -> None:
+    """A line and a name for each kind of cloud, along the top."""
+    for k, kind in enumerate(kinds):
+        x = _LEFT + k * _KEY
+        canvas.line([(x, 14), (x + 20, 14)], colour=COLOURS[k], width=2)
+        canvas.text(x + 25, 18, kind, size=12)
+
+
+def _rules(canvas: Canvas, marks: Sequence[float], *, left: float, width: float, height: float) -> None:
+    """Level lines at even steps from the bottom up, each with its mark."""
+    for k, mark in enumerate(marks):
+        y = _TOP + height * (1 - k / (len(marks) - 1))
+        canvas.line([(left, y), (left + width, y)], colour=RULE, width=0.5)
+        canvas.text(left - 6, y + 4, f"{mark:g}", anchor="end", size=11, colour=FAINT)
+
+
+def _shares(counts: Counts, panel: _Panel) -> dict[str, Shares]:
+    """Each kind of cloud's share of points in each bin of the chart, where it has any."""
+    shares = {}
+    for name, own in counts.items():
+        histogram = own.histograms.get(panel.kind, {}).get(panel.quantity)
+        if histogram is not None and histogram.sum():
+            shares[name] = histogram.reshape(-1, panel.together).sum(1) / histogram.sum()
+    return shares
+
+
+def _histograms(counts: Counts, panels: Sequence[_Panel]) -> Canvas:
+    width = max(len(panels) * (_WIDTH + _GAP) - _GAP + _LEFT + 20, _LEFT + _KEY * len(counts))
+    canvas = Canvas(width, _TOP + _HEIGHT + 50)
+    _colour_key(canvas, tuple(counts))
+    for k, panel in enumerate(panels):
+        _draw(canvas, counts, panel, left=_LEFT + k * (_WIDTH + _GAP))
+    canvas.text(14, _TOP + _HEIGHT / 2, "share of the points", anchor="middle", size=12, turned=True)
+    return canvas
+
+
+def _draw(canvas: Canvas, counts: Counts, panel: _Panel, *, left: float) -> None:
+    shares = _shares(counts, panel)
+    edges, step = EDGES[panel.quantity][:: panel.together], _STEP[panel.quantity]
+    middles = (edges[1:] + edges[:-1]) / 2
+    first, last = _span(shares, edges, step)
+    top = 1.0 if panel.logarithmic else _round_up(max((float(share.max()) for share in shares.values()), default=0.0))
+
+    def x_of(value: float) -> float:
+        return left + (value - first) / (last - first) * _WIDTH
+
+    def y_of(share: Shares) -> Shares:
+        # No share is none: below the last decade the line lies on the axis.
+        level = np.log10(np.maximum(share, 1e-9)) / _DECADES + 1 if panel.logarithmic else share / top
+        return _TOP + _HEIGHT * (1 - np.clip(level, 0, 1))
+
+    marks = [10.0 ** (part - _DECADES) if panel.logarithmic else top * part / 4 for part in range(5)]
+    _rules(canvas, marks, left=left, width=_WIDTH, height=_HEIGHT)
+    for value in np.arange(first, last + 1e-9, step):
+        canvas.text(x_of(value), _TOP + _HEIGHT + 16, f"{value:g}", anchor="middle", size=11, colour=FAINT)
+    canvas.text(left + _WIDTH / 2, _TOP + _HEIGHT + 36, panel.words, anchor="middle", size=12, colour=INK)
+    for k, name in enumerate(counts):
+        if name in shares:
+            seen = (middles > first) & (middles < last)
+            points = [(x_of(float(m)), float(y)) for m, y in zip(middles[seen], y_of(shares[name][seen]), strict=True)]
+            canvas.line(points, colour=COLOURS[k], width=1.8)
+            for x, y in points:
+                canvas.dot(x, y, colour=COLOURS[k], radius=1.5)
+
+
+def _span(shares: Mapping[str, Shares], edges: Float[np.ndarray, " m"], step: float) -> tuple[float, float]:
+    """The part of the axis that holds points, in whole steps; all of it where none does."""
+    filled = sum(shares.values(), np.zeros(len(edges) - 1)) > 0
+    low, high = (edges[:-1][filled].min(), edges[1:][filled].max()) if filled.any() else (edges[0], edges[-1])
+    return floor(low / step + 1e-6) * step, ceil(high / step - 1e-6) * step
+
+
+def _round_up(value: float) -> float:
+    """To 1, 2, 4 or 8 times a power of ten."""
+    if value <= 0:
+        return 1.0
+    power = 10.0 ** (ceil(log10(value)) - 1)
+    return next(step * power for step in (1, 2, 4, 8, 10) if step * power >= value * (1 - 1e-9))
