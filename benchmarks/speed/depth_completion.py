@@ -25,8 +25,8 @@ from jaxsim.data.kitti_files import raw_camera, read_image
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import UNITS, benchmark_errors, depth_errors, depth_scores
 from jaxsim.prepare.depth import METHODS
-from jaxsim.prepare.depth.frames import depth_frame
 from jaxsim.prepare.depth.penet import open_penet
+from jaxsim.prepare.depth.sparse import depth_frame
 from jaxsim.report import depth_picture, save_picture
 
 CROP = (352, 1216)
@@ -71,7 +71,10 @@ def score(title: str, frames: list[DepthFrame], penet: Path | None) -> list[tupl
     print(f"  {'by the benchmark: all, interpolated':<40}{heads}")
     for name, made in guesses.items():
         pairs = zip(made, frames, strict=True)
-        print(row(name, [benchmark_errors(*guess, frame.truth_m, frame.known) for guess, frame in pairs]), flush=True)
+        print(
+            row(name, [benchmark_errors(*guess, frame.truth_m, known=frame.known) for guess, frame in pairs]),
+            flush=True,
+        )
     return [(name, *made[0]) for name, made in guesses.items()]
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jaxsim.evaluate.generation import generation_scores, open_folder
-from jaxsim.metrics.generation.rangenet import load_rangenet
+from jaxsim.metrics.rangenet import load_rangenet
 from jaxsim.report import list_scores, write_list
 
 

@@ -55,17 +55,6 @@ class Moments:
         return self.scatter / (self.count - 1)
 
 
-def moments(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Moments:
-    """Of features that arrive batch by batch. Raises ValueError where none does."""
-    total: Moments | None = None
-    for batch in batches:
-        more = Moments.of(batch)
-        total = more if total is None else total.merge(more)
-    if total is None:
-        raise ValueError("frechet: there are no images")
-    return total
-
-
 def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]:
     """A with A A' = C, without the directions in which C is nothing but rounding."""
     values, vectors = scipy.linalg.eigh(covariance)

@@ -82,7 +82,7 @@ def _painted(
 ) -> tuple[Painted, Float[np.ndarray, "rows columns"], PolarGrid, Float[np.ndarray, " rows"]]:
     """The camera's rasters on its polar window, the incidence angle there, the window, and each beam's place."""
     view = dense_view(frame, config)
-    grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config)
+    grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
@@ -113,7 +113,11 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
-            view = _completed(view, pad_cloud(_measured(frame)), config, rows_cut=rows_cut)
+            cloud = pad_cloud(_measured(frame))
+            depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, config.image_crop))
+            view = complete_view(
+                view, depth_m, valid, method=config.depth, weights=config.depth_weights, rows_cut=rows_cut
+            )
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -151,7 +155,7 @@ def _check_labels(view: CameraFrame, config: PrepareConfig) -> None:
 
 
 def window_of(
-    camera: Camera, size: tuple[int, int], spec: LidarSpec, config: PrepareConfig
+    camera: Camera, size: tuple[int, int], spec: LidarSpec, *, config: PrepareConfig
 ) -> tuple[PolarGrid, Float[np.ndarray, " rows"]]:
     """The polar window that the crop of a camera's image (`size`: rows, columns) covers, and each beam's place
     in the sensor (0 top line, 1 bottom line)."""
@@ -163,7 +167,8 @@ def window_of(
 
 def _offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
     """Rows cut off the top and columns off the left."""
-    (h, w), (rows, columns) = size, crop
+    h, w = size
+    rows, columns = crop
     if h < rows or w < columns:
         raise ValueError(
             f"prepare: the image is {w} x {h}, smaller than the crop of {columns} x {rows}; lower "
@@ -202,8 +207,3 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
             "the window is finer than the sensor's azimuth step, and the gaps would be learned as dropped rays; "
             f"lower --prepare.columns to about {round(0.8 * hit.sum())}"
         )
-
-
-def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, *, rows_cut: int) -> CameraFrame:
-    depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
-    return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)

@@ -31,7 +31,8 @@ def theirs(vectors):
 
 def inputs(vectors):
     sparse = (vectors["sparse_depth_u16_div256"] / 256).astype(np.float32)[None]
-    return vectors["rgb_u8"][None].astype(np.float32), sparse, sparse > 0, vectors["K"][None]
+    arrays = vectors["rgb_u8"][None].astype(np.float32), sparse, sparse > 0, vectors["K"][None]
+    return tuple(jnp.asarray(array) for array in arrays)
 
 
 def drawn(shapes, seed):
@@ -65,7 +66,7 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
     @jax.jit
     def run(values):
         network = nnx.merge(definition(width, "published"), values)
-        seen = network.coarse(rgb, sparse, given, intrinsics, train=False)
+        seen = network.coarse(rgb, sparse, given, intrinsics=intrinsics, train=False)
         guides = {
             "guide3_sub": network.iter_guide_layer3(seen.fine, train=False)[:, ::8, ::16],
             "guide5_s2_sub": network.iter_guide_layer5_s2(seen.coarse, train=False)[:, ::4, ::8],
@@ -76,7 +77,7 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
             x = getattr(b, f"rgb_encoder_layer{2 * k + 1}")(x, geo[k], geo[k + 1], train=False)
             x = getattr(b, f"rgb_encoder_layer{2 * k + 2}")(x, geo[k + 1], geo[k + 1], train=False)
         half = twice(from_neighbours(network.iter_guide_layer3_s2(seen.coarse, train=False)))
-        first = step(jnp.unstack(half, axis=-1), seen.fused, seen.fused, 2)
+        first = step(jnp.unstack(half, axis=-1), seen.fused, seen.fused, dilation=2)
         return seen, guides, first, network.refine(seen, sparse, given, train=False), x
 
     seen, guides, first, final, encoded = jax.tree.map(np.asarray, run(values))
@@ -132,7 +133,7 @@ def test_depth_spreads_as_the_formula_says(k, dilation):
     depth, start = rng.uniform(1, 9, (2, 1, h, w)).astype(np.float32)
     moved = np.asarray(jax.jit(from_neighbours)(guide))
     taps = [moved[..., o] for o in range(k * k)]
-    out = np.asarray(jax.jit(step, static_argnums=3)(taps, depth, start, dilation))
+    out = np.asarray(jax.jit(step, static_argnames="dilation")(taps, depth, start, dilation=dilation))
     for row in range(h):
         for column in range(w):
             total = 0.0

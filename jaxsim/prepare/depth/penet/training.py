@@ -17,16 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from flax import nnx, struct
+from jax import Array
 from jaxtyping import Float
 
 from jaxsim.config import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.frame import DepthFrame
-from jaxsim.prepare.depth.penet.completion import check_crop
+from jaxsim.prepare.depth.penet import check_crop
 from jaxsim.prepare.depth.penet.layers import Mode
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
-Array = Any
+Loss = Literal["square", "huber"]
 STORED = ("running_mean", "running_var")
 
 
@@ -89,14 +90,14 @@ def branch_weight(epoch: int) -> float:
     return 0.2 if epoch <= 1 else 0.05 if epoch <= 3 else 0.0
 
 
-def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "huber"] = "square") -> Array:
+def masked_error(guess_m: Array, batch: DepthFrame, loss: Loss = "square") -> Array:
     """Mean squared error, m², over pixels whose depth is known; Huber's takes 2|e| - 1 where an error e exceeds 1 m."""
     off = jnp.abs(guess_m - batch.truth_m)
     error = off**2 if loss == "square" else jnp.where(off < 1, off**2, 2 * off - 1)
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
-def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Literal["square", "huber"]) -> Array:
+def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Loss) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
     colour = masked_error(seen.colour, batch, loss)
     depth = masked_error(seen.depth, batch, loss)
@@ -109,8 +110,8 @@ def train_step(
     state: PenetState,
     batch: DepthFrame,
     lr: Array,
-    weight: Array,
     *,
+    weight: Array,
     config: PenetConfig,
     part: Part,
     norms: Norms = "batch",
@@ -126,7 +127,7 @@ def train_step(
     def loss_of(values: Values) -> tuple[Array, tuple[Values, Array]]:
         network = nnx.merge(frozen, values)
         rgb = batch.rgb.astype(jnp.float32)
-        seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=train)
+        seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=train)
         if part == "branches":
             guess = seen.fused
             loss = branches_error(seen, batch, weight, loss=config.loss)
@@ -158,11 +159,12 @@ def train_step(
 def predict(values: Values, batch: DepthFrame, *, config: PenetConfig, part: Part) -> Float[Array, "b h w"]:
     """Dense depth after a stage: of the fused branches, or refined."""
     network = nnx.merge(definition(config.width, "exact"), values)
-    seen = network.coarse(batch.rgb.astype(jnp.float32), batch.sparse_m, batch.given, batch.intrinsics, train=False)
+    rgb = batch.rgb.astype(jnp.float32)
+    seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=False)
     return seen.fused if part == "branches" else network.refine(seen, batch.sparse_m, batch.given, train=False)
 
 
-def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random.Generator) -> DepthFrame:
+def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: np.random.Generator) -> DepthFrame:
     """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
 
     Raises ValueError where the stage's crop is larger than the frame.
@@ -213,7 +215,9 @@ class Batches:
 
     def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
         """Raises ValueError where the frames do not fill a batch of some stage."""
-        self.frames, self.config, self.seed = frames, config, seed
+        self.frames = frames
+        self.config = config
+        self.seed = seed
         self.steps = [steps_of(stage, len(frames)) for stage in config.stages]
         self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
 
@@ -229,14 +233,8 @@ class Batches:
     def __getitem__(self, k: int) -> DepthFrame:
         number, epoch, place = self.place(k)
         stage = self.config.stages[number]
-        return batch_of(self.frames, stage, self.config, seed=self.seed, number=number, epoch=epoch, place=place)
-
-
-def batch_of(
-    frames: Sequence[DepthFrame], stage: Stage, config: PenetConfig, *, seed: int, number: int, epoch: int, place: int
-) -> DepthFrame:
-    """Batch `place` of an epoch of stage `number`: depends on these alone."""
-    order = np.random.default_rng([seed, number, epoch]).permutation(len(frames))
-    chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
-    parts = [augment(frames[i], stage, config, np.random.default_rng([seed, number, epoch, i])) for i in chosen]
-    return jax.tree.map(lambda *column: np.stack(column), *parts)
+        of_epoch = [self.seed, number, epoch]
+        order = np.random.default_rng(of_epoch).permutation(len(self.frames))
+        chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
+        parts = [augment(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen]
+        return jax.tree.map(lambda *column: np.stack(column), *parts)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
-from jaxsim.metrics.generation.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
+from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
 from jaxsim.weights import Arrays, Converter, fit, load_weights
 
 BLOCKS = (1, 2, 8, 8, 4)
@@ -89,15 +89,19 @@ def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS)
     """Values of the network from the published arrays."""
     values: Values = {}
     for name, (_, norm) in layers(width, blocks).items():
-        scale, shift, mean, variance = (arrays[f"{norm}.{part}"].astype(np.float64) for part in NORM)
-        scale = scale / np.sqrt(variance + BATCH_NORM_EPS)
+        stored = {part: arrays[f"{norm}.{part}"].astype(np.float64) for part in NORM}
+        scale = stored["weight"] / np.sqrt(stored["running_var"] + BATCH_NORM_EPS)
+        shift = stored["bias"]
         weight = arrays[f"{name}.weight"]
         if name.endswith("upconv"):
             # A transposed convolution is one with the taps reversed.
             kernel, bias = weight.transpose(2, 3, 0, 1)[:, ::-1], arrays[f"{name}.bias"]
         else:
             kernel, bias = weight.transpose(2, 3, 1, 0), np.zeros_like(shift)
-        values[name] = (kernel * scale).astype(np.float32), (shift + (bias - mean) * scale).astype(np.float32)
+        values[name] = (
+            (kernel * scale).astype(np.float32),
+            (shift + (bias - stored["running_mean"]) * scale).astype(np.float32),
+        )
     return values
 
 
@@ -170,10 +174,8 @@ def range_features(
 ) -> Float[np.ndarray, "m 4096"]:
     """LiDARGen's features of scans that arrive in batches of points, remissions (0..1) and which are real."""
     row, column, channel = _chosen()
-    found = []
-    for xyz, remission, valid in scans:
-        found.append(np.asarray(decoder_map(values, network_image(xyz, remission, valid)))[:, row, column, channel])
-    return np.concatenate(found)
+    maps = (np.asarray(decoder_map(values, network_image(*scan))) for scan in scans)
+    return np.concatenate([found[:, row, column, channel] for found in maps])
 
 
 def load_rangenet(path: Path) -> Values:

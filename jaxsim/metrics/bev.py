@@ -33,7 +33,6 @@ UP_RAD, DOWN_RAD = np.deg2rad(3.0), np.deg2rad(25.0)
 SIGMA = 0.5
 LIDM_HALF_M = 50.0
 LIDM_CELL_M = 0.05
-LIDM_MATCH_CELL_M = 0.5
 
 
 @jax.jit
@@ -168,17 +167,10 @@ def mmd(a: Float[np.ndarray, "n r c"], b: Float[np.ndarray, "m r c"], *, definit
 
 def lidm_occupancy(clouds: Iterable[Float[np.ndarray, "_n 3"]]) -> Float[np.ndarray, "2000 2000"]:
     """How many of the clouds have a point in each 5-cm cell within 50 m."""
-    side = round(2 * LIDM_HALF_M / LIDM_CELL_M)
-    total = np.zeros(side * side, np.float32)
+    half = round(LIDM_HALF_M / LIDM_CELL_M)
+    total = np.zeros((2 * half) ** 2, np.float32)
     for cloud in clouds:
-        cells = lidm_cells(cloud, LIDM_CELL_M)
-        total[cells[:, 0] * side + cells[:, 1]] += 1
-    return total.reshape(side, side)
-
-
-def lidm_cells(cloud: Float[np.ndarray, "n 3"], cell_m: float) -> np.ndarray:
-    """Occupied cells (k, 2) of one cloud within 50 m, each once."""
-    place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
-    half = round(LIDM_HALF_M / cell_m)
-    cells = np.floor(place / np.float32(cell_m)).astype(int) + half
-    return np.unique(np.clip(cells, 0, 2 * half - 1), axis=0)
+        place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
+        cells = np.clip(np.floor(place / np.float32(LIDM_CELL_M)).astype(int) + half, 0, 2 * half - 1)
+        total[np.unique(cells[:, 0] * 2 * half + cells[:, 1])] += 1
+    return total.reshape(2 * half, 2 * half)

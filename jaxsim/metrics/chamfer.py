@@ -5,14 +5,11 @@ A table of all distances of two scans of 120 000 points would have 14 billion en
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
-
-from jaxsim.metrics.generation.bev import LIDM_HALF_M, LIDM_MATCH_CELL_M, lidm_cells
 
 Points = Float[np.ndarray, "_n d"]
 LIDAR_ALPHA_PER_M2 = 1.0
@@ -50,7 +47,7 @@ class Chamfer(NamedTuple):
     """0 (alike) to 1; see `chamfer`."""
 
 
-def chamfer(a: Points, b: Points, *, alpha_per_m2: float = LIDAR_ALPHA_PER_M2) -> Chamfer:
+def chamfer(a: Points, b: Points) -> Chamfer:
     """Chamfer distance and its density-aware form (Wu et al. 2021, eq. 6).
 
     There, a point x whose nearest is y counts 1 - exp(-alpha |x - y|^2) s / n(y), with n(y) the points that share y
@@ -61,22 +58,10 @@ def chamfer(a: Points, b: Points, *, alpha_per_m2: float = LIDAR_ALPHA_PER_M2) -
 
     def density(near: Nearest, here: int, there: int) -> float:
         shared = np.bincount(near.index, minlength=there)[near.index]
-        return float(np.mean(1 - np.exp(-alpha_per_m2 * near.square) / shared * (here / there)))
+        return float(np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * near.square) / shared * (here / there)))
 
     return Chamfer(
         distance_m=float(np.sqrt(to_b.square).mean() + np.sqrt(to_a.square).mean()) / 2,
         square_m2=float(to_b.square.mean() + to_a.square.mean()) / 2,
         density_aware=(density(to_b, len(a), len(b)) + density(to_a, len(b), len(a))) / 2,
     )
-
-
-def minimum_matching_distance(
-    reference: Sequence[Float[np.ndarray, "_n 3"]], generated: Sequence[Float[np.ndarray, "_m 3"]]
-) -> float:
-    """LiDAR-Diffusion's MMD: for each reference scan the least Chamfer distance (squared) to any generated one.
-
-    Over occupied cells of half a metre, in shares of the grid's side. Mean over the reference.
-    """
-    side = 2 * LIDM_HALF_M / LIDM_MATCH_CELL_M
-    cells = [[lidm_cells(cloud, LIDM_MATCH_CELL_M) / side for cloud in clouds] for clouds in (reference, generated)]
-    return float(np.mean([min(chamfer(a, b).square_m2 for b in cells[1]) for a in cells[0]]))
