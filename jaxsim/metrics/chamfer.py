@@ -17,25 +17,6 @@ LIDAR_ALPHA_PER_M2 = 1.0
 published 1000 is for objects of size 1."""
 
 
-class Nearest(NamedTuple):
-    """From each point of one cloud to the nearest of the other."""
-
-    square: Float[np.ndarray, " n"]
-    index: np.ndarray
-
-
-def _nearest(a: Points, b: Points) -> tuple[Nearest, Nearest]:
-    for cloud in (a, b):
-        if len(cloud) == 0:
-            raise ValueError("chamfer: a cloud is empty; leave the frame out")
-        if not np.isfinite(cloud).all():
-            raise ValueError("chamfer: a cloud has points that are not finite; leave them out")
-    first = KDTree(np.asarray(a, np.float64))
-    second = KDTree(np.asarray(b, np.float64))
-    (d1, i1), (d2, i2) = second.query(first.data), first.query(second.data)
-    return Nearest(d1**2, np.asarray(i1)), Nearest(d2**2, np.asarray(i2))
-
-
 class Chamfer(NamedTuple):
     """Distances between two clouds, both directions averaged."""
 
@@ -54,14 +35,17 @@ def chamfer(a: Points, b: Points) -> Chamfer:
     and s the ratio of both clouds' sizes: a cloud that clumps where the other is even is far from it. Raises
     ValueError for empty clouds.
     """
-    to_b, to_a = _nearest(a, b)
-
-    def density(near: Nearest, here: int, there: int) -> float:
-        shared = np.bincount(near.index, minlength=there)[near.index]
-        return float(np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * near.square) / shared * (here / there)))
-
-    return Chamfer(
-        distance_m=float(np.sqrt(to_b.square).mean() + np.sqrt(to_a.square).mean()) / 2,
-        square_m2=float(to_b.square.mean() + to_a.square.mean()) / 2,
-        density_aware=(density(to_b, len(a), len(b)) + density(to_a, len(b), len(a))) / 2,
-    )
+    for cloud in (a, b):
+        if len(cloud) == 0:
+            raise ValueError("chamfer: a cloud is empty; leave the frame out")
+        if not np.isfinite(cloud).all():
+            raise ValueError("chamfer: a cloud has points that are not finite; leave them out")
+    trees = KDTree(np.asarray(a, np.float64)), KDTree(np.asarray(b, np.float64))
+    means = []
+    for here, there in (trees, trees[::-1]):
+        distance, nearest = there.query(here.data)
+        square = distance**2
+        shared = np.bincount(nearest, minlength=there.n)[nearest]
+        density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (here.n / there.n))
+        means.append((np.sqrt(square).mean(), square.mean(), density))
+    return Chamfer(*(float(one + other) / 2 for one, other in zip(*means, strict=True)))

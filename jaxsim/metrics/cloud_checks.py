@@ -69,11 +69,7 @@ class CloudCounts:
                     self.on_objects.setdefault(kind, {}).setdefault(band, []).append(int(inside[:, k].sum()))
         names = np.array([*kinds, REST])
         owner = np.where(inside.any(axis=1), inside.argmax(axis=1), len(kinds)) if len(kinds) else np.zeros(len(points))
-        values = {
-            "range": np.linalg.norm(points[:, :3], axis=1),
-            "height": points[:, 2],
-            "intensity": points[:, 3],
-        }
+        values = {"range": np.linalg.norm(points[:, :3], axis=1), "height": points[:, 2], "intensity": points[:, 3]}
         for kind in {*names.tolist()}:
             mine = names[owner.astype(int)] == kind
             table = self.histograms.setdefault(kind, {name: np.zeros(len(edges) - 1) for name, edges in EDGES.items()})

@@ -45,9 +45,7 @@ def _blur(x: Array, window: Array) -> Array:
 
 @jax.jit
 def ssim_map(
-    x: Float[Array, "*b rows columns"],
-    y: Float[Array, "*b rows columns"],
-    m: Bool[Array, "*b rows columns"],
+    x: Float[Array, "*b rows columns"], y: Float[Array, "*b rows columns"], m: Bool[Array, "*b rows columns"]
 ) -> Float[Array, "*b rows columns"]:
     """Structural similarity in which cells outside `m` have no weight; 0 outside `m`.
 

@@ -109,9 +109,7 @@ def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
     kernel, bias = map(jnp.asarray, values[name])
     convolve = partial(
-        jax.lax.conv_general_dilated,
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        precision=jax.lax.Precision.HIGHEST,
+        jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=jax.lax.Precision.HIGHEST
     )
     if name.endswith("upconv"):
         x = convolve(x, kernel, (1, 1), ((0, 0), (2, 2)), lhs_dilation=(1, 2))

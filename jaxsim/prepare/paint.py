@@ -175,9 +175,8 @@ def surface_depth(
 ) -> Float[Array, "*b rows columns"]:
     """By how much the pixels of one surface may differ in range within a cell, in metres.
 
-    `occlusion_m`, or a tenth of the range if that is more, plus one and a half times the change per cell of
-    the surface in front, along rows and columns. Pixels that differ by more lie on different surfaces: the
-    cell is occluded.
+    `occlusion_m`, or a tenth of the range if that is more, plus one and a half times the change per cell of the surface
+    in front, along rows and columns. Pixels that differ by more lie on different surfaces: the cell is occluded.
     """
     slant = _slope(nearest_m, valid, -2) + _slope(nearest_m, valid, -1)
     return jnp.maximum(occlusion_m, _RELATIVE * nearest_m) + _SLANT * slant

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
-from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, points_to_polar
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
@@ -47,8 +47,8 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         raise ValueError(
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
-    painted, angle, grid, place = _painted(frame, spec, config)
-    first = round(float(place[0]) * (spec.rows - 1))
+    pair, grid = prepare_view(frame, spec, config)
+    first = round(float(pair.row[0, 0]) * (spec.rows - 1))
     cloud = pad_cloud(replace(cloud, row=(line - first).astype(np.int32)))
     measured = jax.tree.map(np.asarray, points_to_polar(cloud, grid)[0])
     _check_gaps(frame.name, measured.valid)
@@ -63,7 +63,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         )
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
-    return _pair(painted, angle, place, target=target, measured=measured), grid
+    return replace(pair, target=target, measured=measured), grid
 
 
 def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[Pair, PolarGrid]:
@@ -71,34 +71,20 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
 
     Raises ValueError where the frame lacks what the config asks for: labels, depth, image size.
     """
-    painted, angle, grid, place = _painted(frame, spec, config)
-    nothing = np.zeros(angle.shape, np.float32)
-    measured = PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool))
-    return _pair(painted, angle, place, target=nothing, measured=measured), grid
-
-
-def _painted(
-    frame: Frame, spec: LidarSpec, config: PrepareConfig
-) -> tuple[Painted, Float[np.ndarray, "rows columns"], PolarGrid, Float[np.ndarray, " rows"]]:
-    """The camera's rasters on its polar window, the incidence angle there, the window, and each beam's place."""
     view = dense_view(frame, config)
     grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
-    return painted, np.where(known, angle, np.float32(np.pi / 2)), grid, place
-
-
-def _pair(
-    painted: Painted,
-    incidence_rad: Float[np.ndarray, "rows columns"],
-    place: Float[np.ndarray, " rows"],
-    *,
-    target: Float[np.ndarray, "rows columns"],
-    measured: PolarImage,
-) -> Pair:
-    row = np.broadcast_to(place[:, None], incidence_rad.shape).copy()
-    return Pair(painted=painted, incidence_rad=incidence_rad, row=row, target=target, measured=measured)
+    nothing = np.zeros(angle.shape, np.float32)
+    pair = Pair(
+        painted=painted,
+        incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
+        row=np.broadcast_to(place[:, None], angle.shape).copy(),
+        target=nothing,
+        measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),
+    )
+    return pair, grid
 
 
 def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:

@@ -7,8 +7,8 @@ from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
 from jaxsim.pix2pix.vgg import BLOCKS, load_vgg
 from jaxsim.prepare.depth import penet
-from jaxsim.prepare.depth.penet import open_penet, published_shapes
-from jaxsim.prepare.depth.penet.published import STEM
+from jaxsim.prepare.depth.penet import open_penet
+from jaxsim.prepare.depth.penet.published import STEM, published_shapes
 
 
 @pytest.fixture

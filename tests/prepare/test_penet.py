@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from jaxsim.prepare.depth.penet import CONVERTERS, from_published, published_shapes, to_published
 from jaxsim.prepare.depth.penet.cspn import Guide, from_neighbours, propagate, step
 from jaxsim.prepare.depth.penet.geometry import coordinates, nearest_of_four, twice
 from jaxsim.prepare.depth.penet.layers import MOST_SCALE, MOST_SHIFT, BatchNorm, TransposedConv
-from jaxsim.prepare.depth.penet.published import abstract, create, definition
+from jaxsim.prepare.depth.penet.published import (
+    CONVERTERS,
+    abstract,
+    create,
+    definition,
+    from_published,
+    published_shapes,
+    to_published,
+)
 
 UNREAD = ("encoder3", "encoder5", "encoder7")
 

@@ -27,7 +27,6 @@ from jaxsim.prepare.depth.penet.training import (
     masked_error,
     predict,
     rate,
-    steps_of,
     train_step,
 )
 from jaxsim.prepare.depth.sparse import depth_frame, where_backed
@@ -207,9 +206,9 @@ def test_cropping_and_mirroring_move_the_camera_with_the_image(seed):
 def test_a_batch_depends_on_its_place_alone():
     jax.tree.map(np.testing.assert_array_equal, batch(1), batch(1))
     assert (batch(1).rgb != batch(2).rgb).any()
-    assert steps_of(STAGES[0], 5) == 2
+    assert Batches([plane(0)] * 5, CONFIG, seed=0).steps == [2, 2, 2]
     with pytest.raises(ValueError, match="1 training frames do not fill"):
-        steps_of(STAGES[0], 1)
+        Batches([plane(0)], CONFIG, seed=0)
     with pytest.raises(ValueError, match="the branches stage crops 32 x 64"):
         augment(plane(0, (16, 96)), STAGES[0], CONFIG, rng=np.random.default_rng(0))
 

@@ -117,11 +117,7 @@ class Candidates(NamedTuple):
 
 
 def candidates(
-    pairs: Pairs,
-    frame: Int[np.ndarray, " n"],
-    *,
-    rank: Int[np.ndarray, " p"],
-    liking: Float[np.ndarray, " p"],
+    pairs: Pairs, frame: Int[np.ndarray, " n"], *, rank: Int[np.ndarray, " p"], liking: Float[np.ndarray, " p"]
 ) -> Candidates:
     """Lists of candidates: lowest `rank` first, then highest `liking`, then the order of the detections' file."""
     order = np.lexsort((pairs.detection, -liking, rank, pairs.truth))

@@ -37,11 +37,7 @@ def _diamond(size: int) -> Array:
 
 
 def fill_in_fast(
-    depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    *,
-    extrapolate: bool = False,
-    blur: Blur = "bilateral",
+    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     """The quick form: points grow by the same number of pixels at every distance.
 
@@ -63,11 +59,7 @@ def fill_in_fast(
 
 
 def fill_in_multiscale(
-    depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    *,
-    extrapolate: bool = False,
-    blur: Blur = "bilateral",
+    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, slower."""
     sparse = _inverted(depth_m, valid)

@@ -28,22 +28,8 @@ from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check
 from jaxsim.prepare.denoise.lidia.network import Variant
 from jaxsim.weights import ABOUT, Arrays, Converter, fit, load_weights
 
-__all__ = [
-    "CONVERTER",
-    "Lidia",
-    "Variant",
-    "apply",
-    "from_published",
-    "open_lidia",
-    "published_shapes",
-    "save_lidia",
-    "to_published",
-]
-
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"
-PREFIX = "state_dict."
-"""A checkpoint holds the network beside its optimiser."""
 
 
 def _name(path: Any) -> str:
@@ -67,7 +53,10 @@ def variant_of(arrays: Mapping[str, np.ndarray]) -> Variant:
 
 
 def _kept(arrays: Arrays) -> Arrays:
-    state = {name.removeprefix(PREFIX): array for name, array in arrays.items() if not name.startswith("optimizer")}
+    # A checkpoint holds the network under `state_dict`, beside its optimiser.
+    state = {
+        name.removeprefix("state_dict."): array for name, array in arrays.items() if not name.startswith("optimizer")
+    }
     return fit(state, published_shapes(variant_of(state)))
 
 

@@ -33,23 +33,9 @@ from jaxsim.prepare.depth.penet.published import (
     Values,
     definition,
     from_published,
-    published_shapes,
     to_published,
 )
 from jaxsim.weights import ABOUT, kind_of, load_weights
-
-__all__ = [
-    "CONVERTERS",
-    "NEAREST_M",
-    "Penet",
-    "check_crop",
-    "complete",
-    "from_published",
-    "open_penet",
-    "published_shapes",
-    "save_penet",
-    "to_published",
-]
 
 NEAREST_M = 0.1
 """A guess nearer than this is none, as for points and in IP-Basic."""

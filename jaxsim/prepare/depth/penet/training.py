@@ -99,10 +99,8 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Loss = "square") -> Ar
 
 def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Loss) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
-    colour = masked_error(seen.colour, batch, loss)
-    depth = masked_error(seen.depth, batch, loss)
-    fused = masked_error(seen.fused, batch, loss)
-    return (1 - 2 * weight) * fused + weight * (colour + depth)
+    apart = masked_error(seen.colour, batch, loss) + masked_error(seen.depth, batch, loss)
+    return (1 - 2 * weight) * masked_error(seen.fused, batch, loss) + weight * apart
 
 
 @partial(jax.jit, static_argnames=("config", "part", "norms"), donate_argnames="state")
@@ -139,14 +137,16 @@ def train_step(
     (loss, (after, square)), gradient = jax.value_and_grad(loss_of, has_aux=True)(state.values)
     change, optim = optimiser(config).update(gradient, state.optim, state.values)
 
-    def updated(path: Any, old: Array, new: Array, delta: Array) -> Array:
+    # Shares of the rate: each of the first two stages moves its own part alone.
+    of_backbone = {"branches": 1.0, "refinement": 0.0, "joint": config.backbone_lr}[part]
+    of_rest = {"branches": 0.0, "refinement": 1.0, "joint": 1.0}[part]
+
+    def updated(path: Any, old: Array, *news: Array) -> Array:
         """Statistics are what the batches were; parameters move where the stage lets them."""
+        new, delta = news
         if path[-1].key in STORED:
             return new
-        branch = path[0].key == "backbone"
-        share = {"branches": float(branch), "refinement": float(not branch)}.get(
-            part, config.backbone_lr if branch else 1.0
-        )
+        share = of_backbone if path[0].key == "backbone" else of_rest
         return old - lr * share * delta if share else old
 
     values = jax.tree.map_with_path(updated, state.values, after, change)
@@ -202,23 +202,23 @@ def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
     return np.clip(np.round(grey + (x - grey) * saturation), 0, 255).astype(np.uint8)
 
 
-def steps_of(stage: Stage, frames: int) -> int:
-    """Updates in an epoch: the last, smaller batch is left out. Raises ValueError where not one batch is full."""
-    if frames < stage.batch:
-        raise ValueError(f"penet: {frames} training frames do not fill the {stage.part} stage's batch of {stage.batch}")
-    return frames // stage.batch
-
-
 class Batches:
     """All batches of a training, stage after stage: batch k depends on (seed, k) alone, so a resumed run sees what an
     uninterrupted one would."""
 
     def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
         """Raises ValueError where the frames do not fill a batch of some stage."""
+        for stage in config.stages:
+            if len(frames) < stage.batch:
+                raise ValueError(
+                    f"penet: {len(frames)} training frames do not fill the {stage.part} stage's batch of {stage.batch}"
+                )
         self.frames = frames
         self.config = config
         self.seed = seed
-        self.steps = [steps_of(stage, len(frames)) for stage in config.stages]
+        self.steps = [
+            len(frames) // stage.batch for stage in config.stages
+        ]  # an epoch's last, smaller batch is left out
         self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
 
     def __len__(self) -> int:
