@@ -64,6 +64,7 @@ def lidargen_points(
     range_m: Float[Array, "*b 64 1024"], filled: Bool[Array, "*b 64 1024"]
 ) -> tuple[Float[Array, "*b n 3"], Bool[Array, "*b n"]]:
     """The cloud that LiDARGen takes its histogram of: logarithmic ranges up to 63 m at the cells' corners."""
+    # The program's own constants: its images hold log2(range + 1) / 6, so 63 m is 1.
     log = jnp.clip(jnp.log2(range_m + 0.0001 + 1.0) / 6, 0.0, 1.0)
     depth = jnp.exp2(6 * log) - 1
     yaw = np.pi * (np.arange(SCAN_COLUMNS) / SCAN_COLUMNS * 2 - 1)
@@ -87,6 +88,7 @@ def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[A
     range_m = jnp.sqrt((xyz_m * xyz_m).sum(-1))
     place = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
     inside = valid & (range_m > NEAREST_M) & (range_m < FARTHEST_M) & ((place >= 0) & (place < BINS)).all(-1)
+    # One cell beyond the table takes what is left out: `drop` loses it.
     cell = jnp.where(inside, place[..., 0] * BINS + place[..., 1], float(BINS * BINS)).astype(jnp.int32)
 
     def one(cell: Array) -> Array:
@@ -131,6 +133,7 @@ def _scaled(histograms: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, "n r c"
 @jax.jit
 def _spectral_squares(one: Float[Array, "r c"], many: Float[Array, "n r c"]) -> Float[Array, " n"]:
     difference = many - one[None]
+    # The spectral norm squared is the largest eigenvalue of D' D.
     gram = jnp.einsum("nri,nrj->nij", difference, difference, precision=jax.lax.Precision.HIGHEST)
     return jnp.linalg.eigvalsh(gram)[:, -1]
 

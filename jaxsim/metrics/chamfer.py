@@ -45,6 +45,7 @@ def chamfer(a: Points, b: Points) -> Chamfer:
     for here, there in (trees, trees[::-1]):
         distance, nearest = there.query(here.data)
         square = distance**2
+        # n(y): how many points of this cloud have the same nearest point in the other.
         shared = np.bincount(nearest, minlength=there.n)[nearest]
         density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (here.n / there.n))
         means.append((np.sqrt(square).mean(), square.mean(), density))

@@ -72,6 +72,7 @@ def interpolate_background(
         np.where(inside, depth_m[rows[:, None], place.clip(0, w - 1)], np.inf)
         for place, inside in ((before, before >= 0), (behind, behind < w))
     ]
+    # Rows outside the first and last that have depth copy those; an empty row in between stays empty.
     some = np.flatnonzero(valid.any(axis=1))
     if not some.size:
         return np.zeros_like(depth_m), np.zeros_like(valid)

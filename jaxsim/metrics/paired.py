@@ -57,6 +57,7 @@ def ssim_map(
     window = window / window.sum()
     weight = m.astype(jnp.float32)
     x, y = jnp.where(m, x, 0.0), jnp.where(m, y, 0.0)
+    # At least 1e-6: where no cell of the window counts, 0 / 0 becomes 0, and the mask leaves it out.
     total = jnp.maximum(_blur(weight, window), 1e-6)
     mean_x = _blur(x, window) / total
     mean_y = _blur(y, window) / total
@@ -66,7 +67,7 @@ def ssim_map(
     var_x = xx - mean_x**2
     var_y = yy - mean_y**2
     covariance = xy - mean_x * mean_y
-    c1, c2 = 0.01**2, 0.03**2
+    c1, c2 = 0.01**2, 0.03**2  # K squared, data range 1
     similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
         (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
     )

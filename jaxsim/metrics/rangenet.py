@@ -112,6 +112,7 @@ def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
         jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=jax.lax.Precision.HIGHEST
     )
     if name.endswith("upconv"):
+        # Columns are doubled: zeros between, and 2 on both sides for the kernel of 4.
         x = convolve(x, kernel, (1, 1), ((0, 0), (2, 2)), lhs_dilation=(1, 2))
     else:
         half = kernel.shape[0] // 2

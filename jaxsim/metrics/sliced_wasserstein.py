@@ -119,6 +119,7 @@ def sliced_wasserstein(a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray,
         for repeat in range(REPEATS):
             fold = jax.random.fold_in(jax.random.fold_in(key, 2**30 + level), repeat)
             directions = jax.random.normal(fold, (x.shape[1], DIRECTIONS))
+            # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.
             directions = directions / jnp.std(directions, axis=0, ddof=1, keepdims=True)
             distances.append(float(sliced(x, y, directions)))
         scores[f"swd_{16 << level}"] = float(np.mean(distances))

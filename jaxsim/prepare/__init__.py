@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jaxsim.prepare.channels import CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.depth.sparse import sparse_depth
+from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.paint import paint, paint_raster
 from jaxsim.prepare.pairs import (
     check_networks,

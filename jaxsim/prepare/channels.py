@@ -97,6 +97,7 @@ def edge_map(semantic: Int[Array, "*b h w"], instance: Int[Array, "*b h w"]) -> 
     down = (semantic[..., 1:, :] != semantic[..., :-1, :]) | (instance[..., 1:, :] != instance[..., :-1, :])
     right = (semantic[..., 1:] != semantic[..., :-1]) | (instance[..., 1:] != instance[..., :-1])
     batch = [(0, 0)] * (semantic.ndim - 2)
+    # A pair of neighbours marks both: the mask of the pairs is shifted onto each of the two.
     beside_rows = jnp.pad(down, [*batch, (1, 0), (0, 0)]) | jnp.pad(down, [*batch, (0, 1), (0, 0)])
     beside_columns = jnp.pad(right, [*batch, (0, 0), (1, 0)]) | jnp.pad(right, [*batch, (0, 0), (0, 1)])
     return beside_rows | beside_columns

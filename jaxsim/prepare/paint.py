@@ -40,6 +40,7 @@ def paint(camera_frame: CameraFrame, grid: PolarGrid, *, occlusion_m: float = 1.
     pick = partial(_pick, winner=winner, valid=valid)
     rgb = camera_frame.rgb.reshape(*batch, h * w, 3)
     rgb = jnp.take_along_axis(rgb, winner[..., None], axis=-2, mode="clip")
+    # A beam starts at its own height: the range is measured from there, not from the origin of `velo`.
     rise = pick(z) - grid.origin_m.reshape((1,) * len(batch) + (-1, 1))
     nothing = jnp.zeros((*batch, h, w), jnp.int32)
     semantic = pick(nothing if camera_frame.semantic is None else camera_frame.semantic).astype(jnp.int32)
@@ -115,6 +116,7 @@ def _winners(
     *batch, n = away_m.shape
     rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
+    # A cell's number counts over the whole batch: one scatter serves all its images.
     inside = known & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
     image = jnp.arange(math.prod(batch), dtype=jnp.int32).reshape(*batch, 1)
     cells = math.prod(batch) * rows * columns

@@ -18,8 +18,8 @@ from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, 
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
+from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.depth.penet import check_crop, open_penet
-from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.paint import paint
 
 
@@ -48,6 +48,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
     pair, grid = prepare_view(frame, spec, config)
+    # The window's grid counts its own lines: its top one is line `first` of the sensor.
     first = round(float(pair.row[0, 0]) * (spec.rows - 1))
     cloud = pad_cloud(replace(cloud, row=(line - first).astype(np.int32)))
     measured = jax.tree.map(np.asarray, points_to_polar(cloud, grid)[0])

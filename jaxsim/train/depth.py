@@ -22,9 +22,9 @@ from jaxsim.data import open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
+from jaxsim.prepare.depth.frames import Batches, depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
-    Batches,
     begin_stage,
     branch_weight,
     check_sizes,
@@ -33,7 +33,6 @@ from jaxsim.prepare.depth.penet.training import (
     rate,
     train_step,
 )
-from jaxsim.prepare.depth.sparse import depth_frame, where_backed
 from jaxsim.report import depth_picture
 from jaxsim.runs.kinds import DepthRun
 from jaxsim.train.prefetch import ahead

@@ -16,11 +16,10 @@ from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
 from jaxsim.prepare.depth import complete_depth, complete_view, penet
+from jaxsim.prepare.depth.frames import Batches, augment, depth_frame, where_backed
 from jaxsim.prepare.depth.penet import open_penet, save_penet
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
-    Batches,
-    augment,
     branch_weight,
     branches_error,
     create_state,
@@ -29,7 +28,6 @@ from jaxsim.prepare.depth.penet.training import (
     rate,
     train_step,
 )
-from jaxsim.prepare.depth.sparse import depth_frame, where_backed
 
 CROP = (32, 64)
 STAGES = tuple(Stage(part, 1, 2, CROP, ()) for part in ("branches", "refinement", "joint"))

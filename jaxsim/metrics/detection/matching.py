@@ -64,6 +64,7 @@ def overlaps(truth: Objects, detections: Objects, pairs: Pairs) -> dict[str, Flo
     bev, volume = np.zeros(len(shared)), np.zeros(len(shared))
     offset = (truth.centre_m[pairs.truth] - detections.centre_m[pairs.detection])[:, [0, 2]]
     reach = _half_diagonal(truth)[pairs.truth] + _half_diagonal(detections)[pairs.detection]
+    # Boxes farther apart than both half diagonals share nothing: few pairs are left to clip.
     near = np.flatnonzero(np.hypot(*offset.T) < reach)
     for some in np.array_split(near, max(-(-len(near) // _MOST_PAIRS), 1)):
         bev[some], volume[some] = _turned(truth, detections, pairs.at(some))
@@ -91,6 +92,7 @@ def _turned(
     Seen along y, x is right and z is forward, and rotation_y turns clockwise.
     """
     count = len(pairs.truth)
+    # Filled up to powers of two: each size is compiled once.
     room = max(_LEAST_PAIRS, 1 << (count - 1).bit_length() if count else 0)
     boxes = np.zeros((2, room, 7), np.float32)
     for k, (objects, index) in enumerate(((truth, pairs.truth), (detections, pairs.detection))):
@@ -159,6 +161,7 @@ def thresholds(score: Float[np.ndarray, " p"], truths: int) -> Float[np.ndarray,
     for i, value in enumerate(ordered):
         left = (i + 1) / truths
         right = (i + 2) / truths if i < last else left
+        # Take this score only if the next one's recall is not nearer to the wanted one.
         if i < last and right - recall < recall - left:
             continue
         found.append(value)

@@ -65,6 +65,7 @@ def _folded(arrays: Arrays, form: Form) -> Any:
         shift = arrays[f"{name}.bn.bias"].astype(np.float64)
         mean = arrays[f"{name}.bn.running_mean"].astype(np.float64)
         variance = arrays[f"{name}.bn.running_var"].astype(np.float64)
+        # y = (Wx - mean) scale + shift, as one convolution with a bias; in float64, so that folding loses nothing.
         scale = scale / np.sqrt(variance + BATCH_NORM_EPS)
         if path[-1].key == "bias":
             return (shift - mean * scale).astype(np.float32)
@@ -110,6 +111,10 @@ class Extractor:
     width: int = WIDTHS[-1]
     """Number of features."""
 
+    def __post_init__(self) -> None:
+        if self.width not in WIDTHS:
+            raise ValueError(f"inception: there are no {self.width} features; take {', '.join(map(str, WIDTHS))}")
+
     @property
     def name(self) -> str:
         """Form, features and weights: what statistics depend on besides the images."""
@@ -137,12 +142,6 @@ class Extractor:
             yield np.asarray(self(np.stack(waiting + [waiting[-1]] * (size - len(waiting)))))[: len(waiting)]
 
 
-def _checked(width: int) -> int:
-    if width not in WIDTHS:
-        raise ValueError(f"inception: there are no {width} features; take {', '.join(map(str, WIDTHS))}")
-    return width
-
-
 def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     """The network of a converted file, in the form that its weights are for.
 
@@ -154,7 +153,7 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     weights = load_weights(path, kind, CONVERTERS[kind])
     form = KINDS[kind]
     values = jax.tree.map(jnp.asarray, _folded(weights.arrays, form))
-    return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
+    return Extractor(form, values, weights.sha256, weights.published, width=width)
 
 
 def open_extractor(source: str, width: int = WIDTHS[-1]) -> Extractor:
@@ -179,4 +178,4 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
         else:
             arrays[name] = np.full(shape, float(name.endswith(("bn.weight", "running_var"))), np.float32)
     values = jax.tree.map(jnp.asarray, _folded(arrays, "torchvision"))
-    return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=_checked(width))
+    return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=width)

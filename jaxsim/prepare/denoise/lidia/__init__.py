@@ -115,6 +115,7 @@ class Lidia:
         flat_valid = valid.reshape(-1, rows, columns)
         clean = np.zeros(flat.shape, np.float32)
         for k, (image, mask) in enumerate(zip(flat, flat_valid, strict=True)):
+            # 0..1 to the network's [-1, 1], stretched about the middle by the gain.
             wide = np.float32(gain) * (2 * close_gaps(image, mask) - 1)[None, ..., None]
             measured = None if mask.all() else mask[None]
             out = np.asarray(apply(self.values, wide, measured, variant=self.variant, statistics=statistics))

@@ -83,13 +83,11 @@ def adapt(
         np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
         for given in (clean, clean if noisy is None else noisy)
     ]
-    cut = _blocks(images, valid, side, settings=settings)
     adam = optax.adam(settings.lr)
     values, memory = network.values, adam.init(network.values)
-    deviation = 2 * settings.noise if noisy is None else 0.0
-    steps = settings.epochs * (len(cut.places) // cut.batch)
+    deviation = 2 * settings.noise if noisy is None else 0.0  # images are shown on [-1, 1]: twice the intensity's scale
     key = jax.random.key(settings.seed)
-    bar = tqdm(cut.batches(settings), total=steps, desc="adapting lidia", unit="step")
+    bar = tqdm(_Blocks(images, valid, side, settings=settings), desc="adapting lidia", unit="step")
     for k, block in enumerate(bar):
         form = {"deviation": deviation, "lr": settings.lr, "variant": network.variant}
         values, memory, loss = _step(values, memory, block, key=jax.random.fold_in(key, k), **form)
@@ -99,47 +97,40 @@ def adapt(
     return replace(network, values=values)
 
 
-@dataclass(frozen=True)
 class _Blocks:
-    """Square parts of the images."""
+    """Batches of clean and noisy square blocks and their masks, shuffled, mirrored and transposed at random."""
 
-    images: list[np.ndarray]
-    valid: np.ndarray
-    places: np.ndarray
-    side: int
-    batch: int
+    def __init__(self, images: list[np.ndarray], valid: np.ndarray, side: int, *, settings: Adaptation):
+        self.rasters = (*images, valid)
+        self.side = side
+        self.settings = settings
+        n, rows, columns = valid.shape
+        corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
+        self.places = [
+            np.s_[i, row : row + side, column : column + side]
+            for i in range(n)
+            for row in corners[0]
+            for column in corners[1]
+            if valid[i, row : row + side, column : column + side].any()
+        ]
+        self.batch = min(settings.batch, len(self.places))
 
-    def batches(self, settings: Adaptation) -> Iterator[tuple[np.ndarray, ...]]:
-        """Clean and noisy blocks and their masks, shuffled, mirrored and transposed at random."""
-        for epoch in range(settings.epochs):
-            rng = np.random.default_rng([settings.seed, epoch])
+    def __len__(self) -> int:
+        return self.settings.epochs * (len(self.places) // self.batch)
+
+    def __iter__(self) -> Iterator[tuple[np.ndarray, ...]]:
+        for epoch in range(self.settings.epochs):
+            rng = np.random.default_rng([self.settings.seed, epoch])
             order = rng.permutation(len(self.places))
             for start in range(0, len(order) - self.batch + 1, self.batch):
-                turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, settings.transpose])
-                parts = [
-                    self._one(int(k), turn) for k, turn in zip(order[start : start + self.batch], turns, strict=True)
-                ]
-                yield tuple(np.stack(column) for column in zip(*parts, strict=True))
+                turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, self.settings.transpose])
+                chosen = zip(order[start : start + self.batch], turns, strict=True)
+                blocks = [self._block(int(k), turn) for k, turn in chosen]
+                yield tuple(np.stack(column) for column in zip(*blocks, strict=True))
 
-    def _one(self, k: int, turn: np.ndarray) -> list[np.ndarray]:
-        n, row, column = self.places[k]
-        view = np.s_[n, row : row + self.side, column : column + self.side]
-        parts = [x[view] for x in (*self.images, self.valid)]
-        parts = [x[:: 1 - 2 * turn[0], :: 1 - 2 * turn[1]] for x in parts]
-        return [x.T if turn[2] else x for x in parts]
-
-
-def _blocks(images: list[np.ndarray], valid: np.ndarray, side: int, *, settings: Adaptation) -> _Blocks:
-    n, rows, columns = valid.shape
-    corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
-    places = [
-        (i, row, column)
-        for i in range(n)
-        for row in corners[0]
-        for column in corners[1]
-        if valid[i, row : row + side, column : column + side].any()
-    ]
-    return _Blocks(images, valid, np.array(places), side, min(settings.batch, len(places)))
+    def _block(self, k: int, turn: np.ndarray) -> list[np.ndarray]:
+        parts = [raster[self.places[k]][:: 1 - 2 * turn[0], :: 1 - 2 * turn[1]] for raster in self.rasters]
+        return [part.T if turn[2] else part for part in parts]
 
 
 @partial(jax.jit, static_argnames=("lr", "variant"))

@@ -100,6 +100,7 @@ def _apply(network: PatchDenoiser, image: Array, measured: Array | None, *, stat
     if fine_mask is not None:  # patches without a measured cell do not count in the statistics
         counted = (unfold(fine_mask, p).sum(-1) > 0).astype(fine_mask.dtype).reshape(-1)
     clean, weight = network(fine, coarse, counted, shape=shape, statistics=statistics, chunk=chunk or CHUNK[statistics])
+    # Overlapping patches are averaged by their weights; the mirrored border is cut off again.
     total = fold((clean * weight[:, None]).reshape(*shape, -1), p)
     share = fold(jnp.broadcast_to(weight[:, None], (len(weight), p * p)).reshape(*shape, -1), p)
     inner = slice(p - 1, 1 - p)
@@ -139,6 +140,7 @@ def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
         distance, index = jax.lax.map(lambda one: search(one, None), grey)
     else:
         distance, index = jax.lax.map(lambda one: search(*one), (grey, known[..., 0] > 0))
+    # The table holds the patches of all images: each image's numbers begin where the one before ends.
     index = index + (jnp.arange(b) * (table.shape[1] * table.shape[2]))[:, None, None, None]
     own = _variance(unfold(image, p, d), None if mask is None else unfold(jnp.repeat(mask, c, -1), p, d))
     distance = jnp.concatenate([distance[..., 1:], own], -1)

@@ -155,6 +155,7 @@ class PatchDenoiser(nnx.Module):
             return unfold(image if d == 1 else blur(pad(image, 1, "reflect")), p, d).reshape(1, -1, x.shape[-1])
 
         agreed0 = aggregate(pre0, 1)
+        # At the coarse scale the patch's own factor is taken out before patches meet, and put back after.
         agreed1 = weight1[:1, :, None] * aggregate(pre1 / weight1[:1, :, None], 2)
 
         def part2(seen: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
@@ -165,6 +166,7 @@ class PatchDenoiser(nnx.Module):
 
         (noise,) = _by_chunks(part2, (features, agreed0, agreed1), counted, chunk=chunk)
         clean = fine.table[fine.index[0]] - noise[0]
+        # Flat patches count most where patches overlap: the weight falls with the cleaned patch's variance.
         spread = jnp.mean((clean - clean.mean(-1, keepdims=True)) ** 2, -1)
         return clean, jnp.exp(-jnp.abs(self.beta[0]) * spread)
 

@@ -107,11 +107,13 @@ def nearest_patches(
         if measured is None:
             return _box_sum((there - here) ** 2, p, d)
         mask_there = jax.lax.dynamic_slice(mask, corner, (h, w))
+        # Each side times the other's mask: cells that only one measured are equal, and add nothing.
         squares = _box_sum((there * mask_here - here * mask_there) ** 2, p, d)
         shared = _box_sum(mask_here * mask_there, p, d)
         return jnp.where(shared >= p, squares * (p * p / jnp.maximum(shared, 1.0)), UNLIKE)
 
     middle = side * RADIUS + RADIUS
+    # One shift after the other: all 841 at once would hold as many copies of the image.
     distances = jax.lax.map(distance, jnp.arange(side * side))
     # Below all others: an equal patch elsewhere may lie on other unmeasured cells.
     distances = distances.at[middle].set(-1.0)

@@ -29,7 +29,7 @@ class Guide(nnx.Module):
 
     def __call__(self, features: Float[Array, "b h w c"], *, train: Mode) -> Float[Array, "b h w kk"]:
         guide = self.generate(features, train=train)
-        guide = guide / jnp.abs(guide).sum(-1, keepdims=True)
+        guide = guide / jnp.abs(guide).sum(-1, keepdims=True)  # keeps repeated steps stable
         first, second = jnp.split(guide, 2, -1)
         return jnp.concatenate([first, 1 - guide.sum(-1, keepdims=True), second], -1)
 
@@ -80,6 +80,7 @@ def propagate(
 
     def once(_: Array, depths: tuple[Array, ...]) -> tuple[Array, ...]:
         spread = [step(slots, depth, start, dilation=dilation) for slots, depth in zip(taps, depths, strict=True)]
+        # The measured depth is put back after each step, as far as it is trusted.
         return tuple((1 - trust) * depth + trust * sparse for depth in spread)
 
     depths = jax.lax.fori_loop(0, iterations, once, (start,) * len(guides), unroll=False)

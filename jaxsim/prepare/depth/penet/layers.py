@@ -100,12 +100,14 @@ class BatchNorm(nnx.Module):
             mean = x.mean((0, 1, 2))
             variance = ((x - mean[None, None, None]) ** 2).mean((0, 1, 2))
             if train == "renorm":
+                # r and d of the paper: they lead the batch's statistics back to the stored ones, without gradient.
                 wider = jnp.clip(jnp.sqrt(variance + EPS) / stored, 1 / MOST_SCALE, MOST_SCALE)
                 higher = jnp.clip((mean - stored_mean) / stored, -MOST_SHIFT, MOST_SHIFT)
                 scale, shift = jax.lax.stop_gradient(wider), jax.lax.stop_gradient(higher)
             share = SLOW if train == "renorm" else MOMENTUM
             for kept, new in ((self.running_mean, mean), (self.running_var, variance * (number / max(number - 1, 1)))):
                 kept[...] = (1 - share) * kept[...] + share * jax.lax.stop_gradient(new)
+        # One multiplication and one addition a value: the norm is folded before it meets the raster.
         rate = self.weight[...] * scale * jax.lax.rsqrt(variance + EPS)
         return x * rate[None, None, None] + (self.bias[...] + self.weight[...] * shift - mean * rate)[None, None, None]
 

@@ -85,7 +85,7 @@ class ENet(nnx.Module):
         second = self.decoder_layer6(features[0], train=train)
 
         logits = jnp.stack([first[..., 1], second[..., 1]], -1)
-        share = jax.nn.softmax(logits, -1)
+        share = jax.nn.softmax(logits, -1)  # each branch counts by its confidence against the other's
         fused = share[..., 0] * first[..., 0] + share[..., 1] * second[..., 0]
         fine = jnp.concatenate([decoded[0], features[0]], -1)
         coarse = jnp.concatenate([decoded[1], features[1]], -1)

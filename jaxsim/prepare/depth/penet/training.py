@@ -8,13 +8,11 @@ schedule overwrites, and the refinement is trained in the form in which it runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from flax import nnx, struct
 from jax import Array
@@ -68,6 +66,7 @@ def create_state(config: PenetConfig, seed: int) -> PenetState:
     values = create(config.width, seed)
     if config.start_m:
         for name in ("rgb_decoder_output", "decoder_layer6"):
+            # Channel 0 is depth: both heads begin at `start_m`, spread by as much.
             norm = values["backbone"][name]["norm"]
             norm["bias"][0], norm["weight"][0] = config.start_m, config.start_m
     values = jax.tree.map(jnp.asarray, values)
@@ -162,79 +161,3 @@ def predict(values: Values, batch: DepthFrame, *, config: PenetConfig, part: Par
     rgb = batch.rgb.astype(jnp.float32)
     seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=False)
     return seen.fused if part == "branches" else network.refine(seen, batch.sparse_m, batch.given, train=False)
-
-
-def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: np.random.Generator) -> DepthFrame:
-    """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
-
-    Raises ValueError where the stage's crop is larger than the frame.
-    """
-    rows, columns = frame.sparse_m.shape
-    if stage.crop[0] > rows or stage.crop[1] > columns:
-        raise ValueError(
-            f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
-            f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
-        )
-    top = int(rng.integers(0, rows - stage.crop[0] + 1))
-    left = int(rng.integers(0, columns - stage.crop[1] + 1))
-    mirrored = config.flip and rng.random() < 0.5
-
-    def cut(raster: np.ndarray) -> np.ndarray:
-        part = np.asarray(raster)[top : top + stage.crop[0], left : left + stage.crop[1]]
-        return part[:, ::-1] if mirrored else part
-
-    intrinsics = np.array(frame.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top
-    if mirrored:
-        intrinsics[0, 2] = stage.crop[1] - 1 - intrinsics[0, 2]
-    rgb = cut(frame.rgb)
-    if config.jitter:
-        rgb = _recoloured(rgb, 1 + config.jitter * rng.uniform(-1, 1, 3))
-    return DepthFrame(rgb, cut(frame.sparse_m), cut(frame.given), cut(frame.truth_m), cut(frame.known), intrinsics)
-
-
-def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Brightness, contrast, saturation times these."""
-    brightness, contrast, saturation = np.asarray(factors, np.float32)
-    x = rgb.astype(np.float32) * brightness
-    x = x.mean() + (x - x.mean()) * contrast
-    grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]
-    return np.clip(np.round(grey + (x - grey) * saturation), 0, 255).astype(np.uint8)
-
-
-class Batches:
-    """All batches of a training, stage after stage: batch k depends on (seed, k) alone, so a resumed run sees what an
-    uninterrupted one would."""
-
-    def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
-        """Raises ValueError where the frames do not fill a batch of some stage."""
-        for stage in config.stages:
-            if len(frames) < stage.batch:
-                raise ValueError(
-                    f"penet: {len(frames)} training frames do not fill the {stage.part} stage's batch of {stage.batch}"
-                )
-        self.frames = frames
-        self.config = config
-        self.seed = seed
-        self.steps = [
-            len(frames) // stage.batch for stage in config.stages
-        ]  # an epoch's last, smaller batch is left out
-        self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
-
-    def __len__(self) -> int:
-        return int(self.ends[-1])
-
-    def place(self, k: int) -> tuple[int, int, int]:
-        """Number of the stage that batch k belongs to, epoch of the stage, and place in the epoch; from 0."""
-        number = int(np.searchsorted(self.ends, k, side="right"))
-        within = k - (int(self.ends[number - 1]) if number else 0)
-        return number, *divmod(within, self.steps[number])
-
-    def __getitem__(self, k: int) -> DepthFrame:
-        number, epoch, place = self.place(k)
-        stage = self.config.stages[number]
-        of_epoch = [self.seed, number, epoch]
-        order = np.random.default_rng(of_epoch).permutation(len(self.frames))
-        chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
-        parts = [augment(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen]
-        return jax.tree.map(lambda *column: np.stack(column), *parts)
