@@ -116,8 +116,8 @@ def _winners(
     *batch, n = away_m.shape
     rows, columns = shape = grid.elevation_rad.shape[0], grid.azimuth_rad.shape[0]
     row, column = jnp.floor(down + 0.5), jnp.floor(across + 0.5)
-    # A cell's number counts over the whole batch: one scatter serves all its images.
     inside = known & (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    # A cell's number counts over the whole batch: one scatter serves all its images.
     image = jnp.arange(math.prod(batch), dtype=jnp.int32).reshape(*batch, 1)
     cells = math.prod(batch) * rows * columns
     cell = (image * rows + row.astype(jnp.int32)) * columns + column.astype(jnp.int32)

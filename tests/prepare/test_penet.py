@@ -185,7 +185,7 @@ def test_a_transposed_convolution_spreads_every_cell_over_its_taps(size, stride)
             )
     half = size // 2
     expected = full[half : half + 4 * stride, half : half + 5 * stride]
-    np.testing.assert_allclose(np.asarray(layer(x))[0], expected, atol=1e-5)
+    np.testing.assert_allclose(np.asarray(layer(jnp.asarray(x)))[0], expected, atol=1e-5)
 
 
 def test_renormalised_batches_give_what_the_stored_statistics_give_and_move_them():
