@@ -47,8 +47,8 @@ def check_sizes(experiment: DepthExperiment) -> None:
 class PenetState:
     """All that training changes."""
 
-    step: Array
-    """int32: updates done, over all stages."""
+    step: Any
+    """int32: updates done, over all stages. Checkpoints are read into it from leaves that are no arrays yet."""
     values: Values
     optim: Any
 
