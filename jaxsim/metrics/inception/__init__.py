@@ -111,10 +111,6 @@ class Extractor:
     width: int = WIDTHS[-1]
     """Number of features."""
 
-    def __post_init__(self) -> None:
-        if self.width not in WIDTHS:
-            raise ValueError(f"inception: there are no {self.width} features; take {', '.join(map(str, WIDTHS))}")
-
     @property
     def name(self) -> str:
         """Form, features and weights: what statistics depend on besides the images."""
@@ -142,6 +138,12 @@ class Extractor:
             yield np.asarray(self(np.stack(waiting + [waiting[-1]] * (size - len(waiting)))))[: len(waiting)]
 
 
+def _checked(width: int) -> int:
+    if width not in WIDTHS:
+        raise ValueError(f"inception: there are no {width} features; take {', '.join(map(str, WIDTHS))}")
+    return width
+
+
 def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     """The network of a converted file, in the form that its weights are for.
 
@@ -153,7 +155,7 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
     weights = load_weights(path, kind, CONVERTERS[kind])
     form = KINDS[kind]
     values = jax.tree.map(jnp.asarray, _folded(weights.arrays, form))
-    return Extractor(form, values, weights.sha256, weights.published, width=width)
+    return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
 
 
 def open_extractor(source: str, width: int = WIDTHS[-1]) -> Extractor:
@@ -178,4 +180,4 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
         else:
             arrays[name] = np.full(shape, float(name.endswith(("bn.weight", "running_var"))), np.float32)
     values = jax.tree.map(jnp.asarray, _folded(arrays, "torchvision"))
-    return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=width)
+    return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=_checked(width))
