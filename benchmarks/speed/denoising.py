@@ -38,10 +38,10 @@ from jaxsim.data import KittiRaw
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.files import replacing
 from jaxsim.geometry import full_grid, points_to_polar
-from jaxsim.prepare.denoise import close_gaps, denoise
+from jaxsim.prepare.denoise import denoise
+from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
 from jaxsim.prepare.denoise.lidia import Lidia, open_lidia, save_lidia
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt, adapt_to_itself
-from jaxsim.prepare.denoise.non_local_means import non_local_means
 from jaxsim.report import beside, save_picture, strip
 from jaxsim.report.pictures import intensity_panel
 
@@ -207,7 +207,7 @@ def main(
                 note(f"{name} (itself)", world_row(np.stack(cleaned[name]), truth[:k], valid[:k]))
     if "streets" in parts:
         clean, measured, seen = world_frames(STREETS[1])
-        taught = adapt(open_lidia(smaller[0]), np.where(seen, clean, 0), seen, settings, noisy=measured)
+        taught = adapt(open_lidia(smaller[0]), np.where(seen, clean, 0), seen, settings=settings, noisy=measured)
         save_lidia(out / "lidia_adapted_world.npz", taught.values)
         for name, method in both_ways(f"{name_of(smaller[0])} adapted to other streets", taught).items():
             row = world_row(run(method, noisy, valid), truth, valid)
@@ -216,7 +216,7 @@ def main(
         # Scans k and k + 1 of the drive's first part, both ways: the noise of the one says nothing of the other's.
         first, second, both = scans[:-3], scans[1:-2], same[:-2]
         pairs = [np.concatenate(two) for two in ((first, second), (second, first), (both, both))]
-        taught = adapt(open_lidia(smaller[0]), pairs[0], pairs[2], settings, noisy=pairs[1])
+        taught = adapt(open_lidia(smaller[0]), pairs[0], pairs[2], settings=settings, noisy=pairs[1])
         save_lidia(out / "lidia_adapted_kitti.npz", taught.values)
         tried = {"raw": methods["raw"], **both_ways(name_of(smaller[0]), open_lidia(smaller[0]))}
         tried |= both_ways(f"{name_of(smaller[0])} adapted to earlier scans", taught)

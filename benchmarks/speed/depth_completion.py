@@ -71,7 +71,10 @@ def score(title: str, frames: list[DepthFrame], penet: Path | None) -> list[tupl
     print(f"  {'by the benchmark: all, interpolated':<40}{heads}")
     for name, made in guesses.items():
         pairs = zip(made, frames, strict=True)
-        print(row(name, [benchmark_errors(*guess, frame.truth_m, frame.known) for guess, frame in pairs]), flush=True)
+        print(
+            row(name, [benchmark_errors(*guess, frame.truth_m, known=frame.known) for guess, frame in pairs]),
+            flush=True,
+        )
     return [(name, *made[0]) for name, made in guesses.items()]
 
 

@@ -25,7 +25,7 @@ from timing import interleave
 from jaxsim.frame import Camera, CameraFrame, Painted, PolarGrid
 from jaxsim.geometry import camera_window, preset
 from jaxsim.prepare import paint
-from jaxsim.prepare.occlusion import surface_depth
+from jaxsim.prepare.paint import surface_depth
 
 SIZE = (352, 1216)
 SPEC = preset("hdl64e")

@@ -55,13 +55,13 @@ def main(width: int, crop: Sequence[int], batch: int, rounds: int, parts: Sequen
         interleave(f"transposed convolution of {size}, value and gradients", peers, rounds=rounds)
 
     config, given = PenetConfig(width=width, start_m=15.0), frames(batch, crop)
-    rates = jnp.float32(1e-3), jnp.float32(0.1)
+    lr, weight = jnp.float32(1e-3), jnp.float32(0.1)
     updates: dict[str, Callable[[], object]] = {}
     for part in parts:
         kept = [create_state(config, 0)]
 
         def update(part: Part = part, kept: list = kept) -> None:
-            kept[0], metrics = train_step(kept[0], given, *rates, config=config, part=part)
+            kept[0], metrics = train_step(kept[0], given, lr, weight=weight, config=config, part=part)
             jax.block_until_ready(metrics)
 
         updates[part] = update

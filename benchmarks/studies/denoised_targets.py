@@ -83,7 +83,7 @@ def tune(weights: Path, out: Path, prepare: PrepareConfig, data: DataConfig, upd
     noisy, valid = (np.stack([getattr(pair.measured, name) for pair in raw]) for name in ("intensity", "valid"))
     blocks = len(clean) * (noisy.shape[2] // noisy.shape[1])
     settings = Adaptation(epochs=max(1, round(updates * 4 / blocks)), lr=1e-3, stride=noisy.shape[1], transpose=False)
-    network = adapt(open_lidia(weights), np.stack(clean), valid, settings, noisy=noisy)
+    network = adapt(open_lidia(weights), np.stack(clean), valid, settings=settings, noisy=noisy)
     save_lidia(path, network.values)
     return path
 
@@ -127,7 +127,7 @@ def scores_of(
 ) -> dict[str, float]:
     """mae, rmse, psnr, ssim to the references, on cells that the camera saw and whose beam came back; drop_iou."""
     parts = [
-        paired_sums(image, image < DROP_BELOW, reference, pair.measured.valid, pair.painted.valid)
+        paired_sums(image, image < DROP_BELOW, reference, returned=pair.measured.valid, m=pair.painted.valid)
         for image, pair, reference in zip(images, pairs, references, strict=True)
     ]
     sums = {key: sum(np.asarray(part[key], np.float64) for part in parts) for key in parts[0]}

@@ -42,7 +42,7 @@ NEAR = 0.02
 def score(images: Sequence[np.ndarray], pairs: Sequence[Pair], cells: Sequence[np.ndarray]) -> dict[str, float]:
     """mae, rmse, psnr, ssim, drop_iou to the measurement on these cells."""
     parts = [
-        paired_sums(image, image < DROP_BELOW, pair.measured.intensity, pair.measured.valid, seen)
+        paired_sums(image, image < DROP_BELOW, pair.measured.intensity, returned=pair.measured.valid, m=seen)
         for image, pair, seen in zip(images, pairs, cells, strict=True)
     ]
     sums = {key: sum(np.asarray(part[key], np.float64) for part in parts) for key in parts[0]}

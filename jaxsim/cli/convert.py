@@ -9,8 +9,7 @@ from typing import Annotated
 import tyro
 
 from jaxsim.detect import published as voxel_rcnn
-from jaxsim.metrics import inception
-from jaxsim.metrics.generation import rangenet
+from jaxsim.metrics import inception, rangenet
 from jaxsim.pix2pix import published_files
 from jaxsim.pix2pix.losses import VGG19
 from jaxsim.prepare.denoise import lidia

@@ -15,12 +15,12 @@ import tyro
 
 from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.source import SAME, Source
-from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.generation import generation_scores, open_folder
+from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.metrics import Score
-from jaxsim.metrics.generation.rangenet import load_rangenet
 from jaxsim.metrics.inception import open_extractor
+from jaxsim.metrics.rangenet import load_rangenet
 from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load

@@ -19,18 +19,12 @@ from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
+from jaxsim.metrics.bev import COUNTS, jensen_shannon, lidm_occupancy, mmd
+from jaxsim.metrics.chamfer import chamfer
+from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
-from jaxsim.metrics.generation import (
-    COUNTS,
-    chamfer,
-    conditional_intensity,
-    intensity_table,
-    jensen_shannon,
-    lidm_occupancy,
-    mmd,
-    sliced_wasserstein,
-)
-from jaxsim.metrics.generation.rangenet import Values, range_features
+from jaxsim.metrics.rangenet import Values, range_features
+from jaxsim.metrics.sliced_wasserstein import sliced_wasserstein
 
 BATCH, POINTS = 8, 2**14
 """Clouds of a batch, and the multiple that they are padded to."""
@@ -137,7 +131,9 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
             classes = classes and semantic is not None
             label = np.zeros(image.valid.shape, np.int32) if semantic is None else np.asarray(semantic, np.int32)
             angle, known = incidence(image.range_m, image.valid, folder.grid)
-            table = table + intensity_table(image.intensity, image.range_m, angle, known, label, image.valid)
+            table = table + intensity_table(
+                image.intensity, image.range_m, angle, incidence_known=known, semantic=label, valid=image.valid
+            )
         tables.append(np.asarray(table))
     return tables[0], tables[1], classes
 

@@ -41,7 +41,7 @@ def _total(sums: Iterable[dict[str, Array]]) -> dict[str, Score]:
 
 def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, Array]:
     measured = pair.measured
-    return paired_sums(intensity, drops, measured.intensity, measured.valid, pair.painted.valid)
+    return paired_sums(intensity, drops, measured.intensity, returned=measured.valid, m=pair.painted.valid)
 
 
 def score_pairs(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, Score]:

@@ -1,6 +1,11 @@
-"""How far a simulated frame is from the measured one."""
+"""How far a simulated frame is from the measured one, and one set of frames from another.
 
-from jaxsim.metrics.baselines import GroupMeans, group_means
-from jaxsim.metrics.paired import Score, paired_scores, paired_sums, ssim_map
+paired.py cloud_checks.py   frame by frame; clouds of other streets
+depth.py detection/         depth completion and detectors, by KITTI's rules
+frechet.py inception/       Fréchet distance, and the features of images that it is taken of
+bev.py chamfer.py conditional.py rangenet.py sliced_wasserstein.py   as the field of LiDAR generation measures clouds
+"""
 
-__all__ = ["GroupMeans", "Score", "group_means", "paired_scores", "paired_sums", "ssim_map"]
+from jaxsim.metrics.paired import GroupMeans, Score, group_means, paired_scores, paired_sums
+
+__all__ = ["GroupMeans", "Score", "group_means", "paired_scores", "paired_sums"]

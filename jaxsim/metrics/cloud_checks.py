@@ -68,12 +68,9 @@ class CloudCounts:
                 if band[0] <= distance[k] < band[1]:
                     self.on_objects.setdefault(kind, {}).setdefault(band, []).append(int(inside[:, k].sum()))
         names = np.array([*kinds, REST])
+        # A point in two boxes counts for the first; one in none is the last name's, REST.
         owner = np.where(inside.any(axis=1), inside.argmax(axis=1), len(kinds)) if len(kinds) else np.zeros(len(points))
-        values = {
-            "range": np.linalg.norm(points[:, :3], axis=1),
-            "height": points[:, 2],
-            "intensity": points[:, 3],
-        }
+        values = {"range": np.linalg.norm(points[:, :3], axis=1), "height": points[:, 2], "intensity": points[:, 3]}
         for kind in {*names.tolist()}:
             mine = names[owner.astype(int)] == kind
             table = self.histograms.setdefault(kind, {name: np.zeros(len(edges) - 1) for name, edges in EDGES.items()})
@@ -81,6 +78,7 @@ class CloudCounts:
                 table[name] += np.histogram(np.clip(values[name][mine], edges[0], edges[-1]), edges)[0]
         elevation = np.degrees(np.arctan2(points[:, 2], np.linalg.norm(points[:, :2], axis=1)))
         azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+        # NumPy wants growing edges; the map has the highest elevation and the leftmost azimuth first.
         cells, _, _ = np.histogram2d(elevation, azimuth, (ELEVATION_DEG[::-1], AZIMUTH_DEG[::-1]))
         self.returns += cells[::-1, ::-1] > 0
 

@@ -17,16 +17,15 @@ from jaxtyping import Bool, Float
 
 from jaxsim.metrics.paired import Score
 
-Array = np.ndarray
 UNITS = {"rmse": "mm", "mae": "mm", "irmse": "1/km", "imae": "1/km", "filled": "1"}
 
 
 def depth_errors(
-    guess_m: Float[Array, "h w"],
-    guessed: Bool[Array, "h w"],
-    truth_m: Float[Array, "h w"],
+    guess_m: Float[np.ndarray, "h w"],
+    guessed: Bool[np.ndarray, "h w"],
+    truth_m: Float[np.ndarray, "h w"],
     *,
-    known: Bool[Array, "h w"],
+    known: Bool[np.ndarray, "h w"],
 ) -> dict[str, float]:
     """rmse, mae (mm), irmse, imae (1/km) of one image over pixels that are known and guessed, and the share `filled` of
     the known ones that are guessed; compare methods on pixels that all of them fill.
@@ -56,8 +55,8 @@ def depth_errors(
 
 
 def interpolate_background(
-    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"]
-) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    depth_m: Float[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Depth with its holes filled as KITTI's devkit fills them (`DepthImage::interpolateBackground`), and where there
     is any then.
 
@@ -65,14 +64,15 @@ def interpolate_background(
     first that has any take that one's, rows below the last that one's; an empty row between others stays empty.
     """
     h, w = valid.shape
-    columns = np.arange(valid.shape[1])
-    rows = np.arange(valid.shape[0])
+    rows = np.arange(h)
+    columns = np.arange(w)
     before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     behind = np.minimum.accumulate(np.where(valid, columns, w)[:, ::-1], axis=1)[:, ::-1]
     beside = [
         np.where(inside, depth_m[rows[:, None], place.clip(0, w - 1)], np.inf)
         for place, inside in ((before, before >= 0), (behind, behind < w))
     ]
+    # Rows outside the first and last that have depth copy those; an empty row in between stays empty.
     some = np.flatnonzero(valid.any(axis=1))
     if not some.size:
         return np.zeros_like(depth_m), np.zeros_like(valid)
@@ -82,10 +82,11 @@ def interpolate_background(
 
 
 def benchmark_errors(
-    guess_m: Float[Array, "h w"],
-    guessed: Bool[Array, "h w"],
-    truth_m: Float[Array, "h w"],
-    known: Bool[Array, "h w"],
+    guess_m: Float[np.ndarray, "h w"],
+    guessed: Bool[np.ndarray, "h w"],
+    truth_m: Float[np.ndarray, "h w"],
+    *,
+    known: Bool[np.ndarray, "h w"],
 ) -> dict[str, float]:
     """rmse, mae (mm), irmse, imae (1/km) of one image by the benchmark's rule: over all known pixels, the guess's holes
     interpolated; `filled` is the share of the known ones that needed no interpolation. The devkit reads 16-bit PNG, so

@@ -55,17 +55,6 @@ class Moments:
         return self.scatter / (self.count - 1)
 
 
-def moments(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Moments:
-    """Of features that arrive batch by batch. Raises ValueError where none does."""
-    total: Moments | None = None
-    for batch in batches:
-        more = Moments.of(batch)
-        total = more if total is None else total.merge(more)
-    if total is None:
-        raise ValueError("frechet: there are no images")
-    return total
-
-
 def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]:
     """A with A A' = C, without the directions in which C is nothing but rounding."""
     values, vectors = scipy.linalg.eigh(covariance)
@@ -83,6 +72,7 @@ def frechet_distance(a: Moments, b: Moments) -> float:
     if a.mean.shape != b.mean.shape:
         raise ValueError(f"frechet: sets have {a.mean.size} and {b.mean.size} features; they must agree")
     first, second = a.covariance, b.covariance
+    # A set without spread has no factor; its root is 0.
     root = _nuclear(_factor(first).T @ _factor(second)) if first.any() and second.any() else 0.0
     step = a.mean - b.mean
     return float(step @ step + np.trace(first) + np.trace(second) - 2 * root)
@@ -93,6 +83,7 @@ def frechet_distance_of(x: Float[np.ndarray, "n d"], y: Float[np.ndarray, "m d"]
     a = np.asarray(x, np.float64)
     b = np.asarray(y, np.float64)
     step = a.mean(0) - b.mean(0)
+    # Divided so, the rows are a factor A' of the covariance already: C = A A'.
     a = (a - a.mean(0)) / np.sqrt(len(a) - 1)
     b = (b - b.mean(0)) / np.sqrt(len(b) - 1)
     return float(step @ step + (a * a).sum() + (b * b).sum() - 2 * _nuclear(a @ b.T))
@@ -115,6 +106,7 @@ def halves(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Halves:
     seen = 0
     for batch in batches:
         for half in range(2):
+            # Even and odd by the place in the whole set, wherever a batch begins.
             chosen = batch[(half + seen) % 2 :: 2]
             if len(chosen):
                 more, kept = Moments.of(chosen), parts[half]

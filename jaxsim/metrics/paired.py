@@ -2,16 +2,20 @@
 
 x predicted, y measured intensity (0..1), m the cells that count. A cell is a *drop* where nothing came back
 or where the reported intensity rounds to 0: the paper drops both alike.
+
+What a prediction must beat are averages of the training frames: a baseline guesses one intensity a group (all cells,
+a class, a row), and guesses that the group drops where more than half of its training cells dropped.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
 
@@ -39,25 +43,21 @@ def _blur(x: Array, window: Array) -> Array:
     return x
 
 
-@partial(jax.jit, static_argnames=("width", "sigma"))
+@jax.jit
 def ssim_map(
-    x: Float[Array, "*b rows columns"],
-    y: Float[Array, "*b rows columns"],
-    m: Bool[Array, "*b rows columns"],
-    *,
-    width: int = 11,
-    sigma: float = 1.5,
+    x: Float[Array, "*b rows columns"], y: Float[Array, "*b rows columns"], m: Bool[Array, "*b rows columns"]
 ) -> Float[Array, "*b rows columns"]:
     """Structural similarity in which cells outside `m` have no weight; 0 outside `m`.
 
     Gaussian window of 11 cells, sigma 1.5, K = (0.01, 0.03), data range 1 (Wang et al. 2004, eq. 13); each
     local moment is normalised by the window's weight on valid cells.
     """
-    offsets = jnp.arange(width, dtype=jnp.float32) - (width // 2)
-    window = jnp.exp(-0.5 * (offsets / sigma) ** 2)
+    offsets = jnp.arange(11, dtype=jnp.float32) - 5
+    window = jnp.exp(-0.5 * (offsets / 1.5) ** 2)
     window = window / window.sum()
     weight = m.astype(jnp.float32)
     x, y = jnp.where(m, x, 0.0), jnp.where(m, y, 0.0)
+    # At least 1e-6: where no cell of the window counts, 0 / 0 becomes 0, and the mask leaves it out.
     total = jnp.maximum(_blur(weight, window), 1e-6)
     mean_x = _blur(x, window) / total
     mean_y = _blur(y, window) / total
@@ -67,7 +67,7 @@ def ssim_map(
     var_x = xx - mean_x**2
     var_y = yy - mean_y**2
     covariance = xy - mean_x * mean_y
-    c1, c2 = 0.01**2, 0.03**2
+    c1, c2 = 0.01**2, 0.03**2  # K squared, data range 1
     similarity = ((2 * mean_x * mean_y + c1) * (2 * covariance + c2)) / (
         (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
     )
@@ -79,6 +79,7 @@ def paired_sums(
     x: Float[Array, "*b rows columns"],
     guess: Bool[Array, "*b rows columns"],
     y: Float[Array, "*b rows columns"],
+    *,
     returned: Bool[Array, "*b rows columns"],
     m: Bool[Array, "*b rows columns"],
 ) -> dict[str, Array]:
@@ -113,7 +114,8 @@ def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
     if n == 0:
         raise ValueError("paired: no cell is both seen by the camera and returned; check calibration and range limits")
     mse = s["squared"] / n
-    union = s["drop_guesses"] + s["drop_truths"] - s["drop_hits"]
+    drops = s["drop_guesses"] + s["drop_truths"]
+    union = drops - s["drop_hits"]
     nothing = float("nan")
     return {
         "mae": Score(s["absolute"] / n, "intensity", n),
@@ -121,11 +123,44 @@ def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
         "psnr": Score(-10 * float(jnp.log10(mse)) if mse else float("inf"), "dB", n),
         "ssim": Score(s["similarity"] / n, "1", n),
         "drop_iou": Score(s["drop_hits"] / union if union else nothing, "1", seen),
-        "drop_f1": Score(
-            2 * s["drop_hits"] / (s["drop_guesses"] + s["drop_truths"])
-            if s["drop_guesses"] + s["drop_truths"]
-            else nothing,
-            "1",
-            seen,
-        ),
+        "drop_f1": Score(2 * s["drop_hits"] / drops if drops else nothing, "1", seen),
     }
+
+
+class GroupMeans(NamedTuple):
+    """What a group of cells does on average."""
+
+    intensity: Float[np.ndarray, " groups"]
+    """Mean over the group's returns, 0..1."""
+    drops: Bool[np.ndarray, " groups"]
+    """Most of the group's cells drop."""
+
+
+Cells = tuple[
+    Float[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+    Bool[np.ndarray, "rows columns"],
+    Int[np.ndarray, "rows columns"],
+]
+
+
+def group_means(frames: Iterable[Cells], groups: int) -> GroupMeans:
+    """Averages of the training frames: (intensity 0..1, returned, cells that count, group 0..groups-1) each.
+
+    A group never seen in training takes the mean of all cells. Raises ValueError where no cell counts.
+    """
+    total = np.zeros(groups)
+    count = np.zeros(groups)
+    drops = np.zeros(groups)
+    seen = np.zeros(groups)
+    for intensity, returned, counts, group in frames:
+        both = returned & counts
+        total += np.bincount(group[both], intensity[both], groups)
+        count += np.bincount(group[both], minlength=groups)
+        dropped = counts & (~returned | (intensity < DROP_BELOW))
+        drops += np.bincount(group[dropped], minlength=groups)
+        seen += np.bincount(group[counts], minlength=groups)
+    if not count.sum():
+        raise ValueError("baselines: no training cell is both seen by the camera and returned")
+    overall = total.sum() / count.sum()
+    return GroupMeans(np.where(count > 0, total / np.maximum(count, 1), overall), drops > 0.5 * seen)

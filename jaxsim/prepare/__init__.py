@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from jaxsim.prepare.channels import CHANNELS, input_channels, network_inputs
+from jaxsim.prepare.channels import CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
-from jaxsim.prepare.depth import complete_depth, complete_view
-from jaxsim.prepare.depth.sparse import sparse_depth
-from jaxsim.prepare.edges import edge_map
-from jaxsim.prepare.occlusion import surface_depth
+from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.paint import paint, paint_raster
 from jaxsim.prepare.pairs import (
     check_networks,
@@ -24,8 +21,6 @@ __all__ = [
     "CHANNELS",
     "check_networks",
     "check_view",
-    "complete_depth",
-    "complete_view",
     "crop_image",
     "denoise",
     "dense_view",
@@ -38,6 +33,5 @@ __all__ = [
     "prepare_view",
     "shrink",
     "sparse_depth",
-    "surface_depth",
     "window_of",
 ]

@@ -6,18 +6,20 @@ lines x 372 columns. It depends on calibration and sensor alone, so all frames o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
-from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Painted, Pair, PolarGrid, PolarImage
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, scan_on_window
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.denoise.lidia import open_lidia
 from jaxsim.prepare.depth import complete_view
+from jaxsim.prepare.depth.frames import sparse_depth
 from jaxsim.prepare.depth.penet import check_crop, open_penet
-from jaxsim.prepare.depth.sparse import sparse_depth
 from jaxsim.prepare.paint import paint
 
 
@@ -44,8 +46,8 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         raise ValueError(
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
-    painted, angle, grid, place = _painted(frame, spec, config)
-    measured = scan_on_window(cloud, grid, place, lines=spec.rows)
+    pair, grid = prepare_view(frame, spec, config)
+    measured = scan_on_window(cloud, grid, pair.row[:, 0], lines=spec.rows)
     _check_gaps(frame.name, measured.valid)
     try:
         target = denoise(
@@ -58,7 +60,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
         )
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
-    return _pair(painted, angle, place, target=target, measured=measured), grid
+    return replace(pair, target=target, measured=measured), grid
 
 
 def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[Pair, PolarGrid]:
@@ -66,34 +68,20 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
 
     Raises ValueError where the frame lacks what the config asks for: labels, depth, image size.
     """
-    painted, angle, grid, place = _painted(frame, spec, config)
-    nothing = np.zeros(angle.shape, np.float32)
-    measured = PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool))
-    return _pair(painted, angle, place, target=nothing, measured=measured), grid
-
-
-def _painted(
-    frame: Frame, spec: LidarSpec, config: PrepareConfig
-) -> tuple[Painted, Float[np.ndarray, "rows columns"], PolarGrid, Float[np.ndarray, " rows"]]:
-    """The camera's rasters on its polar window, the incidence angle there, the window, and each beam's place."""
     view = dense_view(frame, config)
-    grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config)
+    grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
-    return painted, np.where(known, angle, np.float32(np.pi / 2)), grid, place
-
-
-def _pair(
-    painted: Painted,
-    incidence_rad: Float[np.ndarray, "rows columns"],
-    place: Float[np.ndarray, " rows"],
-    *,
-    target: Float[np.ndarray, "rows columns"],
-    measured: PolarImage,
-) -> Pair:
-    row = np.broadcast_to(place[:, None], incidence_rad.shape).copy()
-    return Pair(painted=painted, incidence_rad=incidence_rad, row=row, target=target, measured=measured)
+    nothing = np.zeros(angle.shape, np.float32)
+    pair = Pair(
+        painted=painted,
+        incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
+        row=np.broadcast_to(place[:, None], angle.shape).copy(),
+        target=nothing,
+        measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),
+    )
+    return pair, grid
 
 
 def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
@@ -108,7 +96,11 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
-            view = _completed(view, pad_cloud(_measured(frame)), config, rows_cut=rows_cut)
+            cloud = pad_cloud(_measured(frame))
+            depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, config.image_crop))
+            view = complete_view(
+                view, depth_m, valid, method=config.depth, weights=config.depth_weights, rows_cut=rows_cut
+            )
         check_view(view, config)
     except ValueError as error:
         raise ValueError(f"{frame.name}: {error}") from error
@@ -146,7 +138,7 @@ def _check_labels(view: CameraFrame, config: PrepareConfig) -> None:
 
 
 def window_of(
-    camera: Camera, size: tuple[int, int], spec: LidarSpec, config: PrepareConfig
+    camera: Camera, size: tuple[int, int], spec: LidarSpec, *, config: PrepareConfig
 ) -> tuple[PolarGrid, Float[np.ndarray, " rows"]]:
     """The polar window that the crop of a camera's image (`size`: rows, columns) covers, and each beam's place
     in the sensor (0 top line, 1 bottom line)."""
@@ -158,7 +150,8 @@ def window_of(
 
 def _offsets(size: tuple[int, int], crop: tuple[int, int]) -> tuple[int, int]:
     """Rows cut off the top and columns off the left."""
-    (h, w), (rows, columns) = size, crop
+    h, w = size
+    rows, columns = crop
     if h < rows or w < columns:
         raise ValueError(
             f"prepare: the image is {w} x {h}, smaller than the crop of {columns} x {rows}; lower "
@@ -197,8 +190,3 @@ def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
             "the window is finer than the sensor's azimuth step, and the gaps would be learned as dropped rays; "
             f"lower --prepare.columns to about {round(0.8 * hit.sum())}"
         )
-
-
-def _completed(view: CameraFrame, cloud: Cloud, config: PrepareConfig, *, rows_cut: int) -> CameraFrame:
-    depth_m, valid = jax.device_get(sparse_depth(cloud, view.camera, view.rgb.shape[-3:-1]))
-    return complete_view(view, depth_m, valid, config.depth, weights=config.depth_weights, rows_cut=rows_cut)

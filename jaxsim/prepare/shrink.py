@@ -34,6 +34,7 @@ def shrink(view: CameraFrame, size: tuple[int, int]) -> Painted:
     nothing = jnp.zeros(shape, jnp.int32)
     semantic = nothing if view.semantic is None else view.semantic.astype(jnp.int32)
     instance = nothing if view.instance is None else view.instance.astype(jnp.int32)
+    # A renderer's sky may be infinitely far: it is as good as empty.
     valid = view.depth_valid & jnp.isfinite(view.depth_m)
     depth_m = jnp.where(valid, view.depth_m, jnp.zeros_like(view.depth_m))
     painted = Painted(

@@ -61,7 +61,7 @@ class LearnedSensor:
     def window(self) -> Window:
         """The polar window of the camera that the run was trained with, and each beam's place in the sensor."""
         run = self.run
-        return window_of(run.camera, run.image_size, run.spec, run.experiment.prepare)
+        return window_of(run.camera, run.image_size, run.spec, config=run.experiment.prepare)
 
     def simulate_view(
         self, view: CameraFrame, window: Window | None = None, *, projection: Projection = "lidar"
@@ -130,7 +130,7 @@ class LearnedSensor:
             instance=instance,
         )
         prepare = self.run.experiment.prepare
-        window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, prepare) if camera else self.window
+        window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, config=prepare) if camera else self.window
         image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window, projection=projection)
         return polar_to_points(image, window[0])
 

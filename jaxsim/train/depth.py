@@ -22,10 +22,9 @@ from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.kitti_depth import KittiDepth
 from jaxsim.frame import DepthFrame
 from jaxsim.metrics.depth import benchmark_errors, depth_scores, interpolate_background
-from jaxsim.prepare.depth.frames import depth_frame, where_backed
+from jaxsim.prepare.depth.frames import Batches, depth_frame, where_backed
 from jaxsim.prepare.depth.penet import NEAREST_M, save_penet
 from jaxsim.prepare.depth.penet.training import (
-    Batches,
     begin_stage,
     branch_weight,
     check_sizes,
@@ -119,7 +118,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
             state,
             DepthFrame(**batch),
             jnp.float32(rate(config, stage, epoch)),
-            jnp.float32(branch_weight(epoch)),
+            weight=jnp.float32(branch_weight(epoch)),
             config=config,
             part=stage.part,
             norms=stage.norms,
@@ -138,7 +137,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
             if i == 0:
                 picture = depth_picture(frame, [(f"step {step}", guess, guessed)])
             if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
-                errors.append(benchmark_errors(guess, guessed, frame.truth_m, frame.known))
+                errors.append(benchmark_errors(guess, guessed, frame.truth_m, known=frame.known))
         if len(errors) < count:
             tqdm.write(
                 f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "

@@ -6,8 +6,9 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.convert import CONVERTERS
 from jaxsim.pix2pix.losses import BLOCKS, load_vgg
-from jaxsim.prepare.depth.penet import completion, open_penet, published_shapes
-from jaxsim.prepare.depth.penet.published import STEM
+from jaxsim.prepare.depth import penet
+from jaxsim.prepare.depth.penet import open_penet
+from jaxsim.prepare.depth.penet.published import STEM, published_shapes
 
 
 @pytest.fixture
@@ -45,7 +46,7 @@ def test_preparation_opens_the_penet_that_convert_writes(tmp_path, capsys):
         network = open_penet(tmp_path / "penet.npz")
     finally:
         (tmp_path / "penet.npz").unlink(missing_ok=True)
-        completion._open.cache_clear()
+        penet._open.cache_clear()
     assert f"{len(arrays)} arrays of PENet (C2, dilation 2)" in capsys.readouterr().out
     assert (network.convention, network.width) == ("published", 32)
     kernel = np.asarray(network.values["backbone"]["rgb_conv_init"]["conv"]["kernel"])

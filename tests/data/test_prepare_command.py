@@ -13,8 +13,7 @@ from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.tfds_builder import NAME
 from jaxsim.pairs.sets import make_set
-from jaxsim.prepare.denoise.lidia import Variant
-from jaxsim.prepare.denoise.lidia.published import published_shapes
+from jaxsim.prepare.denoise.lidia import Variant, published_shapes
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.published import create
 from tests.prepare.lidia_oracle import random_state

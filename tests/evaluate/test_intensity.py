@@ -8,7 +8,7 @@ import pytest
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.evaluate.intensity import _in_batches, frechet_line, frechet_of_run, make_images
-from jaxsim.metrics.frechet import frechet_distance, moments
+from jaxsim.metrics.frechet import Moments, frechet_distance
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared
 
@@ -50,7 +50,7 @@ def test_every_judged_frame_counts_once_and_the_measured_side_is_kept(pairs, tmp
     assert images[1].shape == (6, 48, 64, 1)
     assert images[1].min() >= -1
     assert images[1].max() <= 1
-    want = frechet_distance(*(moments([np.asarray(extractor(x))]) for x in images))
+    want = frechet_distance(*(Moments.of(np.asarray(extractor(x))) for x in images))
     assert score.value == pytest.approx(want, rel=1e-4)
 
     before = kept.stat().st_mtime_ns

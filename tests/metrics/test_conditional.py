@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import wasserstein_distance
 
-from jaxsim.metrics.generation import conditional_intensity, intensity_table
+from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 
 SHAPE = (40, 90)
 
@@ -21,8 +21,9 @@ def frame(seed: int, *, gain: bool = True):
 
 def table(intensity, range_m, angle, label, valid=None):
     everywhere = np.ones(intensity.shape, bool)
+    valid = everywhere if valid is None else valid
     return np.asarray(
-        intensity_table(intensity, range_m, angle, everywhere, label, everywhere if valid is None else valid)
+        intensity_table(intensity, range_m, angle, incidence_known=everywhere, semantic=label, valid=valid)
     )
 
 
@@ -71,5 +72,5 @@ def test_rays_that_did_not_come_back_and_thin_bins_do_not_count():
 def test_unknown_incidence_has_a_bin_of_its_own():
     intensity, range_m, angle, label = frame(7)
     known = np.zeros(SHAPE, bool)
-    got = np.asarray(intensity_table(intensity, range_m, angle, known, label, ~known))
+    got = np.asarray(intensity_table(intensity, range_m, angle, incidence_known=known, semantic=label, valid=~known))
     assert got[:, :, -1].sum() == got.sum() == intensity.size

@@ -54,7 +54,7 @@ def test_the_benchmark_scores_holes_by_the_nearer_neighbour():
     truth = np.array([[10.0, 20.0, 40.0, 5.0], [8.0, 8.0, 8.0, 8.0]], np.float32)
     guess = np.array([[11.0, 0.0, 38.0, 0.0], [0.0, 0.0, 0.0, 0.0]], np.float32)
     known = np.array([[True, True, True, True], [False, False, False, True]])
-    errors = benchmark_errors(guess, guess > 0, truth, known)
+    errors = benchmark_errors(guess, guess > 0, truth, known=known)
     # 11 for the 20, 38 for the 5 at the row's end, and 38 below it.
     assert errors["mae"] == pytest.approx(1e3 * np.mean([1, 9, 2, 33, 30]))
     assert errors["filled"] == pytest.approx(2 / 5)
@@ -75,6 +75,6 @@ def test_bad_input_yields_no_number():
         depth_errors(0 * ones, mask, ones, known=mask)
     rows = np.array([[True, True], [False, False], [True, True]])
     with pytest.raises(ValueError, match="2 known pixels lie in rows where nothing is guessed"):
-        benchmark_errors(np.ones((3, 2), np.float32), rows, np.ones((3, 2), np.float32), np.ones((3, 2), bool))
+        benchmark_errors(np.ones((3, 2), np.float32), rows, np.ones((3, 2), np.float32), known=np.ones((3, 2), bool))
     with pytest.raises(ValueError, match="no image"):
         depth_scores([])

@@ -8,8 +8,7 @@ import pytest
 import scipy.linalg
 
 from jaxsim.metrics.frechet import frechet_distance, halves
-from jaxsim.metrics.inception import CONVERTERS, load_extractor
-from jaxsim.metrics.inception.extractor import published_shapes
+from jaxsim.metrics.inception import CONVERTERS, load_extractor, published_shapes
 from jaxsim.weights import convert
 
 torch = pytest.importorskip("torch")

@@ -3,10 +3,16 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from jaxsim.metrics.inception import CONVERTERS, load_extractor, random_extractor
-from jaxsim.metrics.inception.extractor import SIZE, Extractor, _abstract, prepared_images, published_shapes
+from jaxsim.metrics.inception import (
+    CONVERTERS,
+    Extractor,
+    _abstract,
+    load_extractor,
+    published_shapes,
+    random_extractor,
+)
 from jaxsim.metrics.inception.network import Inception
-from jaxsim.metrics.inception.resize import bicubic, bilinear
+from jaxsim.metrics.inception.resize import SIZE, bicubic, bilinear, prepared_images
 from jaxsim.weights import convert
 from tests.metrics.published_inception import drawn, read_golden
 

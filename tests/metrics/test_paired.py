@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from jaxsim.metrics import group_means, paired_scores, paired_sums, ssim_map
+from jaxsim.metrics import group_means, paired_scores, paired_sums
+from jaxsim.metrics.paired import ssim_map
 
 SHAPE = (24, 40)
 
@@ -17,7 +18,7 @@ def frames(seed: int):
 
 
 def scores(x, y, returned, m):
-    return paired_scores(paired_sums(x, x < 0.005, y, returned, m))
+    return paired_scores(paired_sums(x, x < 0.005, y, returned=returned, m=m))
 
 
 def test_scores_equal_scikit_image_where_every_cell_counts():
@@ -56,10 +57,12 @@ def test_sums_add_up_over_frames():
     m = rng.random(SHAPE) < 0.6
     returned = rng.random(SHAPE) < 0.8
     both = paired_sums(
-        *(np.stack([a, b]) for a, b in ((x, y), (x < 0.005, y < 0.005), (y, x), (returned, m), (m, returned)))
+        *(np.stack([a, b]) for a, b in ((x, y), (x < 0.005, y < 0.005), (y, x))),
+        returned=np.stack([returned, m]),
+        m=np.stack([m, returned]),
     )
-    one = paired_sums(x, x < 0.005, y, returned, m)
-    two = paired_sums(y, y < 0.005, x, m, returned)
+    one = paired_sums(x, x < 0.005, y, returned=returned, m=m)
+    two = paired_sums(y, y < 0.005, x, returned=m, m=returned)
     for name in both:
         assert float(both[name]) == pytest.approx(float(one[name]) + float(two[name]), rel=1e-5)
 

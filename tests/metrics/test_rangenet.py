@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.metrics.generation.rangenet import (
+from jaxsim.metrics.rangenet import (
     CONVERTER,
     DEVIATIONS,
     MEANS,

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.prepare.denoise.lidia import Lidia, Variant, adapt, from_published, open_lidia, save_lidia
-from jaxsim.prepare.denoise.lidia.published import published_shapes
+from jaxsim.prepare.denoise.lidia import (
+    Lidia,
+    Variant,
+    adapt,
+    from_published,
+    open_lidia,
+    published_shapes,
+    save_lidia,
+)
 from tests.prepare.lidia_oracle import random_state
 
 HEAD = "separable_fc_net.sep_part2.ver_hor_out"
@@ -23,7 +30,7 @@ def silent():
     # Of the head's two factors one is left: with both at zero neither would learn.
     for name in (f"{HEAD}.ver.weight", f"{HEAD}.b"):
         state[name] *= 0
-    return Lidia(*from_published(state), sha256="0" * 64)
+    return Lidia(*from_published(state))
 
 
 @pytest.fixture
@@ -59,22 +66,21 @@ def test_the_loss_of_pairs_is_log10_of_the_mean_square_over_measured_cells(silen
     images, valid, noise = blocks()
     noisy = np.where(valid, images + noise, np.nan).astype(np.float32)
     clean = np.where(valid, images, np.nan).astype(np.float32)
-    taught = adapt.adapt(silent, clean, valid, ONE_EPOCH, noisy=noisy, progress=False)
+    taught = adapt.adapt(silent, clean, valid, settings=ONE_EPOCH, noisy=noisy)
     # Images are shown on [-1, 1], where noise is twice what it is on 0..1.
     assert losses == pytest.approx([np.log10(((2 * noise[valid]) ** 2).mean())], abs=1e-4)
     assert any(moved(silent, taught, "weight"))
     assert all(moved(silent, taught, "running_mean"))
-    assert taught.sha256 == ""
 
 
 def test_training_lowers_the_loss_of_the_very_blocks_that_it_began_with(silent, losses):
     images, valid, noise = blocks()
-    pair = {"noisy": np.where(valid, images + noise, np.nan).astype(np.float32), "progress": False}
+    pair = {"noisy": np.where(valid, images + noise, np.nan).astype(np.float32)}
     clean = np.where(valid, images, np.nan).astype(np.float32)
-    taught = adapt.adapt(silent, clean, valid, replace(ONE_EPOCH, epochs=EPOCHS), **pair)
+    taught = adapt.adapt(silent, clean, valid, settings=replace(ONE_EPOCH, epochs=EPOCHS), **pair)
     # The first epoch's blocks are the same in every training: one step more tells their loss after it. Losses of
     # different steps are not to be compared: each epoch mirrors its blocks anew, which moves them by 0.01.
-    adapt.adapt(taught, clean, valid, ONE_EPOCH, **pair)
+    adapt.adapt(taught, clean, valid, settings=ONE_EPOCH, **pair)
     before, after = losses[0], losses[EPOCHS]
     assert after < before - 0.005
 
@@ -92,7 +98,6 @@ def test_a_network_is_kept_and_read_again(silent, tmp_path):
     save_lidia(path, silent.values)
     kept = open_lidia(path)
     assert kept.variant == silent.variant
-    assert len(kept.sha256) == 64
     jax.tree.map(np.testing.assert_array_equal, kept.values, silent.values)
     assert [file.name for file in tmp_path.iterdir()] == ["own.npz"]
     # Written anew under its name, it is read anew.
@@ -100,6 +105,6 @@ def test_a_network_is_kept_and_read_again(silent, tmp_path):
     save_lidia(path, other)
     jax.tree.map(np.testing.assert_array_equal, open_lidia(path).values, other)
     main(["convert", "lidia", str(path), "--out", str(tmp_path / "again.npz")])
-    assert open_lidia(tmp_path / "again.npz").sha256 == open_lidia(path).sha256 != kept.sha256
+    jax.tree.map(np.testing.assert_array_equal, open_lidia(tmp_path / "again.npz").values, other)
     with pytest.raises(ValueError, match=r"kept as \.npz, not as own\.pt; name the file own\.npz"):
         save_lidia(tmp_path / "own.pt", other)

@@ -10,9 +10,8 @@ from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.pairs.prepared import cache_folder
 from jaxsim.prepare import denoise
-from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia
+from jaxsim.prepare.denoise.lidia import Lidia, Variant, from_published, open_lidia, published_shapes
 from jaxsim.prepare.denoise.lidia.adapt import Adaptation, adapt
-from jaxsim.prepare.denoise.lidia.published import published_shapes
 from tests.prepare.lidia_oracle import random_state
 
 
@@ -150,14 +149,14 @@ def test_adapting_to_one_s_own_images_helps_on_others(small):
     valid = rng.random(images.shape) < 0.9
     noisy = (images + 0.1 * rng.standard_normal(images.shape)).astype(np.float32)
     with jax.numpy_dtype_promotion("standard"):  # optax raises a float to an int
-        taught = adapt(small, images[:5], valid[:5], Adaptation(noise=0.1, epochs=6, stride=16), progress=False)
+        taught = adapt(small, images[:5], valid[:5], settings=Adaptation(noise=0.1, epochs=6, stride=16))
     off = lambda network: ((network(noisy[5], valid[5]) - images[5])[valid[5]] ** 2).mean()  # noqa: E731
     assert off(taught) < 0.8 * off(small)
     # Cells without return take no part.
     garbage = np.where(valid, images, np.nan).astype(np.float32)
     settings = Adaptation(noise=0.1, epochs=1, stride=16)
     with jax.numpy_dtype_promotion("standard"):
-        one, other = (adapt(small, x[:2], valid[:2], settings, progress=False) for x in (images, garbage))
+        one, other = (adapt(small, x[:2], valid[:2], settings=settings) for x in (images, garbage))
     np.testing.assert_array_equal(other(noisy[5], valid[5]), one(noisy[5], valid[5]))
 
 

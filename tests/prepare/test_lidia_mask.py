@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxsim.prepare.denoise.lidia import denoiser as whole
-from jaxsim.prepare.denoise.lidia.search import NEIGHBOURS, RADIUS, UNLIKE, nearest_patches
+from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, RADIUS, UNLIKE, nearest_patches
 
 SHAPE = (12, 13)
 GARBAGE = 1e3

@@ -8,8 +8,7 @@ from jaxsim.data import KittiObject, KittiRaw
 from jaxsim.frame import Camera, CameraFrame, Cloud, Frame, Pair, PolarImage
 from jaxsim.geometry import polar_to_points, preset, window_grid
 from jaxsim.prepare import crop_image, denoise, prepare_frame
-from jaxsim.prepare.denoise.lidia import Variant, from_published, save_lidia
-from jaxsim.prepare.denoise.lidia.published import published_shapes
+from jaxsim.prepare.denoise.lidia import Variant, from_published, published_shapes, save_lidia
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.training import create_state
 from tests.prepare.lidia_oracle import random_state

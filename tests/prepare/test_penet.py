@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from jaxsim.prepare.depth.penet import CONVERTERS, from_published, published_shapes, to_published
 from jaxsim.prepare.depth.penet.cspn import Guide, from_neighbours, propagate, step
 from jaxsim.prepare.depth.penet.geometry import coordinates, nearest_of_four, twice
 from jaxsim.prepare.depth.penet.layers import MOST_SCALE, MOST_SHIFT, BatchNorm, TransposedConv
-from jaxsim.prepare.depth.penet.published import abstract, create, definition
+from jaxsim.prepare.depth.penet.published import (
+    CONVERTERS,
+    abstract,
+    create,
+    definition,
+    from_published,
+    published_shapes,
+    to_published,
+)
 
 UNREAD = ("encoder3", "encoder5", "encoder7")
 
@@ -31,7 +38,8 @@ def theirs(vectors):
 
 def inputs(vectors):
     sparse = (vectors["sparse_depth_u16_div256"] / 256).astype(np.float32)[None]
-    return vectors["rgb_u8"][None].astype(np.float32), sparse, sparse > 0, vectors["K"][None]
+    arrays = vectors["rgb_u8"][None].astype(np.float32), sparse, sparse > 0, vectors["K"][None]
+    return tuple(jnp.asarray(array) for array in arrays)
 
 
 def drawn(shapes, seed):
@@ -65,7 +73,7 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
     @jax.jit
     def run(values):
         network = nnx.merge(definition(width, "published"), values)
-        seen = network.coarse(rgb, sparse, given, intrinsics, train=False)
+        seen = network.coarse(rgb, sparse, given, intrinsics=intrinsics, train=False)
         guides = {
             "guide3_sub": network.iter_guide_layer3(seen.fine, train=False)[:, ::8, ::16],
             "guide5_s2_sub": network.iter_guide_layer5_s2(seen.coarse, train=False)[:, ::4, ::8],
@@ -76,7 +84,7 @@ def test_published_weights_give_the_published_depth(vectors, theirs):
             x = getattr(b, f"rgb_encoder_layer{2 * k + 1}")(x, geo[k], geo[k + 1], train=False)
             x = getattr(b, f"rgb_encoder_layer{2 * k + 2}")(x, geo[k + 1], geo[k + 1], train=False)
         half = twice(from_neighbours(network.iter_guide_layer3_s2(seen.coarse, train=False)))
-        first = step(jnp.unstack(half, axis=-1), seen.fused, seen.fused, 2)
+        first = step(jnp.unstack(half, axis=-1), seen.fused, seen.fused, dilation=2)
         return seen, guides, first, network.refine(seen, sparse, given, train=False), x
 
     seen, guides, first, final, encoded = jax.tree.map(np.asarray, run(values))
@@ -132,7 +140,7 @@ def test_depth_spreads_as_the_formula_says(k, dilation):
     depth, start = rng.uniform(1, 9, (2, 1, h, w)).astype(np.float32)
     moved = np.asarray(jax.jit(from_neighbours)(guide))
     taps = [moved[..., o] for o in range(k * k)]
-    out = np.asarray(jax.jit(step, static_argnums=3)(taps, depth, start, dilation))
+    out = np.asarray(jax.jit(step, static_argnames="dilation")(taps, depth, start, dilation=dilation))
     for row in range(h):
         for column in range(w):
             total = 0.0
@@ -177,7 +185,7 @@ def test_a_transposed_convolution_spreads_every_cell_over_its_taps(size, stride)
             )
     half = size // 2
     expected = full[half : half + 4 * stride, half : half + 5 * stride]
-    np.testing.assert_allclose(np.asarray(layer(x))[0], expected, atol=1e-5)
+    np.testing.assert_allclose(np.asarray(layer(jnp.asarray(x)))[0], expected, atol=1e-5)
 
 
 def test_renormalised_batches_give_what_the_stored_statistics_give_and_move_them():

@@ -15,20 +15,17 @@ from jaxsim.config.depth import PUBLISHED_STAGES
 from jaxsim.frame import Camera, CameraFrame, Cloud, DepthFrame, Frame
 from jaxsim.metrics.depth import depth_errors
 from jaxsim.prepare import dense_view, depth
-from jaxsim.prepare.depth import complete_depth, complete_view
-from jaxsim.prepare.depth.frames import depth_frame, where_backed
-from jaxsim.prepare.depth.penet import completion, open_penet, save_penet
+from jaxsim.prepare.depth import complete_depth, complete_view, penet
+from jaxsim.prepare.depth.frames import Batches, augment, depth_frame, where_backed
+from jaxsim.prepare.depth.penet import open_penet, save_penet
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.training import (
-    augment,
-    batch_of,
     branch_weight,
     branches_error,
     create_state,
     masked_error,
     predict,
     rate,
-    steps_of,
     train_step,
 )
 
@@ -45,11 +42,12 @@ def plane(seed: int, size=(48, 96)) -> DepthFrame:
     truth = (10 + 0.1 * u + 0.05 * v).astype(np.float32)
     given = rng.random(size) < 0.1
     rgb = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
-    return DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(size, bool), INTRINSICS)
+    return DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(size, bool), intrinsics=INTRINSICS)
 
 
 def batch(number=0):
-    return batch_of([plane(0), plane(1), plane(2)], STAGES[0], CONFIG, seed=0, number=number, epoch=0, place=0)
+    config = replace(CONFIG, stages=(replace(STAGES[0], epochs=100),))
+    return Batches([plane(0), plane(1), plane(2)], config, seed=0)[number]
 
 
 def test_the_stages_are_the_published_ones():
@@ -68,8 +66,8 @@ def test_the_stages_are_the_published_ones():
 def test_the_refinement_leaves_the_branches_parameters_alone():
     state = create_state(CONFIG, seed=0)
     before = jax.tree.map(np.asarray, state.values)
-    args = (jnp.float32(1e-3), jnp.float32(0.0))
-    state, metrics = train_step(state, batch(), *args, config=CONFIG, part="refinement")
+    rates = {"lr": jnp.float32(1e-3), "weight": jnp.float32(0.0)}
+    state, metrics = train_step(state, batch(), **rates, config=CONFIG, part="refinement")
     after = jax.tree.map(np.asarray, state.values)
     assert bool(metrics["finite"])
     assert int(state.step) == 1
@@ -89,8 +87,8 @@ def test_the_joint_stage_moves_the_branches_by_a_tenth_and_leaves_stored_statist
     """Adam's first update is the rate itself wherever a gradient is; so the largest move of a part is its share."""
     state = create_state(replace(CONFIG, start_m=10.0), seed=0)
     before = jax.tree.map(np.asarray, state.values)
-    args = (jnp.float32(1e-2), jnp.float32(0.0))
-    state, metrics = train_step(state, batch(), *args, config=CONFIG, part="joint", norms="stored")
+    rates = {"lr": jnp.float32(1e-2), "weight": jnp.float32(0.0)}
+    state, metrics = train_step(state, batch(), **rates, config=CONFIG, part="joint", norms="stored")
     assert bool(metrics["finite"])
     moved = jax.tree.map(lambda new, old: float(np.abs(np.asarray(new) - old).max()), state.values, before)
     most = {"branches": 0.0, "refinement": 0.0}
@@ -123,10 +121,10 @@ def test_two_devices_learn_what_one_learns():
     mesh = devices.data_mesh(2)
     if mesh is None:
         pytest.skip("one device")
-    args = (jnp.float32(1e-3), jnp.float32(0.2))
+    rates = {"lr": jnp.float32(1e-3), "weight": jnp.float32(0.2)}
     run = partial(train_step, config=CONFIG, part="branches")
-    alone, one = run(create_state(CONFIG, seed=0), batch(), *args)
-    shared, two = run(devices.everywhere(mesh, create_state(CONFIG, seed=0)), devices.cut(mesh, batch()), *args)
+    alone, one = run(create_state(CONFIG, seed=0), batch(), **rates)
+    shared, two = run(devices.everywhere(mesh, create_state(CONFIG, seed=0)), devices.cut(mesh, batch()), **rates)
     assert float(two["loss/depth"]) == pytest.approx(float(one["loss/depth"]), rel=1e-4)
     assert float(two["grad_norm"]) == pytest.approx(float(one["grad_norm"]), rel=1e-3)
     for (path, ours), theirs in zip(
@@ -148,8 +146,8 @@ def test_branches_learn_a_wall():
     state = create_state(replace(CONFIG, start_m=10.0), seed=0)
     losses = []
     for k in range(60):
-        args = (jnp.float32(1e-2), jnp.float32(0.2))
-        state, metrics = train_step(state, batch(k), *args, config=CONFIG, part="branches")
+        rates = {"lr": jnp.float32(1e-2), "weight": jnp.float32(0.2)}
+        state, metrics = train_step(state, batch(k), **rates, config=CONFIG, part="branches")
         losses.append(float(metrics["loss/depth"]))
     assert np.mean(losses[-10:]) < 0.6 * np.mean(losses[:10])
 
@@ -170,12 +168,12 @@ def test_the_branches_learn_one_frame_by_heart_better_than_ip_basic_fills_it():
     truth = np.where(np.add.outer(np.arange(64) // 3, np.arange(96)) % 48 < 24, 8.0, 20.0).astype(np.float32)
     given = rng.random(truth.shape) < 0.04
     rgb = np.where(truth[..., None] < 10, np.uint8(60), np.uint8(180)) + np.zeros(3, np.uint8)
-    one = DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(truth.shape, bool), INTRINSICS)
+    one = DepthFrame(rgb, np.where(given, truth, 0), given, truth, np.ones(truth.shape, bool), intrinsics=INTRINSICS)
     config = replace(CONFIG, width=4, start_m=10.0, loss="huber")
     state, frame = create_state(config, seed=0), jax.tree.map(lambda x: x[None], one)
     for k in range(150):
-        args = (jnp.float32(1e-2 * min(1.0, 3 * (1 - k / 150))), jnp.float32(0.05))
-        state, _ = train_step(state, frame, *args, config=config, part="branches")
+        rates = {"lr": jnp.float32(1e-2 * min(1.0, 3 * (1 - k / 150))), "weight": jnp.float32(0.05)}
+        state, _ = train_step(state, frame, **rates, config=config, part="branches")
     guess = np.asarray(predict(state.values, frame, config=config, part="branches"))[0]
     dense, filled = complete_depth(one.sparse_m, given, "ip_basic")
     learned, classical = (
@@ -187,7 +185,7 @@ def test_the_branches_learn_one_frame_by_heart_better_than_ip_basic_fills_it():
 @pytest.mark.parametrize("seed", range(4))
 def test_cropping_and_mirroring_move_the_camera_with_the_image(seed):
     frame = plane(seed)
-    cut = augment(frame, STAGES[0], CONFIG, np.random.default_rng(seed))
+    cut = augment(frame, STAGES[0], CONFIG, rng=np.random.default_rng(seed))
     assert cut.sparse_m.shape == CROP
     assert cut.rgb.dtype == np.uint8
     v, u = np.mgrid[: CROP[0], : CROP[1]]
@@ -206,11 +204,11 @@ def test_cropping_and_mirroring_move_the_camera_with_the_image(seed):
 def test_a_batch_depends_on_its_place_alone():
     jax.tree.map(np.testing.assert_array_equal, batch(1), batch(1))
     assert (batch(1).rgb != batch(2).rgb).any()
-    assert steps_of(STAGES[0], 5) == 2
+    assert Batches([plane(0)] * 5, CONFIG, seed=0).steps == [2, 2, 2]
     with pytest.raises(ValueError, match="1 training frames do not fill"):
-        steps_of(STAGES[0], 1)
+        Batches([plane(0)], CONFIG, seed=0)
     with pytest.raises(ValueError, match="the branches stage crops 32 x 64"):
-        augment(plane(0, (16, 96)), STAGES[0], CONFIG, np.random.default_rng(0))
+        augment(plane(0, (16, 96)), STAGES[0], CONFIG, rng=np.random.default_rng(0))
 
 
 def view(size=(64, 96)):
@@ -223,28 +221,28 @@ def test_trained_weights_complete_a_view(tmp_path):
     save_penet(tmp_path / "weights.npz", jax.tree.map(np.asarray, state.values))
     camera, frame = view()
     garbage = np.where(frame.given, frame.sparse_m, np.nan).astype(np.float32)
-    done = complete_view(camera, garbage, frame.given, "penet", weights=tmp_path / "weights.npz")
+    done = complete_view(camera, garbage, frame.given, method="penet", weights=tmp_path / "weights.npz")
     assert done.depth_m.shape == (64, 96)
     assert np.isfinite(done.depth_m).all()
     assert (done.depth_m[done.depth_valid] > 0).all()
     network = open_penet(tmp_path / "weights.npz")
     assert (network.convention, network.width) == ("exact", 2)
     # What the crop took off the top concerns the published weights alone.
-    args = (frame.rgb, garbage, frame.given, INTRINSICS)
-    np.testing.assert_array_equal(network(*args, rows_cut=23)[0], network(*args)[0])
+    complete = partial(network, frame.rgb, garbage, frame.given, intrinsics=INTRINSICS)
+    np.testing.assert_array_equal(complete(rows_cut=23)[0], complete()[0])
 
 
 def test_published_weights_are_told_half_of_the_cut_rows(monkeypatch):
     seen = []
 
-    def spy(values, rgb, sparse, valid, intrinsics, *, width, convention):
+    def spy(values, rgb, sparse, *, valid, intrinsics, width, convention):
         seen.append(intrinsics[0])
         return np.ones(sparse.shape, np.float32)
 
-    monkeypatch.setattr(completion, "complete", spy)
+    monkeypatch.setattr(penet, "complete", spy)
     camera, frame = view()
-    network = completion.Penet(2, "published", {})
-    network(frame.rgb, frame.sparse_m, frame.given, INTRINSICS, rows_cut=23)
+    network = penet.Penet(2, "published", {})
+    network(frame.rgb, frame.sparse_m, frame.given, intrinsics=INTRINSICS, rows_cut=23)
     assert seen[0][1, 2] == INTRINSICS[1, 2] + 11.5  # the crop has taken 23 off already
     assert seen[0][0, 2] == INTRINSICS[0, 2]
     assert camera.depth_m is None
@@ -255,12 +253,12 @@ def test_a_kitti_frame_s_crop_moves_the_principal_point(monkeypatch, convention,
     """375 rows, 352 of them used: the published weights alone are told half of what is cut."""
     seen = []
 
-    def spy(values, rgb, sparse, valid, intrinsics, *, width, convention):
+    def spy(values, rgb, sparse, *, valid, intrinsics, width, convention):
         seen.append(intrinsics[0])
         return jnp.full(valid.shape, 10.0)
 
-    monkeypatch.setattr(completion, "complete", spy)
-    monkeypatch.setattr(depth, "open_penet", lambda path: completion.Penet(2, convention, {}))
+    monkeypatch.setattr(penet, "complete", spy)
+    monkeypatch.setattr(depth, "open_penet", lambda path: penet.Penet(2, convention, {}))
     intrinsics = np.array([[721.5, 0, 609.6], [0, 721.5, 172.9], [0, 0, 1]], np.float32)
     rng = np.random.default_rng(0)
     z = rng.uniform(5, 40, 500)
@@ -289,15 +287,15 @@ def test_a_file_that_was_written_anew_is_read_anew(tmp_path):
 def test_bad_input_says_what_to_do(tmp_path):
     camera, frame = view()
     with pytest.raises(ValueError, match=r"penet needs its weights.*--prepare\.depth-weights"):
-        complete_view(camera, frame.sparse_m, frame.given, "penet")
+        complete_view(camera, frame.sparse_m, frame.given, method="penet")
     with pytest.raises(FileNotFoundError, match="jaxsim convert penet FILE"):
-        complete_view(camera, frame.sparse_m, frame.given, "penet", weights=tmp_path / "none.npz")
+        complete_view(camera, frame.sparse_m, frame.given, method="penet", weights=tmp_path / "none.npz")
     save_penet(tmp_path / "weights.npz", jax.tree.map(np.asarray, create_state(CONFIG, seed=1).values))
     network = open_penet(tmp_path / "weights.npz")
     with pytest.raises(ValueError, match="not one pixel has depth"):
-        network(frame.rgb, frame.sparse_m, np.zeros((64, 96), bool), INTRINSICS)
+        network(frame.rgb, frame.sparse_m, np.zeros((64, 96), bool), intrinsics=INTRINSICS)
     with pytest.raises(ValueError, match=r"60 x 96 pixels; both must be multiples of 32: --prepare\.image-crop 32 96"):
-        network(frame.rgb[:60], frame.sparse_m[:60], frame.given[:60], INTRINSICS)
+        network(frame.rgb[:60], frame.sparse_m[:60], frame.given[:60], intrinsics=INTRINSICS)
     with pytest.raises(ValueError, match="penet also takes the image"):
         complete_depth(frame.sparse_m, frame.given, "penet")
     assert PrepareConfig(depth="penet").depth_weights is None

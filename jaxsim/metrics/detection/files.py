@@ -94,11 +94,11 @@ def _read(folder: Path, names: Sequence[str], what: str) -> Objects:
     values: list[list[float]] = []
     counts = np.zeros(len(paths), int)
     for k, path in enumerate(paths):
-        rows = [(line, text.split()) for line, text in enumerate(path.read_text().splitlines(), 1)]
-        for line, row in ((line, row) for line, row in rows if row):
-            values.append(_numbers(path, line, row, what))
-            kinds.append(row[0])
-            counts[k] += 1
+        for line, text in enumerate(path.read_text().splitlines(), 1):
+            if row := text.split():
+                values.append(_numbers(path, line, row, what=what))
+                kinds.append(row[0])
+                counts[k] += 1
     numbers = np.array(values, np.float64).reshape(len(kinds), _COLUMNS[what] - 1)
     return Objects(
         names=tuple(names),
@@ -115,7 +115,7 @@ def _read(folder: Path, names: Sequence[str], what: str) -> Objects:
     )
 
 
-def _numbers(path: Path, line: int, row: list[str], what: str) -> list[float]:
+def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]:
     wanted = _COLUMNS[what]
     if len(row) != wanted:
         hint = {15: " (15 is a label, without score)", 16: " (16 is a detection, with score)"}.get(len(row), "")

@@ -8,14 +8,14 @@ name them; batch norm is folded into the convolutions.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
+from jax import Array
 from jaxtyping import Float
 
-Array = Any
 Form = Literal["torchvision", "pytorch_fid"]
 Features = Float[Array, "b _h _w _c"]
 
@@ -66,16 +66,13 @@ def _joined(*branches: Features) -> Features:
 class BlockA(nnx.Module):
     """35 x 35 cells: 1 x 1, 5 x 5, two 3 x 3, pooling."""
 
-    def __init__(self, channels: int, pool: int, form: Form, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, pool: int, form: Form, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
         self.form: Form = form
         self.branch1x1 = conv(channels, 64)
         self.branch5x5_1, self.branch5x5_2 = conv(channels, 48), conv(48, 64, 5)
-        self.branch3x3dbl_1, self.branch3x3dbl_2, self.branch3x3dbl_3 = (
-            conv(channels, 64),
-            conv(64, 96, 3),
-            conv(96, 96, 3),
-        )
+        self.branch3x3dbl_1, self.branch3x3dbl_2 = conv(channels, 64), conv(64, 96, 3)
+        self.branch3x3dbl_3 = conv(96, 96, 3)
         self.branch_pool = conv(channels, pool)
 
     def __call__(self, x: Features) -> Features:
@@ -90,7 +87,7 @@ class BlockA(nnx.Module):
 class BlockB(nnx.Module):
     """35 x 35 to 17 x 17 cells."""
 
-    def __init__(self, channels: int, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
         self.branch3x3 = conv(channels, 384, 3, stride=2, same=False)
         self.branch3x3dbl_1, self.branch3x3dbl_2 = conv(channels, 64), conv(64, 96, 3)
@@ -107,15 +104,12 @@ class BlockB(nnx.Module):
 class BlockC(nnx.Module):
     """17 x 17 cells: 7 x 7 taken apart into rows and columns, `n` channels wide inside."""
 
-    def __init__(self, channels: int, n: int, form: Form, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, n: int, form: Form, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
         self.form: Form = form
         self.branch1x1 = conv(channels, 192)
-        self.branch7x7_1, self.branch7x7_2, self.branch7x7_3 = (
-            conv(channels, n),
-            conv(n, n, (1, 7)),
-            conv(n, 192, (7, 1)),
-        )
+        self.branch7x7_1, self.branch7x7_2 = conv(channels, n), conv(n, n, (1, 7))
+        self.branch7x7_3 = conv(n, 192, (7, 1))
         self.branch7x7dbl_1, self.branch7x7dbl_2 = conv(channels, n), conv(n, n, (7, 1))
         self.branch7x7dbl_3, self.branch7x7dbl_4 = conv(n, n, (1, 7)), conv(n, n, (7, 1))
         self.branch7x7dbl_5 = conv(n, 192, (1, 7))
@@ -134,7 +128,7 @@ class BlockC(nnx.Module):
 class BlockD(nnx.Module):
     """17 x 17 to 8 x 8 cells."""
 
-    def __init__(self, channels: int, rngs: nnx.Rngs) -> None:
+    def __init__(self, channels: int, *, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
         self.branch3x3_1, self.branch3x3_2 = conv(channels, 192), conv(192, 320, 3, stride=2, same=False)
         self.branch7x7x3_1, self.branch7x7x3_2 = conv(channels, 192), conv(192, 192, (1, 7))
@@ -148,7 +142,7 @@ class BlockD(nnx.Module):
 class BlockE(nnx.Module):
     """8 x 8 cells: 3 x 3 taken apart into a row and a column beside each other."""
 
-    def __init__(self, channels: int, form: Form, rngs: nnx.Rngs, *, last: bool = False) -> None:
+    def __init__(self, channels: int, form: Form, *, rngs: nnx.Rngs, last: bool = False) -> None:
         conv = partial(Conv, rngs=rngs)
         self.form: Form = form
         self.last = last
@@ -176,16 +170,16 @@ class Inception(nnx.Module):
         self.Conv2d_1a_3x3 = conv(3, 32, 3, stride=2, same=False)
         self.Conv2d_2a_3x3, self.Conv2d_2b_3x3 = conv(32, 32, 3, same=False), conv(32, 64, 3)
         self.Conv2d_3b_1x1, self.Conv2d_4a_3x3 = conv(64, 80), conv(80, 192, 3, same=False)
-        self.Mixed_5b = BlockA(192, 32, form, rngs)
-        self.Mixed_5c = BlockA(256, 64, form, rngs)
-        self.Mixed_5d = BlockA(288, 64, form, rngs)
-        self.Mixed_6a = BlockB(288, rngs)
-        self.Mixed_6b = BlockC(768, 128, form, rngs)
-        self.Mixed_6c = BlockC(768, 160, form, rngs)
-        self.Mixed_6d = BlockC(768, 160, form, rngs)
-        self.Mixed_6e = BlockC(768, 192, form, rngs)
-        self.Mixed_7a = BlockD(768, rngs)
-        self.Mixed_7b, self.Mixed_7c = BlockE(1280, form, rngs), BlockE(2048, form, rngs, last=True)
+        self.Mixed_5b = BlockA(192, 32, form, rngs=rngs)
+        self.Mixed_5c = BlockA(256, 64, form, rngs=rngs)
+        self.Mixed_5d = BlockA(288, 64, form, rngs=rngs)
+        self.Mixed_6a = BlockB(288, rngs=rngs)
+        self.Mixed_6b = BlockC(768, 128, form, rngs=rngs)
+        self.Mixed_6c = BlockC(768, 160, form, rngs=rngs)
+        self.Mixed_6d = BlockC(768, 160, form, rngs=rngs)
+        self.Mixed_6e = BlockC(768, 192, form, rngs=rngs)
+        self.Mixed_7a = BlockD(768, rngs=rngs)
+        self.Mixed_7b, self.Mixed_7c = BlockE(1280, form, rngs=rngs), BlockE(2048, form, rngs=rngs, last=True)
 
     def __call__(self, x: Float[Array, "b h w 3"]) -> dict[int, Features]:
         """Feature maps by their channels (`WIDTHS`)."""

@@ -1,12 +1,19 @@
-"""The two programs' resizing to 299 x 299, as one matrix a side: rows are new cells, columns old ones."""
+"""Images at the size that Inception takes: the two programs' resizing to 299 x 299, as one matrix a side, whose rows
+are new cells and whose columns are old ones."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.frame import Array
+from jaxsim.metrics.inception.network import Form
+
+SIZE = 299
 Matrix = Float[np.ndarray, "new old"]
 
 
@@ -36,3 +43,16 @@ def bicubic(new: int, old: int) -> Matrix:
     near = ((a + 2) * t - (a + 3)) * t * t + 1
     far = ((a * t - 5 * a) * t + 8 * a) * t - 4 * a
     return _gathered(places, np.where(t <= 1, near, far), old)
+
+
+def prepared_images(images: Float[Array, "b h w c"], form: Form) -> Float[Array, "b 299 299 3"]:
+    """Images in [-1, 1], grey or colour, at the network's size."""
+    if images.shape[-1] not in (1, 3):
+        raise ValueError(f"inception: images have {images.shape[-1]} channels; it takes 1 (repeated) or 3")
+    _, rows, columns, _ = images.shape
+    images = jnp.clip(images, -1.0, 1.0) if form == "torchvision" else images
+    matrix = bicubic if form == "torchvision" else bilinear
+    product = partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+    images = product("bhwc,ih->biwc", images, matrix(SIZE, rows))
+    images = product("biwc,jw->bijc", images, matrix(SIZE, columns))
+    return jnp.broadcast_to(images, (*images.shape[:-1], 3))

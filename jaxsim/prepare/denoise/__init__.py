@@ -12,27 +12,22 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.prepare.denoise.gaps import close_gaps
-from jaxsim.prepare.denoise.lidia import Lidia, open_lidia
-from jaxsim.prepare.denoise.non_local_means import non_local_means
-
-Array = np.ndarray
+from jaxsim.prepare.denoise.classical import close_gaps, non_local_means
+from jaxsim.prepare.denoise.lidia import open_lidia
 
 METHODS = {"none": lambda intensity: intensity, "non_local_means": non_local_means}
 """Filters that need no weights; `lidia` does."""
 
-__all__ = ["METHODS", "Lidia", "close_gaps", "denoise", "non_local_means"]
-
 
 def denoise(
-    intensity: Float[Array, "rows columns"],
-    valid: Bool[Array, "rows columns"],
+    intensity: Float[np.ndarray, "rows columns"],
+    valid: Bool[np.ndarray, "rows columns"],
     method: str = "none",
     *,
     weights: Path | None = None,
     statistics: Literal["stored", "image"] = "image",
     gain: float = 1.0,
-) -> Float[Array, "rows columns"]:
+) -> Float[np.ndarray, "rows columns"]:
     """Intensity (0..1) without the sensor's noise where `valid`; 0 elsewhere.
 
     `lidia` takes `weights` that `jaxsim convert lidia` wrote, and `statistics` of its batch norms: those stored with

@@ -12,25 +12,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import CameraFrame
-from jaxsim.prepare.depth.ip_basic import Blur, fill_in_fast, fill_in_multiscale
-from jaxsim.prepare.depth.penet import Penet, open_penet
-
-Array = np.ndarray
+from jaxsim.prepare.depth.ip_basic import fill_in_fast, fill_in_multiscale
+from jaxsim.prepare.depth.penet import open_penet
 
 METHODS = {"ip_basic": fill_in_multiscale, "ip_basic_fast": fill_in_fast}
 """Of the sparse depth alone; `penet` also takes the image, and weights."""
 
-__all__ = ["METHODS", "Penet", "complete_depth", "complete_view", "fill_in_fast", "fill_in_multiscale"]
-
 
 def complete_depth(
-    sparse_depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    method: str = "ip_basic_fast",
-    *,
-    extrapolate: bool = False,
-    blur: Blur = "bilateral",
-) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
+    sparse_depth_m: Float[np.ndarray, "h w"], valid: Bool[np.ndarray, "h w"], method: str = "ip_basic_fast"
+) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres for the pixels that the points' surroundings tell, and where that is.
 
     `ip_basic_fast` without extrapolation came nearest to KITTI's measured ranges (docs/benchmarks.md); sensors of
@@ -47,15 +38,15 @@ def complete_depth(
         )
     if method == "penet":
         raise ValueError("depth: penet also takes the image; call complete_view")
-    return METHODS[method](sparse_depth_m.astype(np.float32), valid, extrapolate=extrapolate, blur=blur)
+    return METHODS[method](sparse_depth_m.astype(np.float32), valid)
 
 
 def complete_view(
     view: CameraFrame,
-    sparse_depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    method: str,
+    sparse_depth_m: Float[np.ndarray, "h w"],
+    valid: Bool[np.ndarray, "h w"],
     *,
+    method: str,
     weights: Path | None = None,
     rows_cut: int = 0,
 ) -> CameraFrame:
@@ -68,7 +59,11 @@ def complete_view(
     if method == "penet":
         network = open_penet(weights)
         depth_m, known = network(
-            np.asarray(view.rgb), sparse_depth_m, valid, np.asarray(view.camera.intrinsics), rows_cut=rows_cut
+            np.asarray(view.rgb),
+            sparse_depth_m,
+            valid,
+            intrinsics=np.asarray(view.camera.intrinsics),
+            rows_cut=rows_cut,
         )
     else:
         depth_m, known = complete_depth(sparse_depth_m, valid, method)

@@ -1,19 +1,46 @@
-"""Frames whose true depth is known, as depth completion learns from them."""
+"""The LiDAR's points as a sparse depth image of the camera, and the frames that depth completion learns from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
-from jaxsim.frame import DepthFrame, Frame
-from jaxsim.geometry import pad_cloud
+from jaxsim.config import PenetConfig, Stage
+from jaxsim.frame import Array, Camera, Cloud, DepthFrame, Frame
+from jaxsim.geometry import pad_cloud, project, scatter_nearest
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
-from jaxsim.prepare.depth.sparse import sparse_depth
 
+_NEAREST_M = 0.1
 REACH_M = 120.0
 """True depth beyond a LiDAR's reach is left out, as no sweep could tell it; it would rule a squared error."""
+
+
+@partial(jax.jit, static_argnames="size")
+def sparse_depth(
+    cloud: Cloud, camera: Camera, size: tuple[int, int]
+) -> tuple[Float[Array, "*b h w"], Bool[Array, "*b h w"]]:
+    """Planar depth in metres of the nearest point in each pixel of an image of `size` (h, w), and its mask.
+
+    Points nearer to the image plane than 0.1 m and points outside the image are left out, as in KITTI's
+    depth-completion set; a pixel reaches half a pixel around its centre.
+    """
+    uv, depth_m = project(camera, cloud.xyz_m)
+    pixel = jnp.floor(uv + 0.5)
+    inside = cloud.valid & (depth_m > _NEAREST_M) & jnp.isfinite(depth_m)
+    u, v = pixel[..., 0], pixel[..., 1]
+    inside &= (u >= 0) & (u < size[1]) & (v >= 0) & (v < size[0])
+    row = jnp.where(inside, v, 0).astype(jnp.int32)
+    column = jnp.where(inside, u, 0).astype(jnp.int32)
+    # Points that are left out take cell (0, 0) for an index alone: the mask keeps them from winning it.
+    winner, valid = scatter_nearest(depth_m, row, column, inside=inside, shape=size)
+    nearest = jnp.take_along_axis(depth_m, winner.reshape(*depth_m.shape[:-1], -1), axis=-1)
+    return jnp.where(valid, nearest.reshape(winner.shape), 0), valid
 
 
 def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
@@ -27,16 +54,20 @@ def depth_frame(frame: Frame, crop: tuple[int, int]) -> DepthFrame:
             f"depth: {frame.name} has {'no LiDAR sweep' if cloud is None else 'no true depth'}; depth completion "
             "learns from frames that have both (the embedded world; KITTI's depth completion set, --depth-root)"
         )
-    (h, w), (rows, columns) = view.rgb.shape[:2], crop
+    h, w = view.rgb.shape[:2]
+    rows, columns = crop
     if h < rows or w < columns:
         raise ValueError(
             f"depth: {frame.name} is {h} x {w}, smaller than the crop {rows} x {columns}; lower --image-crop"
         )
     sparse_m, given = jax.device_get(sparse_depth(pad_cloud(cloud), view.camera, (h, w)))
     top, left = h - rows, round((w - columns) / 2)
-    cut = lambda raster: np.asarray(raster)[top:, left : left + columns]  # noqa: E731
+
+    def cut(raster: Array) -> np.ndarray:
+        return np.asarray(raster)[top:, left : left + columns]
+
     intrinsics = np.array(view.camera.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top
+    intrinsics[:2, 2] -= left, top  # the principal point moves by what is cut off
     known = np.asarray(view.depth_valid) & (np.asarray(view.depth_m) < REACH_M)
     return DepthFrame(cut(view.rgb), cut(sparse_m), cut(given), cut(view.depth_m), cut(known), intrinsics)
 
@@ -46,3 +77,80 @@ def where_backed(frame: DepthFrame) -> DepthFrame:
     line nothing says how far a facade is, and no completed depth is used there (`Penet`)."""
     backed = fill_in_multiscale(np.asarray(frame.sparse_m), np.asarray(frame.given))[1]
     return replace(frame, known=frame.known & backed)
+
+
+def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, *, rng: np.random.Generator) -> DepthFrame:
+    """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
+
+    Raises ValueError where the stage's crop is larger than the frame.
+    """
+    rows, columns = frame.sparse_m.shape
+    if stage.crop[0] > rows or stage.crop[1] > columns:
+        raise ValueError(
+            f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
+            f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
+        )
+    top = int(rng.integers(0, rows - stage.crop[0] + 1))
+    left = int(rng.integers(0, columns - stage.crop[1] + 1))
+    mirrored = config.flip and rng.random() < 0.5
+
+    def cut(raster: np.ndarray) -> np.ndarray:
+        part = np.asarray(raster)[top : top + stage.crop[0], left : left + stage.crop[1]]
+        return part[:, ::-1] if mirrored else part
+
+    intrinsics = np.array(frame.intrinsics, np.float32)
+    intrinsics[:2, 2] -= left, top
+    if mirrored:
+        # Pixel centres are whole numbers: the mirror of u is w - 1 - u.
+        intrinsics[0, 2] = stage.crop[1] - 1 - intrinsics[0, 2]
+    rgb = cut(frame.rgb)
+    if config.jitter:
+        rgb = _recoloured(rgb, 1 + config.jitter * rng.uniform(-1, 1, 3))
+    return DepthFrame(rgb, cut(frame.sparse_m), cut(frame.given), cut(frame.truth_m), cut(frame.known), intrinsics)
+
+
+def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Brightness, contrast, saturation times these."""
+    brightness, contrast, saturation = np.asarray(factors, np.float32)
+    x = rgb.astype(np.float32) * brightness
+    # Contrast about the image's mean, saturation about each pixel's grey.
+    x = x.mean() + (x - x.mean()) * contrast
+    grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]
+    return np.clip(np.round(grey + (x - grey) * saturation), 0, 255).astype(np.uint8)
+
+
+class Batches:
+    """All batches of a training, stage after stage: batch k depends on (seed, k) alone, so a resumed run sees what an
+    uninterrupted one would."""
+
+    def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
+        """Raises ValueError where the frames do not fill a batch of some stage."""
+        for stage in config.stages:
+            if len(frames) < stage.batch:
+                raise ValueError(
+                    f"penet: {len(frames)} training frames do not fill the {stage.part} stage's batch of {stage.batch}"
+                )
+        self.frames = frames
+        self.config = config
+        self.seed = seed
+        # An epoch's last, smaller batch is left out.
+        self.steps = [len(frames) // stage.batch for stage in config.stages]
+        self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def place(self, k: int) -> tuple[int, int, int]:
+        """Number of the stage that batch k belongs to, epoch of the stage, and place in the epoch; from 0."""
+        number = int(np.searchsorted(self.ends, k, side="right"))
+        within = k - (int(self.ends[number - 1]) if number else 0)
+        return number, *divmod(within, self.steps[number])
+
+    def __getitem__(self, k: int) -> DepthFrame:
+        number, epoch, place = self.place(k)
+        stage = self.config.stages[number]
+        of_epoch = [self.seed, number, epoch]
+        order = np.random.default_rng(of_epoch).permutation(len(self.frames))
+        chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
+        parts = [augment(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen]
+        return jax.tree.map(lambda *column: np.stack(column), *parts)

@@ -37,23 +37,21 @@ def _diamond(size: int) -> Array:
 
 
 def fill_in_fast(
-    depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    *,
-    extrapolate: bool = False,
-    blur: Blur = "bilateral",
+    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     """The quick form: points grow by the same number of pixels at every distance.
 
     `extrapolate` carries each column's topmost depth up to the image's border and fills what is left.
     """
     d = _inverted(depth_m, valid)
+    # Grow each point, close the small holes, then fill what is still empty from farther around.
     d = cv2.dilate(d, _diamond(5))
     d = cv2.morphologyEx(d, cv2.MORPH_CLOSE, _full(5))
     d = _fill_empty(d, 7)
     if extrapolate:
         d = _extend_up(d)
         d = _fill_empty(d, 31)
+    # The median takes outliers away, the second blur makes planes smooth; the bilateral one keeps edges.
     d = cv2.medianBlur(d, 5)
     if blur == "bilateral":
         d = cv2.bilateralFilter(d, 5, 1.5, 2.0)
@@ -63,11 +61,7 @@ def fill_in_fast(
 
 
 def fill_in_multiscale(
-    depth_m: Float[Array, "h w"],
-    valid: Bool[Array, "h w"],
-    *,
-    extrapolate: bool = False,
-    blur: Blur = "bilateral",
+    depth_m: Float[Array, "h w"], valid: Bool[Array, "h w"], *, extrapolate: bool = False, blur: Blur = "bilateral"
 ) -> tuple[Float[Array, "h w"], Bool[Array, "h w"]]:
     """Near points grow by more pixels than far ones; less noise than `fill_in_fast`, slower."""
     sparse = _inverted(depth_m, valid)

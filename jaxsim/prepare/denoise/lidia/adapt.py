@@ -21,12 +21,11 @@ import optax
 from jaxtyping import Bool, Float
 from tqdm import tqdm
 
-from jaxsim.prepare.denoise.gaps import close_gaps
+from jaxsim.prepare.denoise.classical import close_gaps
+from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
-from jaxsim.prepare.denoise.lidia.intensity import Lidia
 from jaxsim.prepare.denoise.lidia.network import Variant
 
-Array = np.ndarray
 STORED = ("running_mean", "running_var")
 
 
@@ -54,23 +53,22 @@ EXTERNAL = Adaptation(lr=1e-2, epochs=10)
 
 def adapt_to_itself(
     network: Lidia,
-    intensity: Float[Array, "n rows columns"],
-    valid: Bool[Array, "n rows columns"],
+    intensity: Float[np.ndarray, "n rows columns"],
+    valid: Bool[np.ndarray, "n rows columns"],
     *,
     settings: Adaptation = INTERNAL,
 ) -> Lidia:
     """Internal adaptation: the network trained to find its own denoised images again under more noise."""
-    return adapt(network, network(intensity, valid), valid, settings)
+    return adapt(network, network(intensity, valid), valid, settings=settings)
 
 
 def adapt(
     network: Lidia,
-    clean: Float[Array, "n rows columns"],
-    valid: Bool[Array, "n rows columns"],
-    settings: Adaptation = EXTERNAL,
+    clean: Float[np.ndarray, "n rows columns"],
+    valid: Bool[np.ndarray, "n rows columns"],
     *,
-    noisy: Float[Array, "n rows columns"] | None = None,
-    progress: bool = True,
+    settings: Adaptation = EXTERNAL,
+    noisy: Float[np.ndarray, "n rows columns"] | None = None,
 ) -> Lidia:
     """The network after training on clean images (intensity 0..1) with noise added, or on measured pairs.
 
@@ -81,78 +79,76 @@ def adapt(
         raise ValueError("lidia: nothing to adapt to: give images that each have at least one valid cell")
     side = min(settings.block, *clean.shape[1:])
     check_size(side, side, network.variant)
-    images = [np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
-              for given in (clean, clean if noisy is None else noisy)]  # fmt: skip
-    cut = _blocks(images, valid, side, settings=settings)
+    images = [
+        np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
+        for given in (clean, clean if noisy is None else noisy)
+    ]
     adam = optax.adam(settings.lr)
     values, memory = network.values, adam.init(network.values)
-    deviation = 2 * settings.noise if noisy is None else 0.0
-    steps = settings.epochs * (len(cut.places) // cut.batch)
+    deviation = 2 * settings.noise if noisy is None else 0.0  # images are shown on [-1, 1]: twice the intensity's scale
     key = jax.random.key(settings.seed)
-    bar = tqdm(cut.batches(settings), total=steps, desc="adapting lidia", unit="step", disable=not progress)
+    bar = tqdm(_Blocks(images, valid, side, settings=settings), desc="adapting lidia", unit="step")
     for k, block in enumerate(bar):
-        noise = jax.random.fold_in(key, k)
-        updated = _step(values, memory, noise, *block, deviation=deviation, lr=settings.lr, variant=network.variant)
-        values, memory, loss = updated
+        form = {"deviation": deviation, "lr": settings.lr, "variant": network.variant}
+        values, memory, loss = _step(values, memory, block, key=jax.random.fold_in(key, k), **form)
         if not np.isfinite(float(loss)):
             raise ValueError(f"lidia: the loss of step {k} is {float(loss)}; lower the rate (lr={settings.lr})")
         bar.set_postfix(psnr=f"{-10 * (float(loss) - np.log10(4)):.2f} dB", refresh=False)
-    return replace(network, values=values, sha256="")
+    return replace(network, values=values)
 
 
-@dataclass(frozen=True)
 class _Blocks:
-    """Square parts of the images."""
+    """Batches of clean and noisy square blocks and their masks, shuffled, mirrored and transposed at random."""
 
-    images: list[Array]
-    valid: Array
-    places: Array
-    side: int
-    batch: int
+    def __init__(self, images: list[np.ndarray], valid: np.ndarray, side: int, *, settings: Adaptation):
+        self.rasters = (*images, valid)
+        self.side = side
+        self.settings = settings
+        n, rows, columns = valid.shape
+        corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
+        self.places = [
+            np.s_[i, row : row + side, column : column + side]
+            for i in range(n)
+            for row in corners[0]
+            for column in corners[1]
+            if valid[i, row : row + side, column : column + side].any()
+        ]
+        self.batch = min(settings.batch, len(self.places))
 
-    def batches(self, settings: Adaptation) -> Iterator[tuple[Array, Array, Array]]:
-        """Clean and noisy blocks and their masks, shuffled, mirrored and transposed at random."""
-        for epoch in range(settings.epochs):
-            rng = np.random.default_rng([settings.seed, epoch])
+    def __len__(self) -> int:
+        return self.settings.epochs * (len(self.places) // self.batch)
+
+    def __iter__(self) -> Iterator[tuple[np.ndarray, ...]]:
+        for epoch in range(self.settings.epochs):
+            rng = np.random.default_rng([self.settings.seed, epoch])
             order = rng.permutation(len(self.places))
             for start in range(0, len(order) - self.batch + 1, self.batch):
-                turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, settings.transpose])
-                parts = [
-                    self._one(int(k), turn) for k, turn in zip(order[start : start + self.batch], turns, strict=True)
-                ]
-                clean, noisy, valid = (np.stack(column) for column in zip(*parts, strict=True))
-                yield clean, noisy, valid
+                turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, self.settings.transpose])
+                chosen = zip(order[start : start + self.batch], turns, strict=True)
+                blocks = [self._block(int(k), turn) for k, turn in chosen]
+                yield tuple(np.stack(column) for column in zip(*blocks, strict=True))
 
-    def _one(self, k: int, turn: Array) -> list[Array]:
-        n, row, column = self.places[k]
-        view = np.s_[n, row : row + self.side, column : column + self.side]
-        parts = [x[view] for x in (*self.images, self.valid)]
-        parts = [x[:: 1 - 2 * turn[0], :: 1 - 2 * turn[1]] for x in parts]
-        return [x.T if turn[2] else x for x in parts]
-
-
-def _blocks(images: list[Array], valid: Array, side: int, *, settings: Adaptation) -> _Blocks:
-    n, rows, columns = valid.shape
-    corners = [range(0, size - side + 1, settings.stride) for size in (rows, columns)]
-    places = [
-        (i, row, column)
-        for i in range(n)
-        for row in corners[0]
-        for column in corners[1]
-        if valid[i, row : row + side, column : column + side].any()
-    ]
-    return _Blocks(images, valid, np.array(places), side, min(settings.batch, len(places)))
+    def _block(self, k: int, turn: np.ndarray) -> list[np.ndarray]:
+        parts = [raster[self.places[k]][:: 1 - 2 * turn[0], :: 1 - 2 * turn[1]] for raster in self.rasters]
+        return [part.T if turn[2] else part for part in parts]
 
 
 @partial(jax.jit, static_argnames=("lr", "variant"))
 def _step(
-    values: Values, memory: Any, key: Any, clean: Any, noisy: Any, valid: Any, *, deviation: Any, lr: float,
+    values: Values,
+    memory: Any,
+    block: tuple[jax.Array, ...],
+    *,
+    key: jax.Array,
+    deviation: jax.Array,
+    lr: float,
     variant: Variant,
-) -> tuple[Values, Any, Any]:  # fmt: skip
+) -> tuple[Values, Any, jax.Array]:
     """One update of Adam; the stored statistics move with the batch."""
+    clean, noisy, valid = block
     noisy = noisy + deviation * jax.random.normal(key, noisy.shape, noisy.dtype)
 
-    def loss_of(values: Values) -> tuple[Any, Values]:
+    def loss_of(values: Values) -> tuple[jax.Array, Values]:
         out, seen = apply_and_learn(values, noisy[..., None], valid, variant=variant)
         square = jnp.where(valid, (out[..., 0] - clean) ** 2, 0.0)
         return jnp.log10(square.sum() / valid.sum(dtype=jnp.float32)), seen

@@ -10,19 +10,18 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Bool, Float
 
-from jaxsim.prepare.denoise.lidia.layers import STATISTICS, Statistics
+from jaxsim.frame import Array
+from jaxsim.prepare.denoise.lidia.layers import Statistics
 from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Variant
-from jaxsim.prepare.denoise.lidia.patches import blur, fold, pad, unfold
-from jaxsim.prepare.denoise.lidia.search import RADIUS, nearest_patches
+from jaxsim.prepare.denoise.lidia.patches import RADIUS, blur, fold, nearest_patches, pad, unfold
 
-Array = Any
 Values = dict[str, Any]
 """A network's parameters and statistics: nested dicts by published names."""
 
 FAR = -1.0
 """What stands beyond the mirrored border, where the search finds nothing alike."""
 GREY = (0.2989, 0.5870, 0.1140)
-CHUNK = {"stored": 512, "image": 40_000, "training": 2**30}
+CHUNK: dict[Statistics, int] = {"stored": 512, "image": 40_000, "training": 2**30}
 """Patches at a time. With stored statistics a matter of memory alone; of the image's, the published number."""
 
 
@@ -75,7 +74,7 @@ def apply(
 
 
 def apply_and_learn(
-    values: Values, image: Float[Array, "b h w c"], measured: Bool[Array, "b h w"] | None, *, variant: Variant
+    values: Values, image: Float[Array, "b h w c"], measured: Bool[Array, "b h w"], *, variant: Variant
 ) -> tuple[Float[Array, "b h w c"], Values]:
     """As `apply` in training: with the statistics of the patches at hand; and the values whose statistics moved."""
     network = nnx.merge(definition(variant), values)
@@ -87,8 +86,8 @@ def _apply(network: PatchDenoiser, image: Array, measured: Array | None, *, stat
     b, h, w, c = image.shape
     if c != variant.channels:
         raise ValueError(f"lidia: the image has {c} channels; these weights are for {variant.channels}")
-    if statistics not in STATISTICS:
-        raise ValueError(f"lidia: no statistics {statistics!r}; known: {', '.join(STATISTICS)}")
+    if statistics not in CHUNK:
+        raise ValueError(f"lidia: no statistics {statistics!r}; known: {', '.join(CHUNK)}")
     check_size(h, w, variant)
     p = variant.p
     mean = _mean(image, measured)
@@ -97,8 +96,11 @@ def _apply(network: PatchDenoiser, image: Array, measured: Array | None, *, stat
     coarse_image, coarse_mask = _blurred(*_bordered(image, measured, coarse_margin(variant)))
     shape = (b, fine_image.shape[1] - p + 1, fine_image.shape[2] - p + 1)
     fine, coarse = _scale(fine_image, fine_mask, p, d=1), _scale(coarse_image, coarse_mask, p, d=2)
-    counted = jnp.ones(fine.index.shape[1]) if fine_mask is None else _holds_any(fine_mask, p)
+    counted = jnp.ones(fine.index.shape[1])
+    if fine_mask is not None:  # patches without a measured cell do not count in the statistics
+        counted = (unfold(fine_mask, p).sum(-1) > 0).astype(fine_mask.dtype).reshape(-1)
     clean, weight = network(fine, coarse, counted, shape=shape, statistics=statistics, chunk=chunk or CHUNK[statistics])
+    # Overlapping patches are averaged by their weights; the mirrored border is cut off again.
     total = fold((clean * weight[:, None]).reshape(*shape, -1), p)
     share = fold(jnp.broadcast_to(weight[:, None], (len(weight), p * p)).reshape(*shape, -1), p)
     inner = slice(p - 1, 1 - p)
@@ -126,10 +128,6 @@ def _blurred(image: Array, mask: Array | None) -> tuple[Array, Array | None]:
     return jnp.where(known, blur(image * mask) / jnp.where(known, weight, 1.0), blur(image)), known.astype(image.dtype)
 
 
-def _holds_any(mask: Array, p: int) -> Array:
-    return (unfold(mask, p).sum(-1) > 0).astype(mask.dtype).reshape(-1)
-
-
 def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
     """Table of patches, neighbours and distances of every patch of `image`."""
     margin, (b, _, _, c) = RADIUS * d, image.shape
@@ -142,6 +140,7 @@ def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
         distance, index = jax.lax.map(lambda one: search(one, None), grey)
     else:
         distance, index = jax.lax.map(lambda one: search(*one), (grey, known[..., 0] > 0))
+    # The table holds the patches of all images: each image's numbers begin where the one before ends.
     index = index + (jnp.arange(b) * (table.shape[1] * table.shape[2]))[:, None, None, None]
     own = _variance(unfold(image, p, d), None if mask is None else unfold(jnp.repeat(mask, c, -1), p, d))
     distance = jnp.concatenate([distance[..., 1:], own], -1)

@@ -6,19 +6,17 @@ and layouts of parameters are those of the published state dicts: weights are (o
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
+from jax import Array
 from jaxtyping import Float
-
-Array = Any
 
 Statistics = Literal["stored", "image", "training"]
 """What batch norm divides by: the training set's statistics, stored with the weights; those of the patches at hand;
 or these, and the stored ones move towards them."""
-STATISTICS: tuple[Statistics, ...] = ("stored", "image", "training")
 EPS, MOMENTUM = 1e-5, 0.1
 
 _product = jax.lax.Precision.HIGHEST  # an accelerator's default would round inputs to fewer digits
@@ -76,13 +74,11 @@ class BatchNorm(nnx.Module):
             mean = (x * weight).sum((1, 2)) / number
             variance = ((x - mean[:, None, None]) ** 2 * weight).sum((1, 2)) / number
         if statistics == "training":
-            self._remember(mean, variance * number / jnp.maximum(number - 1.0, 1.0))
+            unbiased = variance * number / jnp.maximum(number - 1.0, 1.0)
+            for kept, new in ((self.running_mean, mean), (self.running_var, unbiased)):
+                kept[...] = (1 - MOMENTUM) * kept[...] + MOMENTUM * jax.lax.stop_gradient(new)
         rate = self.weight[...] * jax.lax.rsqrt(variance + EPS)
         return x * rate[:, None, None] + (self.bias[...] - mean * rate)[:, None, None]
-
-    def _remember(self, mean: Array, variance: Array) -> None:
-        for kept, new in ((self.running_mean, mean), (self.running_var, variance)):
-            kept[...] = (1 - MOMENTUM) * kept[...] + MOMENTUM * jax.lax.stop_gradient(new)
 
 
 class VerHorBnRe(nnx.Module):

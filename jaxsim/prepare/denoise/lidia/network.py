@@ -12,13 +12,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from flax import nnx, struct
+from jax import Array
 from jaxtyping import Float, Int
 
 from jaxsim.prepare.denoise.lidia.layers import Statistics, VerHor, VerHorBnRe, WeightsNet
-from jaxsim.prepare.denoise.lidia.patches import blur, counts, fold, pad, unfold
-from jaxsim.prepare.denoise.lidia.search import NEIGHBOURS
-
-Array = Any
+from jaxsim.prepare.denoise.lidia.patches import NEIGHBOURS, blur, counts, fold, pad, unfold
 
 
 class Variant(NamedTuple):
@@ -117,8 +115,11 @@ class PatchDenoiser(nnx.Module):
             raise ValueError("lidia: there is no small network for colour images; take the full one")
         self.variant = variant
         self.separable_fc_net = SeparableNet(variant, rngs)
-        self.weights_net0, self.weights_net1 = (WeightsNet(NEIGHBOURS, rngs=rngs) for _ in range(2))
-        self.alpha0, self.alpha1, self.beta = (nnx.Param(jnp.full(1, 0.5)) for _ in range(3))
+        self.weights_net0 = WeightsNet(NEIGHBOURS, rngs=rngs)
+        self.weights_net1 = WeightsNet(NEIGHBOURS, rngs=rngs)
+        self.alpha0 = nnx.Param(jnp.full(1, 0.5))
+        self.alpha1 = nnx.Param(jnp.full(1, 0.5))
+        self.beta = nnx.Param(jnp.full(1, 0.5))
 
     def __call__(
         self,
@@ -139,41 +140,51 @@ class PatchDenoiser(nnx.Module):
         weight0 = self.weights_net0(jnp.exp(-jnp.abs(self.alpha0[0]) * fine.distance), counted, statistics)
         weight1 = self.weights_net1(jnp.exp(-jnp.abs(self.alpha1[0]) * coarse.distance), counted, statistics)
 
-        def part1(index0: Array, weight0: Array, index1: Array, weight1: Array, counted: Array) -> tuple[Array, ...]:
+        def part1(near: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
+            index0, weight0, index1, weight1 = near
             x0 = net.sep_part1_s0(fine.table[index0] * weight0[..., None], counted, statistics)
             x1 = net.sep_part1_s1(coarse.table[index1] * weight1[..., None], counted, statistics)
             return jnp.concatenate([x0, x1]), net.ver_hor_agg0_pre(x0), net.ver_hor_agg1_pre(x1)
 
-        features, pre0, pre1 = _by_chunks(part1, chunk, fine.index, weight0, coarse.index, weight1, counted[None])
+        near = (fine.index, weight0, coarse.index, weight1)
+        features, pre0, pre1 = _by_chunks(part1, near, counted, chunk=chunk)
 
         def aggregate(x: Array, d: int) -> Array:
             """Patches that overlap agree on their mean."""
-            image = fold(x.reshape(*shape, -1), p, d) / counts(*shape[1:], p, d)
+            image = fold(x.reshape(*shape, -1), p, d) / counts(*shape[1:], p, d=d)
             return unfold(image if d == 1 else blur(pad(image, 1, "reflect")), p, d).reshape(1, -1, x.shape[-1])
 
         agreed0 = aggregate(pre0, 1)
+        # At the coarse scale the patch's own factor is taken out before patches meet, and put back after.
         agreed1 = weight1[:1, :, None] * aggregate(pre1 / weight1[:1, :, None], 2)
 
-        def part2(features: Array, agreed0: Array, agreed1: Array, counted: Array) -> tuple[Array, ...]:
+        def part2(seen: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
+            features, agreed0, agreed1 = seen
             more0 = net.ver_hor_bn_re_agg0_post(agreed0, counted, statistics)
             more1 = net.ver_hor_bn_re_agg1_post(agreed1, counted, statistics)
             return (net.sep_part2(jnp.concatenate([features, more0, more1]), counted, statistics),)
 
-        (noise,) = _by_chunks(part2, chunk, features, agreed0, agreed1, counted[None])
+        (noise,) = _by_chunks(part2, (features, agreed0, agreed1), counted, chunk=chunk)
         clean = fine.table[fine.index[0]] - noise[0]
+        # Flat patches count most where patches overlap: the weight falls with the cleaned patch's variance.
         spread = jnp.mean((clean - clean.mean(-1, keepdims=True)) ** 2, -1)
         return clean, jnp.exp(-jnp.abs(self.beta[0]) * spread)
 
 
-def _by_chunks(function: Callable[..., tuple[Array, ...]], chunk: int, *arrays: Array) -> tuple[Array, ...]:
-    """`function` of the arrays, whose second axis are patches, `chunk` patches at a time.
+def _by_chunks(
+    function: Callable[[tuple[Array, ...], Array], tuple[Array, ...]],
+    arrays: tuple[Array, ...],
+    counted: Float[Array, " n"],
+    *,
+    chunk: int,
+) -> tuple[Array, ...]:
+    """`function` of arrays whose second axis are patches, and of which patches count: `chunk` patches at a time.
 
-    The last array says which patches count, and comes without its first axis; the patches that fill up the last chunk
-    do not.
+    The patches that fill up the last chunk do not count.
     """
-    n = arrays[0].shape[1]
+    n = len(counted)
     if n <= chunk:
-        return function(*arrays[:-1], arrays[-1][0])
+        return function(arrays, counted)
     more = -n % chunk
 
     def cut(x: Array) -> Array:
@@ -184,5 +195,6 @@ def _by_chunks(function: Callable[..., tuple[Array, ...]], chunk: int, *arrays: 
         x = jnp.moveaxis(x, 0, 1)
         return x.reshape(x.shape[0], -1, *x.shape[3:])[:, :n]
 
-    parts = jax.lax.map(lambda part: function(*part[:-1], part[-1][0]), tuple(cut(x) for x in arrays))
+    chunks = tuple(cut(x) for x in (*arrays, counted[None]))
+    parts = jax.lax.map(lambda part: function(part[:-1], part[-1][0]), chunks)
     return tuple(joined(x) for x in parts)

@@ -9,16 +9,15 @@ row by row, delta(o) its offset; c the middle slot. The middle tap takes the dep
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
+from jax import Array
 from jaxtyping import Float
 
 from jaxsim.prepare.depth.penet.layers import ConvBn, Mode
 
-Array = Any
 KERNELS = (3, 5, 7)
 
 
@@ -30,7 +29,7 @@ class Guide(nnx.Module):
 
     def __call__(self, features: Float[Array, "b h w c"], *, train: Mode) -> Float[Array, "b h w kk"]:
         guide = self.generate(features, train=train)
-        guide = guide / jnp.abs(guide).sum(-1, keepdims=True)
+        guide = guide / jnp.abs(guide).sum(-1, keepdims=True)  # keeps repeated steps stable
         first, second = jnp.split(guide, 2, -1)
         return jnp.concatenate([first, 1 - guide.sum(-1, keepdims=True), second], -1)
 
@@ -54,7 +53,7 @@ def from_neighbours(guide: Float[Array, "b h w kk"]) -> Float[Array, "b h w kk"]
 
 
 def step(
-    taps: Sequence[Float[Array, "b h w"]], depth: Float[Array, "b h w"], start: Float[Array, "b h w"], dilation: int
+    taps: Sequence[Float[Array, "b h w"]], depth: Float[Array, "b h w"], start: Float[Array, "b h w"], *, dilation: int
 ) -> Float[Array, "b h w"]:
     """One propagation; `taps` are the slots of what `from_neighbours` gives."""
     k = round(len(taps) ** 0.5)
@@ -79,8 +78,9 @@ def propagate(
     # One array a slot: the gradient of a slot of a common array is as large as that array, every time.
     taps = [jnp.unstack(guide, axis=-1) for guide in guides]
 
-    def once(_: Any, depths: tuple[Array, ...]) -> tuple[Array, ...]:
-        spread = [step(slots, depth, start, dilation) for slots, depth in zip(taps, depths, strict=True)]
+    def once(_: Array, depths: tuple[Array, ...]) -> tuple[Array, ...]:
+        spread = [step(slots, depth, start, dilation=dilation) for slots, depth in zip(taps, depths, strict=True)]
+        # The measured depth is put back after each step, as far as it is trusted.
         return tuple((1 - trust) * depth + trust * sparse for depth in spread)
 
     depths = jax.lax.fori_loop(0, iterations, once, (start,) * len(guides), unroll=False)

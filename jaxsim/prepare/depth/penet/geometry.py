@@ -7,13 +7,14 @@ runs from 0 to the *scaled-down* size 352 x 1216, less the *full-size* principal
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-Array = Any
+from jaxsim.frame import Array
+
 Convention = Literal["exact", "published"]
 PUBLISHED_SIZE = (352, 1216)
 
@@ -38,23 +39,23 @@ def coordinates(
     convention: Convention,
 ) -> list[Float[Array, "b _h _w 3"]]:
     """Coordinates of the image's cells and of its halvings, `scales` rasters, the finest first."""
-    rows, columns = (_places(size, scales) for size in depth_m.shape[1:])
+    places = [_places(size, scales) for size in depth_m.shape[1:]]
+    focal = jnp.diagonal(intrinsics, axis1=1, axis2=2)[..., None, None]
+    centre = intrinsics[:, :, 2][..., None, None]
     result = []
     for k in range(scales):
-        z = jnp.where(valid, depth_m, 0.0)
+        across = [along[k] for along in places]
         if convention == "published":
             # From -1 to 1 over the image, averaged two by two.
             across = [
-                0.5 * full / 2**k * (2 * x[k] / x[0][-1])
-                for full, x in zip(PUBLISHED_SIZE, (rows, columns), strict=True)
+                0.5 * full / 2**k * (2 * along[k] / along[0][-1])
+                for full, along in zip(PUBLISHED_SIZE, places, strict=True)
             ]
-        else:
-            across = [rows[k], columns[k]]
-        v, u = jnp.asarray(across[0], jnp.float32), jnp.asarray(across[1], jnp.float32)
-        focal = lambda axis: intrinsics[:, axis, axis][:, None, None]  # noqa: E731
-        centre = lambda axis: intrinsics[:, axis, 2][:, None, None]  # noqa: E731
-        down = z * (v[None, :, None] - centre(1)) / focal(1)
-        right = z * (u[None, None, :] - centre(0)) / focal(0)
+        v = jnp.asarray(across[0], jnp.float32)[None, :, None]
+        u = jnp.asarray(across[1], jnp.float32)[None, None, :]
+        z = jnp.where(valid, depth_m, 0.0)
+        down = z * (v - centre[:, 1]) / focal[:, 1]
+        right = z * (u - centre[:, 0]) / focal[:, 0]
         result.append(jnp.stack([down, right, z], -1))
         if k + 1 < scales:
             depth_m, valid = nearest_of_four(depth_m, valid)
@@ -72,6 +73,3 @@ def _places(size: int, scales: int) -> list[np.ndarray]:
 def twice(x: Float[Array, "b h w *c"]) -> Float[Array, "b _h _w *c"]:
     """Twice the rows and columns, each cell repeated."""
     return jnp.repeat(jnp.repeat(x, 2, 1), 2, 2)
-
-
-__all__ = ["PUBLISHED_SIZE", "Convention", "coordinates", "nearest_of_four", "twice"]

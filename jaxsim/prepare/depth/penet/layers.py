@@ -6,14 +6,14 @@ convolutions of the spread-out input. `published.create` draws the values that a
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
+from jax import Array
 from jaxtyping import Float
 
-Array = Any
 Raster = Float[Array, "b _h _w _c"]
 
 Mode = bool | Literal["renorm"]
@@ -34,8 +34,7 @@ class Conv(nnx.Module):
         self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
     def __call__(self, x: Raster) -> Raster:
-        half = self.kernel.shape[0] // 2
-        return _convolve(x, self.kernel[...], (self.stride,) * 2, ((half, half), (half, half)))
+        return _convolve(x, self.kernel[...], stride=self.stride)
 
 
 class TransposedConv(nnx.Module):
@@ -46,10 +45,7 @@ class TransposedConv(nnx.Module):
         self.kernel = nnx.Param(jax.random.normal(rngs.params(), (size, size, inputs, outputs), jnp.float32))
 
     def __call__(self, x: Raster) -> Raster:
-        return _doubled(x, self.kernel[...]) if self.stride == 2 else _convolve(x, self.kernel[...], (1, 1), SAME)
-
-
-SAME = ((1, 1), (1, 1))
+        return _doubled(x, self.kernel[...]) if self.stride == 2 else _convolve(x, self.kernel[...])
 
 
 def _doubled(x: Array, kernel: Array) -> Array:
@@ -67,19 +63,20 @@ def _doubled(x: Array, kernel: Array) -> Array:
 
     parts = split(split(kernel, 0), 2)  # right, down, rows, columns, in, out
     inputs, outputs = kernel.shape[2:]
-    y = _convolve(x, parts.transpose(2, 3, 4, 1, 0, 5).reshape(3, 3, inputs, 4 * outputs), (1, 1), SAME)
+    y = _convolve(x, parts.transpose(2, 3, 4, 1, 0, 5).reshape(3, 3, inputs, 4 * outputs))
     b, h, w, _ = y.shape
     return y.reshape(b, h, w, 2, 2, outputs).transpose(0, 1, 3, 2, 4, 5).reshape(b, 2 * h, 2 * w, outputs)
 
 
-def _convolve(x: Array, kernel: Array, stride: Any, padding: Any) -> Array:
+def _convolve(x: Array, kernel: Array, *, stride: int = 1) -> Array:
+    half = kernel.shape[0] // 2
     return jax.lax.conv_general_dilated(
         x,
         kernel,
-        stride,
-        padding,
+        window_strides=(stride, stride),
+        padding=((half, half), (half, half)),
         dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        precision=jax.lax.Precision.HIGHEST,
+        precision=jax.lax.Precision.HIGHEST,  # an accelerator's default would round inputs to fewer digits
     )
 
 
@@ -103,12 +100,14 @@ class BatchNorm(nnx.Module):
             mean = x.mean((0, 1, 2))
             variance = ((x - mean[None, None, None]) ** 2).mean((0, 1, 2))
             if train == "renorm":
+                # r and d of the paper: they lead the batch's statistics back to the stored ones, without gradient.
                 wider = jnp.clip(jnp.sqrt(variance + EPS) / stored, 1 / MOST_SCALE, MOST_SCALE)
                 higher = jnp.clip((mean - stored_mean) / stored, -MOST_SHIFT, MOST_SHIFT)
                 scale, shift = jax.lax.stop_gradient(wider), jax.lax.stop_gradient(higher)
             share = SLOW if train == "renorm" else MOMENTUM
             for kept, new in ((self.running_mean, mean), (self.running_var, variance * (number / max(number - 1, 1)))):
                 kept[...] = (1 - share) * kept[...] + share * jax.lax.stop_gradient(new)
+        # One multiplication and one addition a value: the norm is folded before it meets the raster.
         rate = self.weight[...] * scale * jax.lax.rsqrt(variance + EPS)
         return x * rate[None, None, None] + (self.bias[...] + self.weight[...] * shift - mean * rate)[None, None, None]
 

@@ -6,18 +6,18 @@ of JUGGHM/PENet_ICRA2021 `model.py` (PENet_C2, encoding xyz), whose names the mo
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
+from jax import Array
 from jaxtyping import Bool, Float
 
 from jaxsim.prepare.depth.penet.cspn import KERNELS, Guide, from_neighbours, propagate
 from jaxsim.prepare.depth.penet.geometry import Convention, coordinates, nearest_of_four, twice
 from jaxsim.prepare.depth.penet.layers import ConvBn, Deconv, GeoBlock, Mode
 
-Array = Any
 STAGES = 5
 MULTIPLE = 2**STAGES
 """Rows and columns must divide by this."""
@@ -85,7 +85,7 @@ class ENet(nnx.Module):
         second = self.decoder_layer6(features[0], train=train)
 
         logits = jnp.stack([first[..., 1], second[..., 1]], -1)
-        share = jax.nn.softmax(logits, -1)
+        share = jax.nn.softmax(logits, -1)  # each branch counts by its confidence against the other's
         fused = share[..., 0] * first[..., 0] + share[..., 1] * second[..., 0]
         fine = jnp.concatenate([decoded[0], features[0]], -1)
         coarse = jnp.concatenate([decoded[1], features[1]], -1)
@@ -109,8 +109,8 @@ class PENet(nnx.Module):
         rgb: Float[Array, "b h w 3"],
         sparse: Float[Array, "b h w"],
         valid: Bool[Array, "b h w"],
-        intrinsics: Float[Array, "b 3 3"],
         *,
+        intrinsics: Float[Array, "b 3 3"],
         train: Mode,
     ) -> Backbone:
         """Both branches alone. rgb 0..255, sparse depth in metres where `valid`."""
@@ -147,15 +147,3 @@ class PENet(nnx.Module):
                 dilation=2 if suffix else 1,
             )
         return depth
-
-    def __call__(
-        self,
-        rgb: Float[Array, "b h w 3"],
-        sparse: Float[Array, "b h w"],
-        valid: Bool[Array, "b h w"],
-        intrinsics: Float[Array, "b 3 3"],
-        *,
-        train: Mode = False,
-    ) -> Float[Array, "b h w"]:
-        """Dense depth in metres."""
-        return self.refine(self.coarse(rgb, sparse, valid, intrinsics, train=train), sparse, valid, train=train)

@@ -17,8 +17,6 @@ from jaxsim.weights import Arrays, Converter, fit
 Values = dict[str, Any]
 STEM = "backbone.rgb_conv_init.0.weight"
 _PLACES = {"conv": "0", "deconv": "0", "norm": "1", "kernel": "weight"}
-PREFIXES = ("model.", "module.")
-"""A checkpoint holds the network under `model`; data parallelism wraps it once more."""
 
 
 @cache
@@ -55,16 +53,16 @@ def _transposed(path: Any) -> bool:
     return any(step.key == "deconv" for step in path)
 
 
-def _their_shape(path: Any, shape: tuple[int, ...]) -> tuple[int, ...]:
-    if len(shape) != 4:
-        return shape
-    rows, columns, inputs, outputs = shape
-    return (inputs, outputs, rows, columns) if _transposed(path) else (outputs, inputs, rows, columns)
-
-
 def published_shapes(width: int = PUBLISHED_WIDTH) -> dict[str, tuple[int, ...]]:
     """Names and shapes of the arrays that are read. The constant `encoder3`, `encoder5`, `encoder7` are not."""
-    return {_name(path): _their_shape(path, leaf.shape) for path, leaf in jax.tree.leaves_with_path(abstract(width))}
+    shapes = {}
+    for path, leaf in jax.tree.leaves_with_path(abstract(width)):
+        shape = leaf.shape
+        if len(shape) == 4:
+            outer = (shape[2], shape[3]) if _transposed(path) else (shape[3], shape[2])
+            shape = (*outer, *shape[:2])
+        shapes[_name(path)] = shape
+    return shapes
 
 
 def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
@@ -97,18 +95,9 @@ def to_published(values: Values) -> Arrays:
     return {_name(path): theirs(path, leaf) for path, leaf in jax.tree.leaves_with_path(values)}
 
 
-def _bare(arrays: Arrays) -> Arrays:
-    """Names without what a checkpoint wraps them in."""
-    bare = {}
-    for name, array in arrays.items():
-        for prefix in PREFIXES:
-            name = name.removeprefix(prefix)
-        bare[name] = array
-    return bare
-
-
 def _published(arrays: Arrays) -> Arrays:
-    bare = _bare(arrays)
+    # A checkpoint holds the network under `model`; data parallelism wraps it once more.
+    bare = {name.removeprefix("model.").removeprefix("module."): array for name, array in arrays.items()}
     backbone = STEM in bare or STEM.removeprefix("backbone.") in bare  # ENet alone lacks the prefix
     if backbone and not any(name.startswith("iter_guide_layer3_s2.") for name in bare):
         raise ValueError("it has no half-size guides: it is ENet or PENet_C1; take PENet_C2 (pe.pth.tar).")
@@ -128,7 +117,7 @@ CONVERTERS = {
         "state dict alone: python -c \"import torch; torch.save(torch.load('pe.pth.tar', map_location='cpu', "
         "weights_only=False)['model'], 'penet.pt')\"; penet.pt is then the FILE to convert",
         _published,
-    ),
+    )
 }
 """What `jaxsim convert` makes of the published checkpoint."""
 TRAINED = Converter("a PENet that jaxsim trained", "nothing: train one, `jaxsim train penet_synthetic`", _trained)

@@ -8,25 +8,24 @@ schedule overwrites, and the refinement is trained in the form in which it runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from flax import nnx, struct
+from jax import Array
 from jaxtyping import Float
 
 from jaxsim.config import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.frame import DepthFrame
-from jaxsim.prepare.depth.penet.completion import check_crop
+from jaxsim.prepare.depth.penet import check_crop
 from jaxsim.prepare.depth.penet.layers import Mode
 from jaxsim.prepare.depth.penet.network import Backbone
 from jaxsim.prepare.depth.penet.published import Values, create, definition
 
-Array = Any
+Loss = Literal["square", "huber"]
 STORED = ("running_mean", "running_var")
 
 
@@ -48,8 +47,8 @@ def check_sizes(experiment: DepthExperiment) -> None:
 class PenetState:
     """All that training changes."""
 
-    step: Array
-    """int32: updates done, over all stages."""
+    step: Any
+    """int32: updates done, over all stages. Checkpoints are read into it from leaves that are no arrays yet."""
     values: Values
     optim: Any
 
@@ -67,6 +66,7 @@ def create_state(config: PenetConfig, seed: int) -> PenetState:
     values = create(config.width, seed)
     if config.start_m:
         for name in ("rgb_decoder_output", "decoder_layer6"):
+            # Channel 0 is depth: both heads begin at `start_m`, spread by as much.
             norm = values["backbone"][name]["norm"]
             norm["bias"][0], norm["weight"][0] = config.start_m, config.start_m
     values = jax.tree.map(jnp.asarray, values)
@@ -89,19 +89,17 @@ def branch_weight(epoch: int) -> float:
     return 0.2 if epoch <= 1 else 0.05 if epoch <= 3 else 0.0
 
 
-def masked_error(guess_m: Array, batch: DepthFrame, loss: Literal["square", "huber"] = "square") -> Array:
+def masked_error(guess_m: Array, batch: DepthFrame, loss: Loss = "square") -> Array:
     """Mean squared error, m², over pixels whose depth is known; Huber's takes 2|e| - 1 where an error e exceeds 1 m."""
     off = jnp.abs(guess_m - batch.truth_m)
     error = off**2 if loss == "square" else jnp.where(off < 1, off**2, 2 * off - 1)
     return jnp.where(batch.known, error, 0.0).sum() / jnp.maximum(batch.known.sum(dtype=jnp.float32), 1.0)
 
 
-def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Literal["square", "huber"]) -> Array:
+def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Loss) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
-    colour = masked_error(seen.colour, batch, loss)
-    depth = masked_error(seen.depth, batch, loss)
-    fused = masked_error(seen.fused, batch, loss)
-    return (1 - 2 * weight) * fused + weight * (colour + depth)
+    apart = masked_error(seen.colour, batch, loss) + masked_error(seen.depth, batch, loss)
+    return (1 - 2 * weight) * masked_error(seen.fused, batch, loss) + weight * apart
 
 
 @partial(jax.jit, static_argnames=("config", "part", "norms"), donate_argnames="state")
@@ -109,8 +107,8 @@ def train_step(
     state: PenetState,
     batch: DepthFrame,
     lr: Array,
-    weight: Array,
     *,
+    weight: Array,
     config: PenetConfig,
     part: Part,
     norms: Norms = "batch",
@@ -126,7 +124,7 @@ def train_step(
     def loss_of(values: Values) -> tuple[Array, tuple[Values, Array]]:
         network = nnx.merge(frozen, values)
         rgb = batch.rgb.astype(jnp.float32)
-        seen = network.coarse(rgb, batch.sparse_m, batch.given, batch.intrinsics, train=train)
+        seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=train)
         if part == "branches":
             guess = seen.fused
             loss = branches_error(seen, batch, weight, loss=config.loss)
@@ -138,14 +136,16 @@ def train_step(
     (loss, (after, square)), gradient = jax.value_and_grad(loss_of, has_aux=True)(state.values)
     change, optim = optimiser(config).update(gradient, state.optim, state.values)
 
-    def updated(path: Any, old: Array, new: Array, delta: Array) -> Array:
+    # Shares of the rate: each of the first two stages moves its own part alone.
+    of_backbone = {"branches": 1.0, "refinement": 0.0, "joint": config.backbone_lr}[part]
+    of_rest = {"branches": 0.0, "refinement": 1.0, "joint": 1.0}[part]
+
+    def updated(path: Any, old: Array, *news: Array) -> Array:
         """Statistics are what the batches were; parameters move where the stage lets them."""
+        new, delta = news
         if path[-1].key in STORED:
             return new
-        branch = path[0].key == "backbone"
-        share = {"branches": float(branch), "refinement": float(not branch)}.get(
-            part, config.backbone_lr if branch else 1.0
-        )
+        share = of_backbone if path[0].key == "backbone" else of_rest
         return old - lr * share * delta if share else old
 
     values = jax.tree.map_with_path(updated, state.values, after, change)
@@ -158,85 +158,6 @@ def train_step(
 def predict(values: Values, batch: DepthFrame, *, config: PenetConfig, part: Part) -> Float[Array, "b h w"]:
     """Dense depth after a stage: of the fused branches, or refined."""
     network = nnx.merge(definition(config.width, "exact"), values)
-    seen = network.coarse(batch.rgb.astype(jnp.float32), batch.sparse_m, batch.given, batch.intrinsics, train=False)
+    rgb = batch.rgb.astype(jnp.float32)
+    seen = network.coarse(rgb, batch.sparse_m, batch.given, intrinsics=batch.intrinsics, train=False)
     return seen.fused if part == "branches" else network.refine(seen, batch.sparse_m, batch.given, train=False)
-
-
-def augment(frame: DepthFrame, stage: Stage, config: PenetConfig, rng: np.random.Generator) -> DepthFrame:
-    """A frame (host) cropped, mirrored and recoloured at random, its intrinsics with it.
-
-    Raises ValueError where the stage's crop is larger than the frame.
-    """
-    rows, columns = frame.sparse_m.shape
-    if stage.crop[0] > rows or stage.crop[1] > columns:
-        raise ValueError(
-            f"penet: the frame has {rows} x {columns} pixels, the {stage.part} stage crops {stage.crop[0]} x "
-            f"{stage.crop[1]} out of it; lower that crop (penet.stages), or raise --image-crop"
-        )
-    top = int(rng.integers(0, rows - stage.crop[0] + 1))
-    left = int(rng.integers(0, columns - stage.crop[1] + 1))
-    mirrored = config.flip and rng.random() < 0.5
-
-    def cut(raster: np.ndarray) -> np.ndarray:
-        part = np.asarray(raster)[top : top + stage.crop[0], left : left + stage.crop[1]]
-        return part[:, ::-1] if mirrored else part
-
-    intrinsics = np.array(frame.intrinsics, np.float32)
-    intrinsics[:2, 2] -= left, top
-    if mirrored:
-        intrinsics[0, 2] = stage.crop[1] - 1 - intrinsics[0, 2]
-    rgb = cut(frame.rgb)
-    if config.jitter:
-        rgb = _recoloured(rgb, 1 + config.jitter * rng.uniform(-1, 1, 3))
-    return DepthFrame(rgb, cut(frame.sparse_m), cut(frame.given), cut(frame.truth_m), cut(frame.known), intrinsics)
-
-
-def _recoloured(rgb: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Brightness, contrast, saturation times these."""
-    brightness, contrast, saturation = np.asarray(factors, np.float32)
-    x = rgb.astype(np.float32) * brightness
-    x = x.mean() + (x - x.mean()) * contrast
-    grey = (x @ np.array([0.299, 0.587, 0.114], np.float32))[..., None]
-    return np.clip(np.round(grey + (x - grey) * saturation), 0, 255).astype(np.uint8)
-
-
-def steps_of(stage: Stage, frames: int) -> int:
-    """Updates in an epoch: the last, smaller batch is left out. Raises ValueError where not one batch is full."""
-    if frames < stage.batch:
-        raise ValueError(f"penet: {frames} training frames do not fill the {stage.part} stage's batch of {stage.batch}")
-    return frames // stage.batch
-
-
-class Batches:
-    """All batches of a training, stage after stage: batch k depends on (seed, k) alone, so a resumed run sees what an
-    uninterrupted one would."""
-
-    def __init__(self, frames: Sequence[DepthFrame], config: PenetConfig, seed: int):
-        """Raises ValueError where the frames do not fill a batch of some stage."""
-        self.frames, self.config, self.seed = frames, config, seed
-        self.steps = [steps_of(stage, len(frames)) for stage in config.stages]
-        self.ends = np.cumsum([stage.epochs * n for stage, n in zip(config.stages, self.steps, strict=True)])
-
-    def __len__(self) -> int:
-        return int(self.ends[-1])
-
-    def place(self, k: int) -> tuple[int, int, int]:
-        """Number of the stage that batch k belongs to, epoch of the stage, and place in the epoch; from 0."""
-        number = int(np.searchsorted(self.ends, k, side="right"))
-        within = k - (int(self.ends[number - 1]) if number else 0)
-        return number, *divmod(within, self.steps[number])
-
-    def __getitem__(self, k: int) -> DepthFrame:
-        number, epoch, place = self.place(k)
-        stage = self.config.stages[number]
-        return batch_of(self.frames, stage, self.config, seed=self.seed, number=number, epoch=epoch, place=place)
-
-
-def batch_of(
-    frames: Sequence[DepthFrame], stage: Stage, config: PenetConfig, *, seed: int, number: int, epoch: int, place: int
-) -> DepthFrame:
-    """Batch `place` of an epoch of stage `number`: depends on these alone."""
-    order = np.random.default_rng([seed, number, epoch]).permutation(len(frames))
-    chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
-    parts = [augment(frames[i], stage, config, np.random.default_rng([seed, number, epoch, i])) for i in chosen]
-    return jax.tree.map(lambda *column: np.stack(column), *parts)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
-from jaxsim.metrics.generation.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
+from jaxsim.metrics.bev import SCAN_COLUMNS, SCAN_ROWS, spherical_image
 from jaxsim.weights import Arrays, Converter, fit, load_weights
 
 BLOCKS = (1, 2, 8, 8, 4)
@@ -89,15 +89,19 @@ def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS)
     """Values of the network from the published arrays."""
     values: Values = {}
     for name, (_, norm) in layers(width, blocks).items():
-        scale, shift, mean, variance = (arrays[f"{norm}.{part}"].astype(np.float64) for part in NORM)
-        scale = scale / np.sqrt(variance + BATCH_NORM_EPS)
+        stored = {part: arrays[f"{norm}.{part}"].astype(np.float64) for part in NORM}
+        scale = stored["weight"] / np.sqrt(stored["running_var"] + BATCH_NORM_EPS)
+        shift = stored["bias"]
         weight = arrays[f"{name}.weight"]
         if name.endswith("upconv"):
             # A transposed convolution is one with the taps reversed.
             kernel, bias = weight.transpose(2, 3, 0, 1)[:, ::-1], arrays[f"{name}.bias"]
         else:
             kernel, bias = weight.transpose(2, 3, 1, 0), np.zeros_like(shift)
-        values[name] = (kernel * scale).astype(np.float32), (shift + (bias - mean) * scale).astype(np.float32)
+        values[name] = (
+            (kernel * scale).astype(np.float32),
+            (shift + (bias - stored["running_mean"]) * scale).astype(np.float32),
+        )
     return values
 
 
@@ -105,11 +109,10 @@ def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
     kernel, bias = map(jnp.asarray, values[name])
     convolve = partial(
-        jax.lax.conv_general_dilated,
-        dimension_numbers=("NHWC", "HWIO", "NHWC"),
-        precision=jax.lax.Precision.HIGHEST,
+        jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=jax.lax.Precision.HIGHEST
     )
     if name.endswith("upconv"):
+        # Columns are doubled: zeros between, and 2 on both sides for the kernel of 4.
         x = convolve(x, kernel, (1, 1), ((0, 0), (2, 2)), lhs_dilation=(1, 2))
     else:
         half = kernel.shape[0] // 2
@@ -170,10 +173,8 @@ def range_features(
 ) -> Float[np.ndarray, "m 4096"]:
     """LiDARGen's features of scans that arrive in batches of points, remissions (0..1) and which are real."""
     row, column, channel = _chosen()
-    found = []
-    for xyz, remission, valid in scans:
-        found.append(np.asarray(decoder_map(values, network_image(xyz, remission, valid)))[:, row, column, channel])
-    return np.concatenate(found)
+    maps = (np.asarray(decoder_map(values, network_image(*scan))) for scan in scans)
+    return np.concatenate([found[:, row, column, channel] for found in maps])
 
 
 def load_rangenet(path: Path) -> Values:

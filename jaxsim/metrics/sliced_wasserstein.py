@@ -19,6 +19,7 @@ from jaxsim.frame import Array
 PATCH = 7
 PLACES = 128
 REPEATS = 4
+BATCH = 128
 DIRECTIONS = 128
 KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
@@ -84,9 +85,7 @@ def sliced(a: Float[Array, "m d"], b: Float[Array, "m d"], directions: Float[Arr
     return jnp.abs(jnp.sort(product(a, directions), axis=0) - jnp.sort(product(b, directions), axis=0)).mean()
 
 
-def sliced_wasserstein(
-    a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray, "_m _i _j _d"], *, seed: int = 0, batch: int = 128
-) -> dict[str, float]:
+def sliced_wasserstein(a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray, "_m _i _j _d"]) -> dict[str, float]:
     """`swd_16`, `swd_32`, ... from the finest level on, and `swd_mean`; usually given times 1000.
 
     Sets must hold equally many images of one size, at least 16 x 16. The places of the patches are those of a batch
@@ -97,16 +96,15 @@ def sliced_wasserstein(
     n, rows, columns, _ = a.shape
     if min(rows, columns) < 16:
         raise ValueError(f"swd: images have {rows} x {columns} cells; it needs 16 or more on each side")
-    levels, key = levels_of(rows, columns), jax.random.key(seed)
+    levels, key = levels_of(rows, columns), jax.random.key(0)
     # Halving and doubling must give the same size: what is left over at the lower right is cut.
     multiple = 2 ** (levels - 1)
     a = a[:, : rows // multiple * multiple, : columns // multiple * multiple]
     b = b[:, : rows // multiple * multiple, : columns // multiple * multiple]
     found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
-    for first in range(0, n, batch):
-        pyramids = [
-            laplacian_pyramid(jnp.asarray(s[first : first + batch], jnp.float32), levels=levels) for s in (a, b)
-        ]
+    for first in range(0, n, BATCH):
+        parts = [jnp.asarray(images[first : first + BATCH], jnp.float32) for images in (a, b)]
+        pyramids = [laplacian_pyramid(part, levels=levels) for part in parts]
         for level, pair in enumerate(zip(*pyramids, strict=True)):
             rows, columns = pair[0].shape[1:3]
             corners = (rows - PATCH + 1) * (columns - PATCH + 1)
@@ -121,6 +119,7 @@ def sliced_wasserstein(
         for repeat in range(REPEATS):
             fold = jax.random.fold_in(jax.random.fold_in(key, 2**30 + level), repeat)
             directions = jax.random.normal(fold, (x.shape[1], DIRECTIONS))
+            # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.
             directions = directions / jnp.std(directions, axis=0, ddof=1, keepdims=True)
             distances.append(float(sliced(x, y, directions)))
         scores[f"swd_{16 << level}"] = float(np.mean(distances))

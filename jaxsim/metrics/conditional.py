@@ -37,6 +37,7 @@ def intensity_table(
     intensity: Float[Array, "*b r c"],
     range_m: Float[Array, "*b r c"],
     incidence_rad: Float[Array, "*b r c"],
+    *,
     incidence_known: Bool[Array, "*b r c"],
     semantic: Int[Array, "*b r c"],
     valid: Bool[Array, "*b r c"],
@@ -44,13 +45,10 @@ def intensity_table(
     """Number of returns of each class, bin of range, bin of incidence (last: not known) and step of intensity."""
     shape = (CLASSES, len(RANGE_EDGES_M) + 1, len(INCIDENCE_EDGES_RAD) + 2, LEVELS)
     angle = jnp.where(incidence_known, _bin(incidence_rad, INCIDENCE_EDGES_RAD), shape[2] - 1)
-    place = (
-        jnp.clip(semantic, 0, CLASSES - 1).astype(jnp.int32),
-        _bin(range_m, RANGE_EDGES_M),
-        angle,
-        jnp.clip(jnp.round(intensity * (LEVELS - 1)), 0, LEVELS - 1).astype(jnp.int32),
-    )
-    place = (jnp.where(valid, place[0], CLASSES), *place[1:])
+    kind = jnp.clip(semantic, 0, CLASSES - 1).astype(jnp.int32)
+    level = jnp.clip(jnp.round(intensity * (LEVELS - 1)), 0, LEVELS - 1).astype(jnp.int32)
+    # A ray that did not come back is given a class beyond the table, and dropped.
+    place = (jnp.where(valid, kind, CLASSES), _bin(range_m, RANGE_EDGES_M), angle, level)
     return jnp.zeros(shape, jnp.int32).at[place].add(1, mode="drop")
 
 
@@ -103,6 +101,6 @@ def conditional_intensity(
         if name == "class" and not classes:
             continue
         others = tuple(axis for axis in range(3) if axis not in axes)
-        sides = (t.sum(others).reshape(-1, LEVELS) for t in (a, b))
-        found[f"intensity_given_{name}"] = _compared(*sides)
+        of_a, of_b = a.sum(others).reshape(-1, LEVELS), b.sum(others).reshape(-1, LEVELS)
+        found[f"intensity_given_{name}"] = _compared(of_a, of_b)
     return found

@@ -33,7 +33,6 @@ UP_RAD, DOWN_RAD = np.deg2rad(3.0), np.deg2rad(25.0)
 SIGMA = 0.5
 LIDM_HALF_M = 50.0
 LIDM_CELL_M = 0.05
-LIDM_MATCH_CELL_M = 0.5
 
 
 @jax.jit
@@ -65,6 +64,7 @@ def lidargen_points(
     range_m: Float[Array, "*b 64 1024"], filled: Bool[Array, "*b 64 1024"]
 ) -> tuple[Float[Array, "*b n 3"], Bool[Array, "*b n"]]:
     """The cloud that LiDARGen takes its histogram of: logarithmic ranges up to 63 m at the cells' corners."""
+    # The program's own constants: its images hold log2(range + 1) / 6, so 63 m is 1.
     log = jnp.clip(jnp.log2(range_m + 0.0001 + 1.0) / 6, 0.0, 1.0)
     depth = jnp.exp2(6 * log) - 1
     yaw = np.pi * (np.arange(SCAN_COLUMNS) / SCAN_COLUMNS * 2 - 1)
@@ -88,6 +88,7 @@ def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[A
     range_m = jnp.sqrt((xyz_m * xyz_m).sum(-1))
     place = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
     inside = valid & (range_m > NEAREST_M) & (range_m < FARTHEST_M) & ((place >= 0) & (place < BINS)).all(-1)
+    # One cell beyond the table takes what is left out: `drop` loses it.
     cell = jnp.where(inside, place[..., 0] * BINS + place[..., 1], float(BINS * BINS)).astype(jnp.int32)
 
     def one(cell: Array) -> Array:
@@ -132,6 +133,7 @@ def _scaled(histograms: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, "n r c"
 @jax.jit
 def _spectral_squares(one: Float[Array, "r c"], many: Float[Array, "n r c"]) -> Float[Array, " n"]:
     difference = many - one[None]
+    # The spectral norm squared is the largest eigenvalue of D' D.
     gram = jnp.einsum("nri,nrj->nij", difference, difference, precision=jax.lax.Precision.HIGHEST)
     return jnp.linalg.eigvalsh(gram)[:, -1]
 
@@ -168,17 +170,10 @@ def mmd(a: Float[np.ndarray, "n r c"], b: Float[np.ndarray, "m r c"], *, definit
 
 def lidm_occupancy(clouds: Iterable[Float[np.ndarray, "_n 3"]]) -> Float[np.ndarray, "2000 2000"]:
     """How many of the clouds have a point in each 5-cm cell within 50 m."""
-    side = round(2 * LIDM_HALF_M / LIDM_CELL_M)
-    total = np.zeros(side * side, np.float32)
+    half = round(LIDM_HALF_M / LIDM_CELL_M)
+    total = np.zeros((2 * half) ** 2, np.float32)
     for cloud in clouds:
-        cells = lidm_cells(cloud, LIDM_CELL_M)
-        total[cells[:, 0] * side + cells[:, 1]] += 1
-    return total.reshape(side, side)
-
-
-def lidm_cells(cloud: Float[np.ndarray, "n 3"], cell_m: float) -> np.ndarray:
-    """Occupied cells (k, 2) of one cloud within 50 m, each once."""
-    place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
-    half = round(LIDM_HALF_M / cell_m)
-    cells = np.floor(place / np.float32(cell_m)).astype(int) + half
-    return np.unique(np.clip(cells, 0, 2 * half - 1), axis=0)
+        place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
+        cells = np.clip(np.floor(place / np.float32(LIDM_CELL_M)).astype(int) + half, 0, 2 * half - 1)
+        total[np.unique(cells[:, 0] * 2 * half + cells[:, 1])] += 1
+    return total.reshape(2 * half, 2 * half)
