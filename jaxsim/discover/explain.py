@@ -13,12 +13,12 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, FittedStep, padded
+from jaxsim.discover.name.select import Choice, Step, padded
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
 from jaxsim.discover.verdict import Interval, Judged, Named, Rank, Verdict, Where
-from jaxsim.effects import EFFECTS, Law
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 
 
@@ -55,37 +55,25 @@ def explain(
     )
 
 
-def named(step: FittedStep, parameters: dict[str, Any]) -> Named:
-    """An effect that was named, with its look-alikes and what would tell them apart."""
-    return named_effect(
-        step.chosen.effect,
-        p_value=step.p_value,
-        gain=gain_interval(step.chosen.by_scene),
-        parameters=parameters,
-        alike=[one.effect.name for one in step.alike],
-        remedy="scenes in which their covariates differ more",
-    )
-
-
-def named_effect(
-    effect: Law,
-    *,
-    p_value: float,
-    gain: Interval,
+def named(
+    step: Step[Any],
     parameters: dict[str, Any],
-    alike: Sequence[str] = (),
-    remedy: str = "",
+    *,
+    more_alike: Sequence[str] = (),
+    remedy: str = "scenes in which their covariates differ more",
 ) -> Named:
-    """The entry of an effect; `remedy` tells it from a look-alike of which the catalogue does not say what does."""
+    """An effect that was named, with its look-alikes (`more_alike` besides) and what would tell them apart: `remedy`,
+    where the catalogue does not say."""
+    effect = step.chosen.effect
+    alike = list(dict.fromkeys([*(one.effect.name for one in step.alike), *more_alike]))
     told = EFFECTS[effect.name].look_alikes
-    apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
     return Named(
         name=effect.name,
         look_alikes=tuple(alike),
-        tell_apart={name: text or remedy for name, text in apart.items()},
+        tell_apart={one: told.get(one) or EFFECTS[one].look_alikes.get(effect.name) or remedy for one in alike},
         channels=effect.channels,
-        p_value=p_value,
-        gain=gain,
+        p_value=step.chosen.chance,
+        gain=gain_interval(step.chosen.by_scene),
         parameters=parameters,
     )
 

@@ -12,17 +12,16 @@ from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.division import NOTHING_YET, Division
+from jaxsim.discover.covariates import NAMED
 from jaxsim.discover.explain import explain
-from jaxsim.discover.find.interactions import interactions, spelled
-from jaxsim.discover.find.localise import NAMED, Place, localise, reported
+from jaxsim.discover.find import Place, interactions, localise, reported, spelled
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log
-from jaxsim.discover.read import Comparison, read_comparison
-from jaxsim.discover.show.judge import show_gap
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Where
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.find.localise import Place, localise
+from jaxsim.discover.find import Place, localise
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.null_bar import bars_of, run_nulls
+from jaxsim.discover.name.nulls import bars_of, run_nulls
 from jaxsim.discover.name.select import Choice, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, describe, free_curves
 from jaxsim.discover.rules import RULES
@@ -73,9 +73,8 @@ def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int
     if outside:
         steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
         if not steps:
-            return Answer(
-                "not_in_catalogue", Choice((), null, choice.first_ranking, choice.bars), describe(null, *outside)
-            )
+            nothing = Choice((), choice.first_ranking, null, choice.bars)
+            return Answer("not_in_catalogue", nothing, describe(null, *outside))
         if len(steps) < len(choice.steps):
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.find.localise import ALTERNATING, CATEGORICAL, NAMED, Place, values_of
+from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL, CURVES, NAMED, fixed_basis, values_of, with_basis
+from jaxsim.discover.find import Place
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
-from jaxsim.discover.name.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import fold_half_width
 from jaxsim.discover.verdict import Unexplained

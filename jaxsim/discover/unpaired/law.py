@@ -23,30 +23,6 @@ RIDGE = 1.0
 """Rays' worth of pull of the law's coefficients to 0."""
 
 
-def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
-    """Hat functions between quantiles of x; one column of ones where x does not vary."""
-    knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
-    if len(knots) < 2:
-        return np.ones((len(x), 1), np.float32)
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
-    basis = np.zeros((len(x), len(knots)), np.float32)
-    rays = np.arange(len(x))
-    basis[rays, left] = 1 - share
-    basis[rays, left + 1] = share
-    return basis
-
-
-def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray, "n k"]:
-    """A column for each value, 1 where x has it; by default for each that x has."""
-    return (x[:, None] == (np.unique(x) if values is None else values)).astype(np.float32)
-
-
-def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Products of every column of `parts` with every column of `of`: a curve for each part."""
-    return (parts[:, :, None] * of[:, None, :]).reshape(len(parts), -1)
-
-
 @dataclass(frozen=True)
 class Block:
     """Columns of the measured side that stand for one thing, and how firmly each is held to 0."""

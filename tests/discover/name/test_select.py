@@ -7,8 +7,7 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
-from jaxsim.discover.name.select import Bars, choose, look_back, padded
-from jaxsim.discover.name.steps import runner_up, worse
+from jaxsim.discover.name.select import Bars, choose, look_back, padded, runner_up, worse
 from tests.discover.name.made import candidate, problem, step
 
 

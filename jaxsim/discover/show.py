@@ -11,8 +11,9 @@ import numpy as np
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, Chain, in_place, refit
-from jaxsim.discover.division import NOTHING_YET, Division
-from jaxsim.discover.find.localise import COVARIATES
+from jaxsim.discover.covariates import COVARIATES
+from jaxsim.discover.curves_and_maps import residual_curves, residual_maps
+from jaxsim.discover.gap import additive_floor, closure, distance, gaps
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
@@ -20,12 +21,8 @@ from jaxsim.discover.model.null import first_residuals, fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice
-from jaxsim.discover.name.steps import runner_up
-from jaxsim.discover.read import Comparison
-from jaxsim.discover.show.additive_floor import additive_floor
-from jaxsim.discover.show.curves_and_maps import residual_curves, residual_maps
-from jaxsim.discover.show.gap import closure, distance, gaps
+from jaxsim.discover.name.select import Choice, runner_up
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.verdict import Gap, Interval, Judged
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.find.localise import CATEGORICAL, COVARIATES
+from jaxsim.discover.covariates import CATEGORICAL, COVARIATES
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.residuals import residuals
 from jaxsim.discover.rules import RULES
