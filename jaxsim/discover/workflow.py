@@ -13,7 +13,7 @@ from jaxtyping import Int
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
 from jaxsim.discover.covariates import NAMED
-from jaxsim.discover.explain import explain
+from jaxsim.discover.explain import named, notes, nuisance_changes, ranking, why_not
 from jaxsim.discover.find import Place, interactions, localise, reported, spelled
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
@@ -22,7 +22,7 @@ from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.show import show_gap
-from jaxsim.discover.verdict import Result, Where
+from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, Effect, get_effect
 from jaxsim.effects.chain import SensorModel
 
@@ -80,21 +80,26 @@ def discover(
     log("judging on unseen scenes")
     shown = show_gap(division, null, answer.choice, added=added, known=known)
 
-    seconds = time.monotonic() - begun
-    verdict = explain(
-        comparison,
-        parts,
-        dependences.where,
-        null=null,
-        answer=answer,
-        added=added,
-        shown=shown,
-        known=known,
-        seconds=seconds,
+    choice = answer.choice
+    verdict = Verdict(
+        verdict=answer.verdict,
+        effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
+        where=dependences.where,
+        unexplained=answer.unexplained,
+        gap=shown.gap,
+        closure=shown.closure,
+        find=parts.find,
+        judge=parts.judge,
+        sha256=parts.sha256,
+        frames=len(comparison.names),
+        seconds=time.monotonic() - begun,
+        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        ranking=ranking(choice, why_not, bar=choice.bars.effect),
+        nulls=answer.nulls,
+        notes=notes(comparison, parts, choice, held=[name for name, _ in known.effects]),
     )
-    ranking = answer.choice.first_ranking
     grid = comparison.scan.grid
-    return Result(verdict, added.sensor, grid, shown.maps_before, shown.maps_after, shown.curves, ranking)
+    return Result(verdict, added.sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
 
 
 @one_blas_thread

@@ -131,7 +131,6 @@ def choose(
     effects: Iterable[Effect],
     *,
     bars: Bars = Bars(),
-    most: int = RULES.most_effects,
     log: Log = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
@@ -144,7 +143,7 @@ def choose(
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
         least = RULES.weak_share * ranking[0].total if ranking else 0.0
         good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
-        if not good or len(steps) == most:
+        if not good or len(steps) == RULES.most_effects:
             needed = look_back(null, steps, bars, log=log)
             problem = problem if len(needed) == len(steps) else with_steps(null, needed)
             return Choice(needed, tuple(ranking), problem, bars)
@@ -154,8 +153,7 @@ def choose(
         result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
         steps.append(FittedStep(best, alike, tuple(ranking), result))
-        added = on_top(best.effect, problem, result.z)
-        problem, _ = fit_null(added.scan, added.ev, all_blocks, clutter=added.clutter)
+        problem = refitted(on_top(best.effect, problem, result.z))
         rest = [effect for effect in rest if effect.name != best.effect.name]
 
 
@@ -179,5 +177,10 @@ def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
     problem = null
     for step in steps:
         problem = on_top(step.chosen.effect, problem, step.fitted.z)
+    return refitted(problem)
+
+
+def refitted(problem: Problem) -> Problem:
+    """The null fitted again to the problem's rays, with the effects that are in place."""
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
     return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]

@@ -139,7 +139,7 @@ def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) 
     return np.stack(given).astype(np.int32) if given else None
 
 
-def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, seed: int = 0) -> UnpairedComparison:
+def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE) -> UnpairedComparison:
     """Two folders of polar frames that need share no street and no names; `per_scene` rays of each scene are kept.
 
     Raises ValueError where grids differ, values have wrong units, frames are empty, or both folders hold a frame of
@@ -153,7 +153,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     theirs = read_folder(recorded, "measured")
     _no_copy(ours, theirs, simulated, measured=measured)
     noise_m = _extra_noise(ours, theirs)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     images = [
         replace(image, range_m=_noisy(image, noise_m if k < len(ours.names) else 0.0, rng))
         for k, image in enumerate((*ours.images, *theirs.images))

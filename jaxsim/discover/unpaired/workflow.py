@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.explain import named
+from jaxsim.discover.explain import named, ranking
 from jaxsim.discover.name.select import Log, Step
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split
@@ -30,7 +30,7 @@ from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import refine
 from jaxsim.discover.unpaired.select import Candidate, Choice, choose, outside_catalogue, rank_terms
-from jaxsim.discover.verdict import Interval, Named, Rank, Result, Verdict, Where
+from jaxsim.discover.verdict import Interval, Named, Result, Verdict, Where
 from jaxsim.effects.chain import SensorModel
 
 
@@ -85,7 +85,7 @@ def discover_unpaired(
         sha256=parts.sha256,
         frames=sum(comparison.frames),
         seconds=time.monotonic() - begun,
-        ranking=ranking(choice),
+        ranking=ranking(choice, why_not),
         notes=(*notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
@@ -137,14 +137,6 @@ def where(problem: Conditional, curves: Sequence[Candidate]) -> tuple[Where, ...
         Where("intensity", one.name, one.chance, float(max(2 * one.total / squares, 0.0)))
         for one in curves
         if one.chance <= RULES.unpaired_agreement_level and one.total > 0
-    )
-
-
-def ranking(choice: Choice) -> tuple[Rank, ...]:
-    """The first step's best candidates and why each was not named."""
-    return tuple(
-        Rank(one.name, one.total / max(len(one.by_scene), 1), one.chance, 0.0, why_not(one, choice))
-        for one in choice.first_ranking[: RULES.candidates_listed]
     )
 
 

@@ -9,10 +9,11 @@ from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
+from jaxsim.discover.explain import ranking
 from jaxsim.discover.name.select import Step
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.select import Choice
-from jaxsim.discover.unpaired.workflow import divide, ranking, sensor_of, why_not
+from jaxsim.discover.unpaired.workflow import divide, sensor_of, why_not
 from jaxsim.effects.chain import SensorModel
 from tests.discover.unpaired.made import RAYS, SMALL, candidate
 
@@ -113,4 +114,4 @@ def test_a_ranking_says_why_not():
     choice = Choice((Step(best, (), (best, by_chance)),), ())
     assert why_not(best, choice) == ""
     assert "scenes exchanged between the sides reach as much (p 0.5, must be 0.01)" in why_not(by_chance, choice)
-    assert [rank.name for rank in ranking(choice)] == ["beam_gain", "range_falloff"]
+    assert [rank.name for rank in ranking(choice, why_not)] == ["beam_gain", "range_falloff"]
