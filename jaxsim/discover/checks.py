@@ -23,6 +23,10 @@ RAYS = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
 """Other frames with which each is compared."""
+ADVICE = (
+    "check that names pair the same moments, that both sides use the same axes and mounting (a few degrees off are "
+    "too many), or, if they show different streets, use --unpaired"
+)
 RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 """What the simulated side may have besides range and intensity."""
 
@@ -153,7 +157,7 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
         k = int(np.argmax(apart))
         raise ValueError(
             f"discover: {names[k]} has {hit[k].sum()} returns simulated and {back[k].sum()} measured of {hit[k].size}, "
-            f"but only {both[k].sum()} on the same rays; {_advice()}"
+            f"but only {both[k].sum()} on the same rays; {ADVICE}"
         )
     log_ratio = np.log(theirs[both] / ours[both])
     middle = float(np.median(log_ratio))
@@ -172,7 +176,7 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
         raise ValueError(
             f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
             f"or {100 * RULES.near_share:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of "
-            f"{names[k]} and of half the frames; {_advice()}"
+            f"{names[k]} and of half the frames; {ADVICE}"
         )
     _check_partners(names, ours, theirs, hit=hit, back=back, own=own.near)
 
@@ -208,10 +212,3 @@ def _check_partners(
             f"{100 * share[k]:.0f} % of the rays, with simulated {names[k]} on {100 * own[k]:.0f} %, and so for "
             f"{wrong.sum()} of {len(names)} frames; give the files of one moment the same name on both sides"
         )
-
-
-def _advice() -> str:
-    return (
-        "check that names pair the same moments, that both sides use the same axes and mounting (a few degrees off are "
-        "too many), or, if they show different streets, use --unpaired"
-    )

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
-from jaxsim.discover.covariates import COVARIATES, curve_basis, values_of
+from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best
 
@@ -229,6 +229,6 @@ def _pair_gain(
     return model.by_scene(np.zeros(len(rest)), model.predicted(["pair"]))[0]
 
 
-def spelled(covariate: str, names: Mapping[str, str]) -> str:
+def spelled(covariate: str) -> str:
     """A covariate, or a pair, in a verdict's words. (`speed x time` is a covariate of its own.)"""
-    return names.get(covariate) or " x ".join(names.get(part, part) for part in covariate.split(" x "))
+    return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))

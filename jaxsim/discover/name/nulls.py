@@ -30,7 +30,7 @@ from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Bars, Log
+from jaxsim.discover.name.select import Log
 from jaxsim.discover.name.unexplained import free_curves, sure
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Nulls
@@ -40,11 +40,6 @@ from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
 
 Array3 = Float[np.ndarray, "b c r"]
-
-
-def bars_of(nulls: Nulls, scenes: int) -> Bars:
-    """The bars in nats in all, of so many scenes."""
-    return Bars(nulls.bar * scenes, nulls.free_bar * scenes)
 
 
 def run_nulls(

@@ -1,7 +1,7 @@
 """A dependence outside the catalogue: free curves along covariates, and what the best of them looks like.
 
-Free curves (`curves.py`) compete with the effects on the same terms. Where one wins, its shape is told in words and by
-a closed formula: a line, a step or a wave, if one of these comes near it.
+Free curves (`covariates.CURVES`) compete with the effects on the same terms. Where one wins, its shape is told in words
+and by a closed formula: a line, a step or a wave, if one of these comes near it.
 """
 
 from __future__ import annotations

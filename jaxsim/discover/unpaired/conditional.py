@@ -152,7 +152,9 @@ def compare(
     for name, basis in curve_columns(comparison).items():
         parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
     starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
-    terms = [_term(name, columns, int(start)) for (name, columns), start in zip(parts, starts[:-1], strict=True)]
+    terms = []
+    for (name, columns), start, end in zip(parts, starts[:-1], starts[1:], strict=True):
+        terms.append(Term(name, columns, Block(np.arange(start, end), columns.precision, columns.sign)))
     side = np.concatenate([nuisance, *(columns.columns for _, columns in parts)], axis=1)
     eq = equations_of(side)
     inflation = _inflation(eq, find.astype(float), draws, nuisance=block, blocks=[term.block for term in terms])
@@ -172,11 +174,6 @@ def compare(
         variance=variance,
         inflation=inflation,
     )
-
-
-def _term(name: str, columns: Columns, start: int) -> Term:
-    index = np.arange(start, start + columns.columns.shape[1])
-    return Term(name, columns, Block(index, columns.precision, columns.sign))
 
 
 def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:

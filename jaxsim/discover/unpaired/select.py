@@ -106,7 +106,10 @@ def rank_terms(
 ) -> list[Candidate]:
     """Every term tested on the find scenes with `added` blocks in place; largest held-out gain first. Of an effect with
     several starts the best is kept."""
-    near = _joined([problem.nuisance, *added])
+    beside = [problem.nuisance, *added]
+    near = Block(
+        np.concatenate([block.columns for block in beside]), np.concatenate([block.precision for block in beside])
+    )
     blocks = [term.block for term in terms]
     drops = lowered(problem.equations, draws, blocks, weight=problem.weight, nuisance=near)
     # The root of the loss is near normal, so that terms of more and fewer columns can be held against each other.
@@ -115,17 +118,20 @@ def rank_terms(
     score = (root - root[1:].mean(0)) / spread
     highest = score[1:].max(1)
     gains = held_out(problem, near, blocks)
-    best: dict[str, Candidate] = {}
-    for k, term in enumerate(terms):
-        chance = float((1 + (highest >= score[0, k]).sum()) / len(draws))
-        candidate = Candidate(term, float(score[0, k]), chance if gains[k].any() else 1.0, gains[k])
-        if term.name not in best or _order(candidate) > _order(best[term.name]):
-            best[term.name] = candidate
-    return sorted(best.values(), key=lambda one: -one.total)
-
-
-def _order(candidate: Candidate) -> tuple[bool, float]:
-    return candidate.accepted, candidate.total
+    tested = [
+        Candidate(
+            term,
+            score=float(score[0, k]),
+            chance=float((1 + (highest >= score[0, k]).sum()) / len(draws)) if gains[k].any() else 1.0,
+            by_scene=gains[k],
+        )
+        for k, term in enumerate(terms)
+    ]
+    best = [
+        max((one for one in tested if one.name == name), key=lambda one: (one.accepted, one.total))
+        for name in dict.fromkeys(term.name for term in terms)
+    ]
+    return sorted(best, key=lambda one: -one.total)
 
 
 def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:
@@ -158,12 +164,6 @@ def _folds(measured: np.ndarray) -> np.ndarray:
     for side in (False, True):
         fold[measured == side] = np.arange((measured == side).sum()) % RULES.unpaired_folds
     return fold
-
-
-def _joined(blocks: Sequence[Block]) -> Block:
-    return Block(
-        np.concatenate([block.columns for block in blocks]), np.concatenate([block.precision for block in blocks])
-    )
 
 
 def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[Candidate]) -> Unexplained | None:

@@ -11,7 +11,7 @@ from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.name import nulls
-from jaxsim.discover.name.nulls import bars_of, bootstrap, run_nulls
+from jaxsim.discover.name.nulls import bootstrap, run_nulls
 from jaxsim.discover.name.select import Bars
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -143,12 +143,10 @@ def test_the_bar_is_the_most_that_scenes_agree_on_in_any_null(nulls_that_gain):
     assert found.effects == ("gamma_response", "oren_nayar", "")
     assert np.array(found.gains) * SCENES == pytest.approx([45, 22.5, 0])
     assert found.answered == 2
-    bars = bars_of(found, SCENES)
-    assert (bars.effect, bars.free) == pytest.approx((45, 90))
+    assert (found.bar * SCENES, found.free_bar * SCENES) == pytest.approx((45, 90))
 
 
 def test_nulls_that_gain_little_leave_the_standing_bar(nulls_that_gain):
     found = nulls_that_gain(([candidate("gamma_response", STEADY / 10)], []), ([], []))
     assert found.answered == 0
-    bars = bars_of(found, SCENES)
-    assert (bars.effect, bars.free) == pytest.approx((Bars().effect, RULES.bar_nats))
+    assert (found.bar * SCENES, found.free_bar * SCENES) == pytest.approx((Bars().effect, RULES.bar_nats))
