@@ -89,6 +89,7 @@ class Additive:
         """
         residual = self.z - before
         change = after - before
+        # ln N(z; after, 1) - ln N(z; before, 1) = residual · change - change² / 2, of which the rate is the first term.
         rate = np.bincount(self.scene, residual * change, self.scenes)
         return rate - 0.5 * np.bincount(self.scene, change**2, self.scenes), rate
 
@@ -131,6 +132,7 @@ def localise(
                 break
             # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
             p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
+            # The sum of squares falls by twice the gain.
             places.append(Place(channel, rest[best], p, 2 * gain / squares, gain))
             taken.append(rest.pop(best))
             before = after[best]

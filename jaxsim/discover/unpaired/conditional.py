@@ -133,6 +133,7 @@ def compare(
     expected = law @ _regressed(known, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
     spread = np.quantile((y - predicted)[simulated], QUANTILES)
+    # The law is the readings' mean: what stands for them must lie about it.
     spread = spread - spread.mean()
     rays = _as_predicted(comparison.rays, predicted)
 

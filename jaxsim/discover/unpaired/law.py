@@ -69,6 +69,7 @@ class Equations:
     def pooled(self, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]) -> Pooled:
         """The sum over scenes, each counted `weight` times; `measured` is 1 of those of the measured side, else 0."""
         n = self.law
+        # Simulated scenes say what the law is; the columns of the measured side are 0 there.
         weight_measured = weight * measured
         of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
         between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
@@ -86,6 +87,7 @@ class Equations:
         coefficients[:, :n] = solution.law
         coefficients[:, n + solution.columns] = measured[:, None] * solution.side
         fitted = np.einsum("spq,sq->sp", self.gram, coefficients)
+        # |y - X b|² = y'y - 2 b'X'y + b'X'X b.
         return 0.5 * (self.square + np.einsum("sp,sp->s", coefficients, fitted - 2 * self.right))
 
 
