@@ -17,11 +17,13 @@ STAGES = (
 EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
 DISCOVER = (
     "add",
-    "division",
+    "checks",
+    "covariates",
+    "curves_and_maps",
     "explain",
     "find",
+    "gap",
     "name",
-    "pairing",
     "read",
     "rules",
     "scenes",

@@ -26,7 +26,7 @@ from benchmarks.blind.rows import append_row, check_settings, code_version, read
 from benchmarks.blind.tables import coverage, rate
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.discover import discover_unpaired
-from jaxsim.discover.unpaired.effect_columns import untold
+from jaxsim.discover.unpaired.columns import untold
 from jaxsim.effects import EFFECTS
 
 CANNOT = ("beam_range_bias", "motion_distortion", "snr_dropout", "edge_dropout", "range_scale", "blooming")

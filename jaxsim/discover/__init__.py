@@ -12,8 +12,8 @@ The likelihood stands in `model`, every threshold of the decision in `rules`, al
 """
 
 from jaxsim.discover.read import Comparison, read_comparison
-from jaxsim.discover.show.judge import judge_known
-from jaxsim.discover.unpaired import discover_unpaired
+from jaxsim.discover.show import judge_known
+from jaxsim.discover.unpaired.workflow import discover_unpaired
 from jaxsim.discover.verdict import CurveLine, Result, Verdict
 from jaxsim.discover.workflow import disagreements, discover, discover_folders
 

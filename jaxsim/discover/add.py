@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
-from jaxsim.discover.model.null import as_implied, fit_null
+from jaxsim.discover.model.null import as_implied
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
-from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.name.select import FittedStep, refitted
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
@@ -23,6 +23,8 @@ from jaxsim.effects.chain import SensorModel
 
 DIFFERENCE = 0.02
 """Of the central differences, in z and in nats of a noise scale."""
+SWEEPS = 2
+"""Over several effects, each fitted beside the others."""
 BOUND = 1e-6
 """Distance from a bound at which a value counts as held there."""
 
@@ -76,18 +78,18 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
     return problem
 
 
-def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]], *, sweeps: int = 2) -> tuple[Refit, ...]:
+def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
     """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
     beside other effects."""
     all_blocks = np.ones(len(null.ev.unit), np.float32)
     values = dict(enumerate(z))
     refits: dict[int, Refit] = {}
-    for _ in range(sweeps if len(effects) > 1 else 1):
+    for _ in range(SWEEPS if len(effects) > 1 else 1):
         for k, effect in enumerate(effects):
             others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
             problem = in_place(null, others)
             if others:
-                problem, _ = fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)
+                problem = refitted(problem)
             start = ({n: np.asarray(v) for n, v in to_values(effect, values[k]).items()},)
             # Values that are read off the data (steps of rounding) stay.
             result = fit(effect, problem, all_blocks, starts=start, steps=80, fixed=effect.name in FINEST)

@@ -1,104 +1,52 @@
-"""The verdict of an answer: what was named, what ranked below, what changed beside it, and notes."""
+"""The entries of a verdict: what was named, what ranked below, what changed beside it, and notes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
-from jaxsim.discover.add import Added, parameters_of
+from jaxsim.discover.add import parameters_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import gain_and_classes
-from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, FittedStep, padded
+from jaxsim.discover.name.select import Choice, Selection, Step, padded
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
-from jaxsim.discover.verdict import Interval, Judged, Named, Rank, Verdict, Where
-from jaxsim.effects import EFFECTS, Law
-from jaxsim.effects.chain import SensorModel
+from jaxsim.discover.verdict import Interval, Named, Rank
+from jaxsim.effects import EFFECTS
 
 
-def explain(
-    comparison: Comparison,
-    parts: Split,
-    where: tuple[Where, ...],
-    *,
-    null: Problem,
-    answer: Answer,
-    added: Added,
-    shown: Judged,
-    known: SensorModel,
-    seconds: float,
-) -> Verdict:
-    """What verdict.json says, of the four steps' results."""
-    choice = answer.choice
-    return Verdict(
-        verdict=answer.verdict,
-        effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
-        where=where,
-        unexplained=answer.unexplained,
-        gap=shown.gap,
-        closure=shown.closure,
-        find=parts.find,
-        judge=parts.judge,
-        sha256=parts.sha256,
-        frames=len(comparison.names),
-        seconds=seconds,
-        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
-        ranking=ranking(choice),
-        nulls=answer.nulls,
-        notes=notes(comparison, parts, choice, held=[name for name, _ in known.effects]),
-    )
-
-
-def named(step: FittedStep, parameters: dict[str, Any]) -> Named:
-    """An effect that was named, with its look-alikes and what would tell them apart."""
-    return named_effect(
-        step.chosen.effect,
-        p_value=step.p_value,
-        gain=gain_interval(step.chosen.by_scene),
-        parameters=parameters,
-        alike=[one.effect.name for one in step.alike],
-        remedy="scenes in which their covariates differ more",
-    )
-
-
-def named_effect(
-    effect: Law,
-    *,
-    p_value: float,
-    gain: Interval,
+def named(
+    step: Step[Any],
     parameters: dict[str, Any],
-    alike: Sequence[str] = (),
-    remedy: str = "",
+    *,
+    more_alike: Sequence[str] = (),
+    remedy: str = "scenes in which their covariates differ more",
 ) -> Named:
-    """The entry of an effect; `remedy` tells it from a look-alike of which the catalogue does not say what does."""
+    """An effect that was named, with its look-alikes (`more_alike` besides) and what would tell them apart: `remedy`,
+    where the catalogue does not say."""
+    effect = step.chosen.effect
+    alike = list(dict.fromkeys([*(one.effect.name for one in step.alike), *more_alike]))
     told = EFFECTS[effect.name].look_alikes
-    apart = {name: told.get(name) or EFFECTS[name].look_alikes.get(effect.name, "") for name in alike}
+    # No scene decides alone.
+    gain = clipped(step.chosen.by_scene)
     return Named(
         name=effect.name,
         look_alikes=tuple(alike),
-        tell_apart={name: text or remedy for name, text in apart.items()},
+        tell_apart={one: told.get(one) or EFFECTS[one].look_alikes.get(effect.name) or remedy for one in alike},
         channels=effect.channels,
-        p_value=p_value,
-        gain=gain,
+        p_value=step.chosen.chance,
+        gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
         parameters=parameters,
     )
 
 
-def gain_interval(by_scene: Float[np.ndarray, " s"]) -> Interval:
-    """The mean gain of held-out scenes, none of which decides alone."""
-    gain = clipped(by_scene)
-    return Interval(float(gain.mean()), *mean_interval(gain), "nats per scene")
-
-
-def ranking(choice: Choice) -> tuple[Rank, ...]:
-    """The first step's best candidates and why each was not named."""
-    bar = choice.bars.effect
+def ranking(choice: Selection[Any], why_not: Callable[[Any, Any], str], *, bar: float = 0.0) -> tuple[Rank, ...]:
+    """The first step's best candidates and why (`why_not` of candidate and choice) each was not named; `bar` is what
+    all scenes together must gain."""
     return tuple(
         Rank(one.effect.name, one.total / len(one.by_scene), one.chance, bar / len(one.by_scene), why_not(one, choice))
         for one in choice.first_ranking[: RULES.candidates_listed]

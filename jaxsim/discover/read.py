@@ -1,25 +1,37 @@
-"""Two folders of polar frames to one comparison: the frames that both have, checked."""
+"""Two folders of polar frames as one comparison, and its blocks on the device, divided into find and judge scenes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Int
 
-from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.pairing import check_pairs
-from jaxsim.discover.rules import RULES
+from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.discover.checks import (
+    all_or_none,
+    check_one_grid,
+    check_pairs,
+    constant_intensity,
+    plausible,
+    sceneless,
+    unpartnered,
+)
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
+from jaxsim.discover.model.evidence import Evidence, Measured, gather
+from jaxsim.discover.model.surfaces import with_planes
+from jaxsim.discover.scenes import Split, split
+from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarImage
-from jaxsim.geometry import grid_difference
 
-RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
-"""What the simulated side may have besides range and intensity."""
+NOTHING_YET = SensorModel()
+"""A sensor model without effects."""
 
 
 @dataclass(frozen=True)
@@ -93,91 +105,50 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     )
 
 
-def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
-    """Raises ValueError where two folders' grids differ."""
-    if difference := grid_difference(simulated.grid, measured.grid):
-        raise ValueError(
-            f"discover: the grids of {simulated.folder} and {measured.folder} differ in {difference}; simulate on the "
-            "measured sensor's grid.json"
+@dataclass(frozen=True)
+class Division:
+    """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
+
+    scan: Scan
+    """With incidence angles taken from planes of the range image."""
+    given: Scan
+    """As the folder has it, with the incidence that was given."""
+    measured: Measured
+    blocks: Blocks
+    rays: Cast
+    """Of all blocks, traced once."""
+    parts: Split
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> Division:
+        """Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
+        given = jax.tree.map(jnp.asarray, comparison.scan)
+        measured = jax.tree.map(jnp.asarray, comparison.measured)
+        chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+        scan = with_planes(given)
+        return cls(scan, given, measured, chosen, cast(scan, chosen.frame, chosen.column), split(chosen.unit))
+
+    def evidence(
+        self, names: Sequence[str], known: SensorModel = NOTHING_YET
+    ) -> tuple[Evidence, Int[np.ndarray, " b"]]:
+        """The evidence of the named scenes with the `known` effects in place, and the index of each block's scene
+        among `names`."""
+        keep = np.array([scene in names for scene in self.blocks.unit])
+        order = {name: k for k, name in enumerate(names)}
+        scene = np.array([order[name] for name in self.blocks.unit if name in order])
+        frame = self.blocks.frame[keep]
+        column = self.blocks.column[keep]
+        ev = gather(
+            self.scan,
+            self.measured,
+            frame=frame,
+            column=column,
+            unit=scene,
+            given_rad=self.given.incidence_rad,
+            rays=self.rays.part(keep),
         )
+        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects else ev), scene
 
-
-def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:
-    """Raises ValueError where some frames of a folder have a raster that others lack."""
-    for key in RASTERS:
-        lacking = [name for name, rasters in zip(names, extra, strict=True) if key not in rasters]
-        if 0 < len(lacking) < len(names):
-            raise ValueError(
-                f"discover: {len(lacking)} of {len(names)} frames of {folder} lack {key} ({', '.join(lacking[:3])}"
-                f"{' ...' if len(lacking) > 3 else ''}) and the others have it; give it for all or none"
-            )
-
-
-def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
-    """A note on frames that only one folder has."""
-    alone = len({*simulated} ^ {*measured})
-    return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
-
-
-def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
-    """A note where the simulated intensity is the same everywhere. Raises ValueError where the measured one is."""
-    least, most = _levels(measured)
-    if least == most:
-        raise ValueError(
-            f"discover: measured intensity is {least:g} everywhere; a sensor that reports none cannot be "
-            "compared: give what it measures (reflectivity, signal or intensity of its driver)"
-        )
-    least, most = _levels(simulated)
-    if least == most:
-        return [
-            f"simulated intensity is {least:g} everywhere: what differs between surfaces counts as noise or as "
-            "reflectances, and effects on intensity are told less surely"
-        ]
-    return []
-
-
-def _levels(side: Sequence[PolarImage]) -> tuple[float, float]:
-    """Least and largest intensity of all returns."""
-    values = [np.asarray(image.intensity)[np.asarray(image.valid)] for image in side]
-    return min(float(v.min()) for v in values), max(float(v.max()) for v in values)
-
-
-def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
-    without = [fact for fact in facts if "scene" not in fact]
-    if not without:
-        return []
-    note = (
-        f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
-        "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
-    )
-    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
-    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
-    if step < RULES.consecutive_s:
-        note += (
-            f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
-            "intervals of this answer"
-        )
-    return [note]
-
-
-def plausible(name: str, image: PolarImage, side: str) -> None:
-    """Raises ValueError for a frame that is empty, dark, or not in metres."""
-    valid = np.asarray(image.valid)
-    range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
-    if valid.mean() < RULES.fewest_returns:
-        raise ValueError(
-            f"discover: {side} frame {name} is empty: {valid.sum()} of {valid.size} rays returned; leave it out"
-        )
-    if np.median(range_m) > RULES.farthest_m:
-        raise ValueError(
-            f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
-            "millimetres by 1000, centimetres by 100"
-        )
-    if np.median(range_m) < RULES.nearest_m:
-        raise ValueError(
-            f"discover: {side} frame {name} has a median range of {np.median(range_m):.3g}; ranges are metres: "
-            "multiply kilometres by 1000"
-        )
-    if not intensity.any():
-        raise ValueError(f"discover: {side} frame {name} has intensity 0 everywhere; there is nothing to compare")
+    def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:
+        """That of find and judge scenes, in this order."""
+        return self.evidence((*self.parts.find, *self.parts.judge), known)

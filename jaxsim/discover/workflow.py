@@ -12,19 +12,17 @@ from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.division import NOTHING_YET, Division
-from jaxsim.discover.explain import explain
-from jaxsim.discover.find.interactions import interactions, spelled
-from jaxsim.discover.find.localise import NAMED, Place, localise, reported
+from jaxsim.discover.explain import named, notes, nuisance_changes, ranking, why_not
+from jaxsim.discover.find import Place, interactions, localise, reported, spelled
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log
-from jaxsim.discover.read import Comparison, read_comparison
-from jaxsim.discover.show.judge import show_gap
-from jaxsim.discover.verdict import Result, Where
-from jaxsim.effects import EFFECTS, Effect, get_effect
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.show import show_gap
+from jaxsim.discover.verdict import Result, Verdict, Where
+from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
 
 
@@ -60,7 +58,10 @@ def discover(
     Raises ValueError where the scenes are too few to decide anything, for unknown effects and for a negative number.
     """
     begun = time.monotonic()
-    catalogue = _catalogue(effects, known=known, nulls=nulls)
+    if nulls < 0:
+        raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
+    held = [name for name, _ in known.effects]
+    catalogue = [get_effect(name) for name in effects if name not in held]
     division = Division.of(comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
@@ -81,21 +82,26 @@ def discover(
     log("judging on unseen scenes")
     shown = show_gap(division, null, answer.choice, added=added, known=known)
 
-    seconds = time.monotonic() - begun
-    verdict = explain(
-        comparison,
-        parts,
-        dependences.where,
-        null=null,
-        answer=answer,
-        added=added,
-        shown=shown,
-        known=known,
-        seconds=seconds,
+    choice = answer.choice
+    verdict = Verdict(
+        verdict=answer.verdict,
+        effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
+        where=dependences.where,
+        unexplained=answer.unexplained,
+        gap=shown.gap,
+        closure=shown.closure,
+        find=parts.find,
+        judge=parts.judge,
+        sha256=parts.sha256,
+        frames=len(comparison.names),
+        seconds=time.monotonic() - begun,
+        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        ranking=ranking(choice, why_not, bar=choice.bars.effect),
+        nulls=answer.nulls,
+        notes=notes(comparison, parts, choice, held=held),
     )
-    ranking = answer.choice.first_ranking
     grid = comparison.scan.grid
-    return Result(verdict, added.sensor, grid, shown.maps_before, shown.maps_after, shown.curves, ranking)
+    return Result(verdict, added.sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
 
 
 @one_blas_thread
@@ -103,14 +109,6 @@ def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
     return find_dependences(Division.of(comparison), known).where
-
-
-def _catalogue(effects: Iterable[str], *, known: SensorModel, nulls: int) -> list[Effect]:
-    """The candidates: those effects that the sensor model does not have. Raises ValueError as `discover` does."""
-    if nulls < 0:
-        raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
-    held = [name for name, _ in known.effects]
-    return [get_effect(name) for name in effects if name not in held]
 
 
 @dataclass(frozen=True)
@@ -135,5 +133,5 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     rays, residuals = standardised(null, all_blocks)
     places = localise(rays, residuals, scene)
     listed = reported([*places, *interactions(rays, residuals, scene)])
-    where = tuple(Where(one.channel, spelled(one.covariate, NAMED), one.p_value, one.share) for one in listed)
+    where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
     return Dependences(null, scene, places, where)

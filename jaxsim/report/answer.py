@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from jaxsim.discover.find.localise import CATEGORICAL
+from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained
 from jaxsim.effects import EFFECTS, Parameter
 from jaxsim.report.canvas import BEFORE

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from jaxsim.discover.find.localise import CATEGORICAL
+from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE

@@ -63,7 +63,7 @@ AXES = {
     "heading": Axis("direction in the world, °", np.rad2deg, "the direction in the world in rad"),
     "rgb": Axis("brightness of the camera pixel, 0..1"),
 }
-"""Of the covariates of jaxsim.discover.find.localise."""
+"""Of the covariates of jaxsim.discover.covariates."""
 
 NUISANCES = {
     "intensity": ("spread of ln I that nothing explains", "nats"),

@@ -16,7 +16,7 @@ def test_each_candidate_is_told_why_it_was_not_named():
     little = candidate("oren_nayar", 4)
     ranking = (best, alike, split, little, weak)
     fall = candidate("atmospheric_extinction", 3)
-    choice = Choice((step(best, alike, ranking=ranking), step(fall)), problem(), ())
+    choice = Choice((step(best, alike, ranking=ranking), step(fall)), (), problem())
     assert why_not(best, choice) == ""
     assert why_not(alike, choice).startswith("these data cannot tell")
     assert weak.total < RULES.bar_nats
@@ -24,7 +24,7 @@ def test_each_candidate_is_told_why_it_was_not_named():
     assert why_not(split, choice) == "the scenes disagree on it"
     assert why_not(little, choice) == "it explains clearly less than the one that is named"
     assert why_not(fall, choice) == "named too, after beam_gain"
-    nothing = Choice((), problem(), (split, little))
+    nothing = Choice((), (split, little), problem())
     assert "weak beside gamma_response" in why_not(little, nothing)
 
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.find.localise import Place, localise
+from jaxsim.discover.find import Place, localise
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.null_bar import bars_of, run_nulls
-from jaxsim.discover.name.select import Choice, Log, choose, with_steps
+from jaxsim.discover.name.nulls import run_nulls
+from jaxsim.discover.name.select import Bars, Choice, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, describe, free_curves
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -55,7 +55,8 @@ def name_effects(
     drawn = None
     if nulls:
         drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
-        bars = bars_of(drawn, len(np.unique(scene)))
+        scenes = len(np.unique(scene))
+        bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, log=log) if raised else replace(choice, bars=bars)
@@ -73,9 +74,8 @@ def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int
     if outside:
         steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
         if not steps:
-            return Answer(
-                "not_in_catalogue", Choice((), null, choice.first_ranking, choice.bars), describe(null, *outside)
-            )
+            nothing = Choice((), choice.first_ranking, null, choice.bars)
+            return Answer("not_in_catalogue", nothing, describe(null, *outside))
         if len(steps) < len(choice.steps):
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:

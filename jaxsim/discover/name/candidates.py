@@ -125,6 +125,7 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
             if step is not None:
                 gained += rounding_gain(problem.ev, {effect.name: step})
             inside.append(gained[fitted > 0].sum())
+            # Each scene counts by the one fit that has not seen it.
             gained[fitted > 0] = 0
             begun = gained if at else np.zeros((len(scene), 3))
             if not at:

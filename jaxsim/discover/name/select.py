@@ -1,27 +1,98 @@
 """Which effect is missing: forward selection over the catalogue, with a bar that a null must not pass.
 
 A candidate counts by its held-out gain (`rank_effects`). It is accepted where the gain exceeds the bar and the scenes
-agree on its sign; the set of look-alikes is whatever accepted candidate is not clearly worse than the best.
+agree on its sign; the set of look-alikes is whatever accepted candidate is not clearly worse than the best. What does
+not ask how a candidate was fitted (`Step`, `Selection`, `worse`, `runner_up`) also serves where the streets differ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Fit, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.steps import Step, worse
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.effects import Effect
 
 Log = Callable[[str], None]
 """Where lines on the progress go."""
+
+
+@runtime_checkable
+class Ranked(Protocol):
+    """A candidate as a ranking sees it."""
+
+    @property
+    def effect(self) -> Any: ...
+
+    @property
+    def chance(self) -> float:
+        """Probability that scenes agree so well by chance."""
+        ...
+
+    @property
+    def by_scene(self) -> Float[np.ndarray, " s"]:
+        """Gain on held-out scenes, nats."""
+        ...
+
+    @property
+    def total(self) -> float:
+        """Gain of all scenes, none of which decides alone, nats."""
+        ...
+
+
+C = TypeVar("C", bound=Ranked)
+
+
+@dataclass(frozen=True)
+class Step(Generic[C]):
+    """One effect added, and what stood beside it."""
+
+    chosen: C
+    alike: tuple[C, ...]
+    """Candidates that are not clearly worse."""
+    ranking: tuple[C, ...]
+    """All candidates, best first."""
+
+
+@dataclass(frozen=True)
+class Selection(Generic[C]):
+    """The effects added."""
+
+    steps: tuple[Step[C], ...]
+    last: tuple[C, ...]
+    """The candidates of the step that added nothing more."""
+
+    @property
+    def first_ranking(self) -> tuple[C, ...]:
+        """All candidates of the first step, best first."""
+        return self.steps[0].ranking if self.steps else self.last
+
+
+def worse(candidate: Ranked, best: Ranked, *, share: float = RULES.alike_share, nats: float = RULES.alike_nats) -> bool:
+    """Whether the scenes say that `candidate` explains clearly less than `best`: less than `share` of what it does, or
+    by more than `nats` on which they agree."""
+    difference = clipped(best.by_scene - candidate.by_scene)
+    if candidate.total < share * best.total and difference.sum() > 0:
+        return True
+    return bool(p_value(difference) <= RULES.alike_level and difference.sum() > nats)
+
+
+def runner_up(steps: Sequence[Step[C]]) -> C | None:
+    """The best candidate of the first step that is nowhere named and no look-alike of what is."""
+    if not steps:
+        return None
+    taken = {one.effect.name for step in steps for one in (step.chosen, *step.alike)}
+    return next((one for one in steps[0].ranking if one.effect.name not in taken), None)
 
 
 @dataclass(frozen=True)
@@ -40,26 +111,14 @@ class FittedStep(Step[Candidate]):
     fitted: Fit
     """On all find scenes."""
 
-    @property
-    def p_value(self) -> float:
-        """That the scenes agree so well on the chosen effect by chance."""
-        return self.chosen.chance
-
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Selection[Candidate]):
     """The effects added and the problem with them in place."""
 
     steps: tuple[FittedStep, ...]
     problem: Problem
-    last: tuple[Candidate, ...]
-    """The candidates of the step that added nothing more."""
     bars: Bars = Bars()
-
-    @property
-    def first_ranking(self) -> tuple[Candidate, ...]:
-        """All candidates of the first step, best first."""
-        return self.steps[0].ranking if self.steps else self.last
 
 
 def padded(candidate: Candidate, best: Candidate) -> bool:
@@ -72,7 +131,6 @@ def choose(
     effects: Iterable[Effect],
     *,
     bars: Bars = Bars(),
-    most: int = RULES.most_effects,
     log: Log = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
@@ -85,18 +143,17 @@ def choose(
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
         least = RULES.weak_share * ranking[0].total if ranking else 0.0
         good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
-        if not good or len(steps) == most:
+        if not good or len(steps) == RULES.most_effects:
             needed = look_back(null, steps, bars, log=log)
             problem = problem if len(needed) == len(steps) else with_steps(null, needed)
-            return Choice(needed, problem, tuple(ranking), bars)
+            return Choice(needed, tuple(ranking), problem, bars)
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
         starts = tuple(to_values(best.effect, one.z) for one in best.fits)
         result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
         steps.append(FittedStep(best, alike, tuple(ranking), result))
-        added = on_top(best.effect, problem, result.z)
-        problem, _ = fit_null(added.scan, added.ev, all_blocks, clutter=added.clutter)
+        problem = refitted(on_top(best.effect, problem, result.z))
         rest = [effect for effect in rest if effect.name != best.effect.name]
 
 
@@ -120,5 +177,10 @@ def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
     problem = null
     for step in steps:
         problem = on_top(step.chosen.effect, problem, step.fitted.z)
+    return refitted(problem)
+
+
+def refitted(problem: Problem) -> Problem:
+    """The null fitted again to the problem's rays, with the effects that are in place."""
     all_blocks = np.ones(len(problem.ev.unit), np.float32)
     return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]

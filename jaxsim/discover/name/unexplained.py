@@ -1,7 +1,7 @@
 """A dependence outside the catalogue: free curves along covariates, and what the best of them looks like.
 
-Free curves (`curves.py`) compete with the effects on the same terms. Where one wins, its shape is told in words and by
-a closed formula: a line, a step or a wave, if one of these comes near it.
+Free curves (`covariates.CURVES`) compete with the effects on the same terms. Where one wins, its shape is told in words
+and by a closed formula: a line, a step or a wave, if one of these comes near it.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.discover.find.localise import ALTERNATING, CATEGORICAL, NAMED, Place, values_of
+from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL, CURVES, NAMED, fixed_basis, values_of, with_basis
+from jaxsim.discover.find import Place
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
-from jaxsim.discover.name.curves import CURVES, fixed_basis, with_basis
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import fold_half_width
 from jaxsim.discover.verdict import Unexplained

@@ -12,29 +12,37 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.unpaired.effect_columns import OF_CLASSES, OF_INTENSITY, Columns, change_of, columns_of
+from jaxsim.discover.unpaired.columns import (
+    OF_CLASSES,
+    OF_INTENSITY,
+    Columns,
+    change_of,
+    classes_of,
+    columns_of,
+    curve_columns,
+    kinds,
+    law_columns,
+    one_hot,
+    own_columns,
+    patches,
+)
 from jaxsim.discover.unpaired.law import (
     RIDGE,
     Block,
     Equations,
     RandomEffects,
-    each,
     equations,
     freedom,
-    hats,
     lowered,
-    one_hot,
 )
 from jaxsim.discover.unpaired.read import UnpairedComparison
-from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M, Rays
 
 CLIP = 3.0
 """Robust standard deviations about each side's own law at which readings are held."""
-PATCH_M = 4.0
-"""Size of the cells of ground over which surfaces have a level of their own ..."""
 PATCH_SD = 0.25
-"""... and its standard deviation, nats."""
+"""Standard deviation of the level of a patch of ground, nats."""
 OWN_SD = (0.3, 0.2, 0.3, 0.1)
 """Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
 surface."""
@@ -46,8 +54,6 @@ CURVE_SD = 0.15
 """Standard deviation of a free curve's knots, nats."""
 LEVEL_PRECISION = 1e-4
 """Precision of the overall gain: next to free."""
-KNOTS = 10
-"""Knots of a free curve."""
 COMMON = 0.01
 """Classes of a smaller share of the simulated rays have no level of their own."""
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -61,8 +67,7 @@ class Term:
     """Something that the measured side may have: an effect of the catalogue, one start of it, or a free curve."""
 
     name: str
-    effect: Effect | None
-    """None of a free curve."""
+    """The effect's, or the free curve's covariate."""
     columns: Columns
     block: Block
 
@@ -123,11 +128,12 @@ def compare(
 
     # How much of each class, and what intensity, the simulated side has at given covariates.
     simulated = learn & ~sensed
-    mixture = one_hot(_classes(comparison), _common(_classes(comparison)[simulated]))
+    mixture = one_hot(classes_of(comparison), _common(classes_of(comparison)[simulated]))
     known = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
     expected = law @ _regressed(known, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
     spread = np.quantile((y - predicted)[simulated], QUANTILES)
+    # The law is the readings' mean: what stands for them must lie about it.
     spread = spread - spread.mean()
     rays = _as_predicted(comparison.rays, predicted)
 
@@ -147,7 +153,9 @@ def compare(
     for name, basis in curve_columns(comparison).items():
         parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
     starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
-    terms = [_term(name, columns, int(start)) for (name, columns), start in zip(parts, starts[:-1], strict=True)]
+    terms = []
+    for (name, columns), start, end in zip(parts, starts[:-1], starts[1:], strict=True):
+        terms.append(Term(name, columns, Block(np.arange(start, end), columns.precision, columns.sign)))
     side = np.concatenate([nuisance, *(columns.columns for _, columns in parts)], axis=1)
     eq = equations_of(side)
     inflation = _inflation(eq, find.astype(float), draws, nuisance=block, blocks=[term.block for term in terms])
@@ -167,11 +175,6 @@ def compare(
         variance=variance,
         inflation=inflation,
     )
-
-
-def _term(name: str, columns: Columns, start: int) -> Term:
-    index = np.arange(start, start + columns.columns.shape[1])
-    return Term(name, columns.effect, columns, Block(index, columns.precision, columns.sign))
 
 
 def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
@@ -195,63 +198,6 @@ def _as_predicted(rays: Rays, log_intensity: Float[np.ndarray, " n"]) -> Rays:
         met_log_intensity=log_intensity.astype(np.float32),
         log_power=(log_intensity - 2 * np.log(np.maximum(rays.range_m, 0.1) / REFERENCE_M)).astype(np.float32),
     )
-
-
-def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
-    """0 ground, 1 upright, 2 other, by height and normal."""
-    ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
-    return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
-
-
-def _classes(comparison: UnpairedComparison) -> np.ndarray:
-    return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
-
-
-def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n l"]:
-    """Additive curves over all covariates, those over range, incidence and height for each kind of surface."""
-    r = comparison.rays
-    surfaces = one_hot(kind, np.arange(3))
-    height = np.clip(comparison.height_m, -1.0, 8.0)
-    parts = [
-        one_hot(r.row),
-        each(surfaces, hats(np.log(r.range_m), 10)),
-        each(surfaces, hats(r.incidence_rad, 8)),
-        each(surfaces, hats(height, 8)),
-        hats(np.log(comparison.bend + 1e-4), 6),
-        hats(r.azimuth_rad, 9),
-    ]
-    if comparison.shared_classes:
-        parts.append(one_hot(_classes(comparison)))
-    return np.concatenate(parts, axis=1)
-
-
-def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
-    """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
-    order is that of OWN_SD."""
-    surfaces = one_hot(kind, np.arange(3))
-    slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
-    return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)
-
-
-def patches(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Number of the cell of ground, and kind of surface, that each ray meets."""
-    r = comparison.rays
-    level_m = r.range_m * np.cos(r.elevation_rad)
-    cells = [np.floor(level_m * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
-    key = np.stack([comparison.scene, kind, *cells], axis=1).astype(np.int64)
-    return np.unique(key, axis=0, return_inverse=True)[1].ravel()
-
-
-def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray, "n k"]]:
-    """Free curves of the measured side along the covariates that both sides have."""
-    r = comparison.rays
-    curves = {
-        "range": hats(np.log(r.range_m), KNOTS),
-        "incidence": hats(r.incidence_rad, KNOTS),
-        "azimuth": hats(r.azimuth_rad, KNOTS),
-        "row": one_hot(r.row, np.arange(comparison.rows)),
-    }
-    return {**curves, "class": one_hot(_classes(comparison))} if comparison.shared_classes else curves
 
 
 def _ridge(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.discover.name.steps import Step, runner_up
-from jaxsim.discover.scenes import mean_interval, ratio_interval
-from jaxsim.discover.show.curves_and_maps import Bins, mean_on_grid
+from jaxsim.discover.curves_and_maps import Bins, mean_on_grid
+from jaxsim.discover.gap import gap_of, share_of
+from jaxsim.discover.name.select import Step, runner_up
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, Solution, solve
 from jaxsim.discover.unpaired.refine import Refined, equations_without
 from jaxsim.discover.unpaired.select import Candidate
-from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged
+from jaxsim.discover.verdict import CurveLine, Judged
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"
 CURVE_UNIT = "ln I, measured minus the law of both sides"
@@ -45,8 +45,8 @@ def show_gap(problem: Conditional, steps: Sequence[Step[Candidate]], refined: Re
     floor = distance(problem.equations, [curve.block for curve in problem.curves])
     rival = runner_up(steps)
     placebo = distance(problem.equations, [rival.term.block]) if rival else before
-    gap = _gap(before, after, floor=floor, placebo=placebo)
-    closure = _closure(before, after, floor=floor) if steps else None
+    gap = gap_of(before, after, placebo=placebo, floor=floor, unit=UNIT)
+    closure = share_of(before - after, before - floor, unit="share of what can be explained") if steps else None
 
     # Residuals of rays, for the report.
     old = _residual(problem, plain, 0.0)
@@ -71,37 +71,6 @@ def _residual(problem: Conditional, eq: Equations, change: Float[np.ndarray, " n
     off = problem.y - expected - change
     scene = problem.comparison.scene
     return off - (np.bincount(scene, off) / np.bincount(scene))[scene]
-
-
-def _gap(
-    before: Float[np.ndarray, " j"],
-    after: Float[np.ndarray, " j"],
-    *,
-    floor: Float[np.ndarray, " j"],
-    placebo: Float[np.ndarray, " j"],
-) -> Gap:
-    shrunk = before - after
-    return Gap(
-        float(before.mean()),
-        float(after.mean()),
-        *mean_interval(shrunk),
-        unit=UNIT,
-        floor=float(floor.mean()),
-        placebo=float(placebo.mean()),
-        win_rate=float((shrunk > 0).mean()),
-    )
-
-
-def _closure(
-    before: Float[np.ndarray, " j"], after: Float[np.ndarray, " j"], *, floor: Float[np.ndarray, " j"]
-) -> Interval | None:
-    """Share of what free curves explain; none where the scenes do not agree that these explain anything."""
-    shrunk = before - after
-    room = before - floor
-    if not mean_interval(room)[0] > 0:
-        return None
-    ends = ratio_interval(shrunk, room)
-    return Interval(float(shrunk.mean() / room.mean()), *ends, "share of what can be explained")
 
 
 def _curves(

@@ -23,30 +23,6 @@ RIDGE = 1.0
 """Rays' worth of pull of the law's coefficients to 0."""
 
 
-def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
-    """Hat functions between quantiles of x; one column of ones where x does not vary."""
-    knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
-    if len(knots) < 2:
-        return np.ones((len(x), 1), np.float32)
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
-    basis = np.zeros((len(x), len(knots)), np.float32)
-    rays = np.arange(len(x))
-    basis[rays, left] = 1 - share
-    basis[rays, left + 1] = share
-    return basis
-
-
-def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray, "n k"]:
-    """A column for each value, 1 where x has it; by default for each that x has."""
-    return (x[:, None] == (np.unique(x) if values is None else values)).astype(np.float32)
-
-
-def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Products of every column of `parts` with every column of `of`: a curve for each part."""
-    return (parts[:, :, None] * of[:, None, :]).reshape(len(parts), -1)
-
-
 @dataclass(frozen=True)
 class Block:
     """Columns of the measured side that stand for one thing, and how firmly each is held to 0."""
@@ -93,6 +69,7 @@ class Equations:
     def pooled(self, weight: Float[np.ndarray, " s"], measured: Float[np.ndarray, " s"]) -> Pooled:
         """The sum over scenes, each counted `weight` times; `measured` is 1 of those of the measured side, else 0."""
         n = self.law
+        # Simulated scenes say what the law is; the columns of the measured side are 0 there.
         weight_measured = weight * measured
         of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
         between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
@@ -110,6 +87,7 @@ class Equations:
         coefficients[:, :n] = solution.law
         coefficients[:, n + solution.columns] = measured[:, None] * solution.side
         fitted = np.einsum("spq,sq->sp", self.gram, coefficients)
+        # |y - X b|² = y'y - 2 b'X'y + b'X'X b.
         return 0.5 * (self.square + np.einsum("sp,sp->s", coefficients, fitted - 2 * self.right))
 
 
@@ -169,9 +147,9 @@ def solve(pooled: Pooled, blocks: Sequence[Block]) -> Solution:
     return Solution(pooled.base - pooled.cross[:, columns] @ side, side, columns)
 
 
-def exchanged(measured: Bool[np.ndarray, " s"], count: int, seed: int = 0) -> Float[np.ndarray, "d s"]:
+def exchanged(measured: Bool[np.ndarray, " s"], count: int) -> Float[np.ndarray, "d s"]:
     """Draws of which scenes count as measured: as many as there are, at random; the first draw is the true one."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     draws = np.stack([measured, *(rng.permutation(measured) for _ in range(count - 1))])
     return draws.astype(float)
 

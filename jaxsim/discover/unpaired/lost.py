@@ -1,4 +1,6 @@
-"""Lost rays where the streets differ: a ray that is lost has no range, so only its row and azimuth are known.
+"""What needs no law where the streets differ: rays that are lost, and lattices on which readings lie.
+
+A ray that is lost has no range, so only its row and azimuth are known.
 
 Losses of single rays show in rows in which simulated rays nearly always hit something (the ground), between two
 neighbours on one surface. Whole columns are counted apart: those that are empty in most frames as a hidden sector,
@@ -12,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
-from jaxsim.discover.verdict import Interval
+from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
 
 NEAR = 0.05
@@ -25,25 +28,6 @@ SECTORS = 6
 """Parts of the rows and of the azimuth whose losses are compared."""
 DRAWS = 2000
 """Exchanges of scenes between the sides."""
-
-
-@dataclass(frozen=True)
-class Loss:
-    """An effect on returns, with its parameters."""
-
-    name: str
-    p_value: float
-    parameters: dict[str, Interval]
-    share: Interval
-    """Of rays, beyond what the simulated side loses."""
-
-
-@dataclass(frozen=True)
-class Losses:
-    """The effects on returns, and what a reader must know."""
-
-    effects: tuple[Loss, ...]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -80,8 +64,11 @@ class _Side:
         return np.array([of_frames[self.scene == scene].mean() for scene in np.unique(self.scene)])
 
 
-def lost_rays(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> Losses:
-    """Compares the shares of lost rays of the find scenes."""
+def lost_rays(
+    comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]
+) -> tuple[tuple[Named, ...], tuple[str, ...]]:
+    """The effects on returns by which the shares of lost rays of the find scenes differ, and notes for the reader; an
+    effect's gain is the share of rays that it costs, beyond what the simulated side loses."""
     use = find[comparison.frame_scene]
     of_measured = comparison.measured[comparison.frame_scene]
     measured = _Side.of(comparison, use & of_measured)
@@ -96,12 +83,12 @@ def lost_rays(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> L
     rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
     if rows.sum() < RULES.unpaired_fewest_rows:
         note = "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"
-        return Losses(tuple(effects), (note,))
+        return tuple(effects), (note,)
     single, notes = _single_rays(measured, simulated, rows, columns=~hidden)
-    return Losses((*effects, *single), tuple(notes))
+    return (*effects, *single), tuple(notes)
 
 
-def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Loss:
+def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Named:
     """The longest run of hidden columns, known to a column's width; each scene shows it."""
     step = float(np.abs(np.diff(azimuth_rad)).mean())
     columns = np.flatnonzero(hidden)
@@ -113,25 +100,22 @@ def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"]
         "azimuth_rad": Interval(middle, middle - step / 2, middle + step / 2, ""),
         "width_rad": Interval(width, width - step, width + step, ""),
     }
-    return Loss(
-        "sector_occlusion",
-        2.0**-scenes,
-        {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()},
-        Interval(share, share, share, "share of rays"),
-    )
+    parameters = {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()}
+    gain = Interval(share, share, share, "share of rays")
+    return _named("sector_occlusion", 2.0**-scenes, gain, parameters=parameters)
 
 
-def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"]) -> list[Loss]:
+def _packets(measured: _Side, simulated: _Side, columns: Bool[np.ndarray, " c"]) -> list[Named]:
     """Lost packets, if more of these columns are empty than usual."""
     p, share = _compared(*[side.by_scene(side.empty[:, columns].mean(1)) for side in (measured, simulated)])
     if p > RULES.unpaired_level or share.value <= RULES.unpaired_usual_losses:
         return []
-    return [Loss("packet_loss", p, {"probability": _bounded(share, "packet_loss", "probability")}, share)]
+    return [_named("packet_loss", p, share, parameters={"probability": _bounded(share, "packet_loss", "probability")})]
 
 
 def _single_rays(
     measured: _Side, simulated: _Side, rows: Bool[np.ndarray, " r"], *, columns: Bool[np.ndarray, " c"]
-) -> tuple[list[Loss], list[str]]:
+) -> tuple[list[Named], list[str]]:
     """Single rays, if more are lost than usual: an effect where they are lost evenly, else notes."""
     p, share = _compared(*[side.by_scene(side.share(rows, columns)) for side in (measured, simulated)])
     usual = RULES.unpaired_usual_losses
@@ -154,7 +138,7 @@ def _single_rays(
         # Of what is lost, between none and what is usual is lost anyway.
         beyond = replace(share, value=share.value - usual / 2, low=share.low - usual)
         probability = _bounded(beyond, "random_dropout", "probability")
-        return [Loss("random_dropout", p, {"probability": probability}, share)], []
+        return [_named("random_dropout", p, share, parameters={"probability": probability})], []
     notes = []
     for name, shares in uneven.items():
         told = ", ".join(f"{100 * part:.2g} %" for part in shares)
@@ -175,6 +159,33 @@ def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " 
     by_chance = drawn[:, :n].mean(1) - drawn[:, n:].mean(1)
     p = (1 + (by_chance >= seen - 1e-12).sum()) / (1 + DRAWS)
     return float(p), Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
+
+
+def lattices(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> list[Named]:
+    """Rounding, read off the values: each measured scene shows it, and its gain is what lying on a lattice saves."""
+    scenes = int((find & comparison.measured).sum())
+    simulated_frames, _ = comparison.frames
+    returns = float((~comparison.lost[simulated_frames:]).sum() / comparison.measured.sum())
+    entries = []
+    for name, step in comparison.steps.items():
+        gain = returns * float(np.log(step / FINEST[name]))
+        parameter = next(iter(EFFECTS[name].parameters))
+        nats = Interval(gain, gain, gain, "nats per scene")
+        entries.append(_named(name, 2.0**-scenes, nats, parameters={parameter: Interval(step, step, step, "")}))
+    return entries
+
+
+def _named(effect: str, p_value: float, gain: Interval, *, parameters: dict[str, Interval]) -> Named:
+    """The entry of an effect that has no look-alikes here."""
+    return Named(
+        name=effect,
+        look_alikes=(),
+        tell_apart={},
+        channels=EFFECTS[effect].channels,
+        p_value=p_value,
+        gain=gain,
+        parameters=dict(parameters),
+    )
 
 
 def _bounded(interval: Interval, effect: str, parameter: str) -> Interval:

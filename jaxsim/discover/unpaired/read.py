@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.discover.checks import check_one_grid, plausible
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.read import check_one_grid, plausible
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.scan import scan_of
@@ -139,7 +139,7 @@ def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) 
     return np.stack(given).astype(np.int32) if given else None
 
 
-def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE, seed: int = 0) -> UnpairedComparison:
+def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE) -> UnpairedComparison:
     """Two folders of polar frames that need share no street and no names; `per_scene` rays of each scene are kept.
 
     Raises ValueError where grids differ, values have wrong units, frames are empty, or both folders hold a frame of
@@ -152,8 +152,9 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     ours = read_folder(predicted, "simulated")
     theirs = read_folder(recorded, "measured")
     _no_copy(ours, theirs, simulated, measured=measured)
-    noise_m = _extra_noise(ours, theirs)
-    rng = np.random.default_rng(seed)
+    # What the simulated ranges lack of the measured ones' noise.
+    noise_m = float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
+    rng = np.random.default_rng(0)
     images = [
         replace(image, range_m=_noisy(image, noise_m if k < len(ours.names) else 0.0, rng))
         for k, image in enumerate((*ours.images, *theirs.images))
@@ -172,7 +173,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     height, rise, bend, smooth = _surface(scan, len(ours.names))
     lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
     good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
-    at = _thinned(good, frame_scene, per_scene, rng)
+    at = _thinned(good, frame_scene, rng, most=per_scene)
     rays = jax.tree.map(np.asarray, rays_at(scan, tuple(part.astype(np.int32) for part in at)))
     return UnpairedComparison(
         grid=grid,
@@ -239,11 +240,6 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
     return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
 
 
-def _extra_noise(ours: Folder, theirs: Folder) -> float:
-    """What the simulated ranges lack of the measured ones' noise, m."""
-    return float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
-
-
 def _steps(ours: Folder, theirs: Folder) -> dict[str, float]:
     """Steps of the measured readings' lattices that are clearly coarser than the simulated ones'."""
     steps = {}
@@ -279,14 +275,14 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _thinned(
-    good: np.ndarray, frame_scene: np.ndarray, per_scene: int, rng: np.random.Generator
+    good: np.ndarray, frame_scene: np.ndarray, rng: np.random.Generator, *, most: int
 ) -> tuple[np.ndarray, ...]:
-    """Frame, row and column of at most `per_scene` rays of each scene."""
+    """Frame, row and column of at most so many rays of each scene."""
     frame, row, column = np.nonzero(good)
     scene = frame_scene[frame]
     kept: list[np.ndarray] = []
     for s in np.unique(scene):
         rays = np.flatnonzero(scene == s)
-        kept.append(rays if len(rays) <= per_scene else np.sort(rng.choice(rays, per_scene, replace=False)))
+        kept.append(rays if len(rays) <= most else np.sort(rng.choice(rays, most, replace=False)))
     chosen = np.concatenate(kept)
     return frame[chosen], row[chosen], column[chosen]

@@ -19,8 +19,8 @@ from jaxsim.discover.add import interval_of
 from jaxsim.discover.model.parameters import fitted_parameters, to_values, to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
+from jaxsim.discover.unpaired.columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.conditional import Conditional
-from jaxsim.discover.unpaired.effect_columns import Columns, change_of, derivatives
 from jaxsim.discover.unpaired.law import Block, Equations, equations, solve
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import Effect
@@ -37,7 +37,6 @@ DRAWS = 200
 class Refined:
     """Effects with their parameters."""
 
-    values: tuple[dict[str, Any], ...]
     intervals: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
     change: Float[np.ndarray, " n"]
     """Of ln I by all of them, on every ray as if it were measured."""
@@ -46,7 +45,7 @@ class Refined:
 def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
     """Fits the effects of the chosen columns to the find scenes, from their starts."""
     if not chosen:
-        return Refined((), (), np.zeros(len(problem.y)))
+        return Refined((), np.zeros(len(problem.y)))
     joint = JointFit(problem, chosen)
     here = joint.fit()
     half = joint.half_widths(here)
@@ -59,7 +58,7 @@ def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
             value = np.broadcast_to(values.get(name, p.neutral), p.dims(joint.rows))
             ends[name] = interval_of(value, lows[name], highs[name], unit=p.unit)
         intervals.append(ends)
-    return Refined(tuple(joint.values), tuple(intervals), joint.change())
+    return Refined(tuple(intervals), joint.change())
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 If nothing but the streets differed, any scene could as well have been of the other side. A candidate is accepted
 where it lowers the loss by more than it does, with any candidate, when scenes are exchanged at random (max-T, Westfall
-& Young 1993), and where it gains on scenes that its fit has not seen.
+& Young 1993), and where it gains on scenes that its fit has not seen. A free curve that gains clearly more than any
+effect says that what is there is not in the catalogue.
 
 Letters: d draws of which scenes count as measured, the true one first; f find scenes; t terms.
 """
@@ -16,11 +17,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.name.steps import Step, worse
+from jaxsim.discover.find import Place
+from jaxsim.discover.name.select import Selection, Step, worse
+from jaxsim.discover.name.unexplained import shape_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.unpaired.conditional import Conditional, Term
 from jaxsim.discover.unpaired.law import Block, Solution, lowered, solve
+from jaxsim.discover.verdict import Unexplained
+
+CURVES = ("range", "incidence", "azimuth")
+"""Free curves that are no effect of the catalogue; one along the row is beam_gain."""
+DRAWS = 100
+"""Of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
+NORMAL_REACH = 1.645
+"""Standard deviations to either side within which a normal number lies with 90 %."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +49,7 @@ class Candidate:
     @property
     def effect(self) -> Any:
         """The effect; None of a free curve."""
-        return self.term.effect
+        return self.term.columns.effect
 
     @property
     def name(self) -> str:
@@ -63,18 +74,8 @@ class Candidate:
         )
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The effects added."""
-
-    steps: tuple[Step[Candidate], ...]
-    last: tuple[Candidate, ...]
-    """The candidates of the step that added nothing more."""
-
-    @property
-    def first_ranking(self) -> tuple[Candidate, ...]:
-        """All candidates of the first step, best first."""
-        return self.steps[0].ranking if self.steps else self.last
+Choice = Selection[Candidate]
+"""The effects added."""
 
 
 def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
@@ -105,7 +106,10 @@ def rank_terms(
 ) -> list[Candidate]:
     """Every term tested on the find scenes with `added` blocks in place; largest held-out gain first. Of an effect with
     several starts the best is kept."""
-    near = _joined([problem.nuisance, *added])
+    beside = [problem.nuisance, *added]
+    near = Block(
+        np.concatenate([block.columns for block in beside]), np.concatenate([block.precision for block in beside])
+    )
     blocks = [term.block for term in terms]
     drops = lowered(problem.equations, draws, blocks, weight=problem.weight, nuisance=near)
     # The root of the loss is near normal, so that terms of more and fewer columns can be held against each other.
@@ -114,17 +118,20 @@ def rank_terms(
     score = (root - root[1:].mean(0)) / spread
     highest = score[1:].max(1)
     gains = held_out(problem, near, blocks)
-    best: dict[str, Candidate] = {}
-    for k, term in enumerate(terms):
-        chance = float((1 + (highest >= score[0, k]).sum()) / len(draws))
-        candidate = Candidate(term, float(score[0, k]), chance if gains[k].any() else 1.0, gains[k])
-        if term.name not in best or _order(candidate) > _order(best[term.name]):
-            best[term.name] = candidate
-    return sorted(best.values(), key=lambda one: -one.total)
-
-
-def _order(candidate: Candidate) -> tuple[bool, float]:
-    return candidate.accepted, candidate.total
+    tested = [
+        Candidate(
+            term,
+            score=float(score[0, k]),
+            chance=float((1 + (highest >= score[0, k]).sum()) / len(draws)) if gains[k].any() else 1.0,
+            by_scene=gains[k],
+        )
+        for k, term in enumerate(terms)
+    ]
+    best = [
+        max((one for one in tested if one.name == name), key=lambda one: (one.accepted, one.total))
+        for name in dict.fromkeys(term.name for term in terms)
+    ]
+    return sorted(best, key=lambda one: -one.total)
 
 
 def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Float[np.ndarray, "t f"]:
@@ -159,7 +166,38 @@ def _folds(measured: np.ndarray) -> np.ndarray:
     return fold
 
 
-def _joined(blocks: Sequence[Block]) -> Block:
-    return Block(
-        np.concatenate([block.columns for block in blocks]), np.concatenate([block.precision for block in blocks])
-    )
+def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[Candidate]) -> Unexplained | None:
+    """The best free curve if it gains so much more than the best effect that it is none of them."""
+    good = [one for one in curves if one.accepted and one.name in CURVES]
+    best = choice.steps[0].chosen.total if choice.steps else 0.0
+    if good and good[0].total > RULES.unpaired_curve_factor * best + RULES.curve_margin_nats:
+        return _described(problem, good[0])
+    return None
+
+
+def _described(problem: Conditional, curve: Candidate) -> Unexplained:
+    """The curve on the find scenes, at its knots."""
+    name = curve.name
+    basis = curve.term.columns.columns
+    scenes = np.flatnonzero(problem.find)
+    rng = np.random.default_rng(0)
+    fits = [_heights(problem, curve, problem.weight)]
+    for _ in range(DRAWS - 1):
+        drawn = rng.choice(scenes, len(scenes))
+        fits.append(_heights(problem, curve, np.bincount(drawn, minlength=len(problem.find)).astype(float)))
+    # A knot lies where its hat function is high.
+    x = problem.comparison.covariates[name]
+    knots = np.array([np.average(x, weights=basis[:, k] ** 4 + 1e-12) for k in range(basis.shape[1])])
+    order = np.argsort(knots)
+    y = fits[0][order]
+    band = NORMAL_REACH * np.std(fits[1:], axis=0)[order]
+    place = Place("intensity", name, curve.chance, 0.0, curve.total)
+    character, formula = shape_of(knots[order], y, basis.sum(0)[order], place=place)
+    formula += " (x: ln of range in m)" if name == "range" else f" (x: {name})"
+    return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))
+
+
+def _heights(problem: Conditional, curve: Candidate, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+    """The curve's coefficients in so weighted scenes."""
+    solution = solve(problem.equations.pooled(weight, problem.measured), [problem.nuisance, curve.term.block])
+    return solution.side[len(problem.nuisance.columns) :]

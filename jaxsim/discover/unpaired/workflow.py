@@ -10,33 +10,28 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.name.select import Log
+from jaxsim.discover.explain import named, ranking
+from jaxsim.discover.name.select import Log, Step
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, split
-from jaxsim.discover.unpaired.conditional import compare
-from jaxsim.discover.unpaired.explain import (
-    named_by_law,
-    named_by_losses,
-    named_by_values,
-    notes,
-    ranking,
-    sensor_of,
-    where,
-)
-from jaxsim.discover.unpaired.free_curves import outside_catalogue
+from jaxsim.discover.unpaired.columns import INCIDENCE_SET, untold
+from jaxsim.discover.unpaired.conditional import Conditional, compare
 from jaxsim.discover.unpaired.gap import show_gap
 from jaxsim.discover.unpaired.law import exchanged
-from jaxsim.discover.unpaired.lost import lost_rays
+from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import refine
-from jaxsim.discover.unpaired.select import Choice, choose, rank_terms
-from jaxsim.discover.verdict import Result, Verdict
+from jaxsim.discover.unpaired.select import Candidate, Choice, choose, outside_catalogue, rank_terms
+from jaxsim.discover.verdict import Interval, Named, Result, Verdict, Where
+from jaxsim.effects.chain import SensorModel
 
 
 @one_blas_thread
@@ -66,24 +61,21 @@ def discover_unpaired(
     unexplained = outside_catalogue(problem, choice, curves)
     if unexplained:
         choice = Choice((), choice.last)
-    lost = lost_rays(comparison, find)
+    lost, of_losses = lost_rays(comparison, find)
 
     # Add: parameters of all of them together.
     log("fitting what was named together")
     refined = refine(problem, [step.chosen.term.columns for step in choice.steps])
-    named = (
-        *named_by_law(comparison, choice, refined),
-        *named_by_losses(lost),
-        *named_by_values(comparison, find),
-    )
-    answer = "not_in_catalogue" if unexplained else "named" if named else "none"
+    by_law = [named_by_law(comparison, *one) for one in zip(choice.steps, refined.intervals, strict=True)]
+    effects = (*by_law, *lost, *lattices(comparison, find))
+    answer = "not_in_catalogue" if unexplained else "named" if effects else "none"
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
     shown = show_gap(problem, choice.steps, refined)
     verdict = Verdict(
         verdict=answer,
-        effects=named,
+        effects=effects,
         where=where(problem, curves),
         unexplained=unexplained,
         gap=shown.gap,
@@ -93,11 +85,11 @@ def discover_unpaired(
         sha256=parts.sha256,
         frames=sum(comparison.frames),
         seconds=time.monotonic() - begun,
-        ranking=ranking(choice),
-        notes=notes(comparison, find, lost),
+        ranking=ranking(choice, why_not),
+        notes=(*notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
-    return Result(verdict, sensor_of(named), grid, shown.maps_before, shown.maps_after, shown.curves)
+    return Result(verdict, sensor_of(effects), grid, shown.maps_before, shown.maps_after, shown.curves)
 
 
 def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"]]:
@@ -115,3 +107,73 @@ def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"
     together = hashlib.sha256((simulated.sha256 + measured.sha256).encode()).hexdigest()
     whole = Split((*simulated.find, *measured.find), (*simulated.judge, *measured.judge), together)
     return whole, np.array([name in whole.find for name in comparison.scenes])
+
+
+def named_by_law(
+    comparison: UnpairedComparison, step: Step[Candidate], parameters: dict[str, Interval | tuple[Interval, ...]]
+) -> Named:
+    """An effect on the law of ln I."""
+    name = step.chosen.name
+    contrast = name in INCIDENCE_SET and not comparison.shared_classes
+    alike = [other for other in INCIDENCE_SET if other != name] if contrast else []
+    return named(step, parameters, more_alike=alike, remedy="frames of the same streets on both sides")
+
+
+def sensor_of(named: Sequence[Named]) -> SensorModel:
+    """The sensor model that an answer adds up to."""
+    values: dict[str, dict[str, Any]] = {}
+    for one in named:
+        values[one.name] = {
+            name: value.value if isinstance(value, Interval) else tuple(v.value for v in value)
+            for name, value in one.parameters.items()
+        }
+    return SensorModel(tuple(values.items()))
+
+
+def where(problem: Conditional, curves: Sequence[Candidate]) -> tuple[Where, ...]:
+    """The covariates along which free curves gain."""
+    squares = 2 * problem.equations.square[problem.find].sum()
+    return tuple(
+        Where("intensity", one.name, one.chance, float(max(2 * one.total / squares, 0.0)))
+        for one in curves
+        if one.chance <= RULES.unpaired_agreement_level and one.total > 0
+    )
+
+
+def why_not(candidate: Candidate, choice: Choice) -> str:
+    """Why a candidate of the first step is not what was named first; empty if it is."""
+    first = choice.steps[0] if choice.steps else None
+    if first and candidate.name == first.chosen.name:
+        return ""
+    if first and candidate.name in {one.name for one in first.alike}:
+        return "these data cannot tell it from the one that is named"
+    if candidate.accepted:
+        return "it explains clearly less than the one that is named"
+    if candidate.chance <= RULES.unpaired_level:
+        level = RULES.unpaired_agreement_level
+        return f"held-out scenes disagree on it (p {candidate.agreement:.2g}, must be {level:g})"
+    return (
+        f"scenes exchanged between the sides reach as much (p {candidate.chance:.2g}, must be {RULES.unpaired_level:g})"
+    )
+
+
+def notes(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> tuple[str, ...]:
+    """What a reader must know."""
+    classes = "classes, " if comparison.shared_classes else ""
+    lines = [
+        "the two sides show different streets: what is compared is how readings depend on range, incidence, row, "
+        f"azimuth, {classes}height and kind of surface, not ray by ray; it is assumed that at equal values of these "
+        "the streets hold the same mix of materials",
+        *comparison.notes,
+        f"cannot be told unpaired: {', '.join(untold(classes=comparison.shared_classes))}",
+    ]
+    if not comparison.shared_classes:
+        lines.append("classes (semantic) in both folders would let effects of single classes be told too")
+    if comparison.noise_m > 0:
+        lines.append(
+            f"simulated ranges were given the noise of measured ones ({100 * comparison.noise_m:.1f} cm) before "
+            "angles were taken from them"
+        )
+    if find.sum() < RULES.unpaired_few_scenes:
+        lines.append(f"{find.sum()} scenes to find with are few: weak effects cannot be told from none")
+    return tuple(lines)

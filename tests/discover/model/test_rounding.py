@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxsim.discover.gap import distance
 from jaxsim.discover.model.rounding import rounded, rounding_gain
-from jaxsim.discover.show.gap import distance
 from tests.discover.toy import judged_toy
 
 STEP_M = 0.05

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.find.localise import Place
+from jaxsim.discover.find import Place
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
@@ -25,7 +25,7 @@ PLACE = {name: Place(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
     ],
 )
 def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outside):
-    choice = Choice(tuple(map(step, named)), problem(), ())
+    choice = Choice(tuple(map(step, named)), (), problem())
     assert answer.outdone(choice, PLACE["intensity"], curve) is outside
 
 
@@ -43,14 +43,14 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     gain = step(candidate("beam_gain", 8))
     lost = step(candidate("random_dropout", 2, "drop"))
     scene = np.arange(11)
-    said = answer.decide(null, Choice((gain, lost), both, ()), [], scene=scene)
+    said = answer.decide(null, Choice((gain, lost), (), both), [], scene=scene)
     assert said.verdict == "named"
     assert [step.chosen.effect.name for step in said.choice.steps] == ["beam_gain"]
     assert said.unexplained
     assert said.unexplained.channel == "drop"
     assert said.choice.problem is one
     assert refitted == [1]
-    said = answer.decide(null, Choice((lost,), both, ()), [], scene=scene)
+    said = answer.decide(null, Choice((lost,), (), both), [], scene=scene)
     assert (said.verdict, said.choice.steps) == ("not_in_catalogue", ())
     assert said.unexplained
     assert said.unexplained.channel == "drop"

@@ -7,8 +7,7 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
-from jaxsim.discover.name.select import Bars, choose, look_back, padded
-from jaxsim.discover.name.steps import runner_up, worse
+from jaxsim.discover.name.select import Bars, choose, look_back, padded, runner_up, worse
 from tests.discover.name.made import candidate, problem, step
 
 
@@ -51,7 +50,7 @@ def test_what_gains_less_than_the_nulls_is_not_named(monkeypatch):
     choice = choose(problem(ev=SimpleNamespace(unit=np.arange(11))), [], bars=Bars(46.0))
     assert choice.steps == ()
     assert why_not(strong, choice) == "its gain is within what a null reaches"
-    assert ranking(choice)[0].bar == pytest.approx(46 / 11)
+    assert ranking(choice, why_not, bar=choice.bars.effect)[0].bar == pytest.approx(46 / 11)
 
 
 def test_the_placebo_is_named_nowhere():

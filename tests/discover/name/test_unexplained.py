@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.find.localise import Place
+from jaxsim.discover.find import Place
 from jaxsim.discover.name.unexplained import agreed, shape_of
 from tests.discover.name.made import candidate
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from jaxsim.discover.unpaired.columns import Columns
 from jaxsim.discover.unpaired.conditional import Term
-from jaxsim.discover.unpaired.effect_columns import Columns
 from jaxsim.discover.unpaired.law import Block
 from jaxsim.discover.unpaired.select import Candidate
 from jaxsim.effects import EFFECTS
@@ -14,5 +14,5 @@ RAYS = 1000
 
 def candidate(name: str, gain: float, *, chance: float = 0.0025, scenes: int = 10) -> Candidate:
     columns = Columns(EFFECTS[name], {}, np.zeros((1, 1)), np.ones(1))
-    term = Term(name, EFFECTS[name], columns, Block(np.zeros(1, int), np.ones(1)))
+    term = Term(name, columns, Block(np.zeros(1, int), np.ones(1)))
     return Candidate(term, 5.0, chance, gain + 0.1 * np.arange(scenes, dtype=float))

@@ -3,16 +3,14 @@
 import numpy as np
 import pytest
 
+from jaxsim.discover.unpaired.columns import hats
 from jaxsim.discover.unpaired.law import (
     Block,
     RandomEffects,
-    each,
     equations,
     exchanged,
     freedom,
-    hats,
     lowered,
-    one_hot,
     solve,
 )
 
@@ -49,21 +47,6 @@ def test_exchanged_scenes_lower_the_loss_less_than_the_true_ones():
     block = Block(np.array([1]), np.array([1e-3]))
     drops = lowered(eq, exchanged(sensed, 20), [block], weight=np.ones(6), nuisance=gain)[:, 0]
     assert drops[0] > 2 * np.median(drops)
-
-
-def test_hat_functions_sum_to_one_and_draw_lines():
-    x = np.random.default_rng(0).uniform(0, 1, 500)
-    basis = hats(x, 5, low=0.0, high=1.0)
-    np.testing.assert_allclose(basis.sum(1), 1, atol=1e-6)
-    knots = np.quantile(x, np.linspace(0, 1, 5))
-    np.testing.assert_allclose(basis @ knots, x, atol=1e-6)
-    assert hats(np.ones(4), 5).shape == (4, 1)
-
-
-def test_a_curve_for_each_part():
-    parts = one_hot(np.array([0, 1, 1]))
-    columns = each(parts, np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0]]))
-    np.testing.assert_array_equal(columns, [[2, 3, 0, 0], [0, 0, 4, 5], [0, 0, 6, 7]])
 
 
 def test_a_block_held_firmly_is_less_free():

@@ -18,9 +18,10 @@ def test_lost_rays_are_told_where_row_and_azimuth_suffice(tmp_path, standard_pro
     folder = tmp_path / "case"
     key = make_unpaired(folder, effect=effect, severity=4.0, seed=13, **SMALL)
     comparison = read_unpaired(folder / "simulated", folder / "measured", per_scene=50)
-    named = lost_rays(comparison, divide(comparison)[1]).effects
+    named, _ = lost_rays(comparison, divide(comparison)[1])
     if effect in ("random_dropout", "sector_occlusion"):
         assert [one.name for one in named] == [effect]
+        assert (named[0].channels, named[0].gain.unit) == (("drop",), "share of rays")
         for name, truth in key.effects[0]["parameters"].items():
             assert named[0].parameters[name].low <= truth <= named[0].parameters[name].high
     else:

@@ -32,9 +32,9 @@ def test_a_fit_ends_at_the_hidden_patch_and_leaves_open_what_intensities_do_not_
         starts, key=lambda c: abs(np.angle(np.exp(1j * (c.columns.start["azimuth_rad"] - truth["azimuth_rad"]))))
     )
     found = refine(problem, [near.columns])
-    values, said = found.values[0], found.intervals[0]
-    assert np.angle(np.exp(1j * (values["azimuth_rad"] - truth["azimuth_rad"]))) == pytest.approx(0, abs=0.2)
-    assert values["loss"] == pytest.approx(truth["loss"], abs=0.25)
+    said = found.intervals[0]
+    assert np.angle(np.exp(1j * (said["azimuth_rad"].value - truth["azimuth_rad"]))) == pytest.approx(0, abs=0.2)
+    assert said["loss"].value == pytest.approx(truth["loss"], abs=0.25)
     assert said["loss"].low > 0
     assert (said["drop"].low, said["drop"].high) == (0.0, 1.0)
 

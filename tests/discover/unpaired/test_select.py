@@ -1,8 +1,13 @@
-"""Which candidate is accepted, and who is its look-alike."""
+"""Which candidate is accepted, who is its look-alike, and when a free curve says that none is the answer."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from jaxsim.discover.unpaired.select import _alike, _folds
+from jaxsim.discover.name.select import Step
+from jaxsim.discover.unpaired import select
+from jaxsim.discover.unpaired.select import Choice, _alike, _folds
+from jaxsim.discover.verdict import Unexplained
 from tests.discover.unpaired.made import candidate
 
 
@@ -23,3 +28,23 @@ def test_a_look_alike_need_not_be_accepted_but_gains_about_as_much():
 def test_scenes_of_either_side_are_dealt_to_the_folds_in_turn():
     measured = np.array([True, True, False, True, False, True, True])
     np.testing.assert_array_equal(_folds(measured), [0, 1, 0, 2, 1, 3, 0])
+
+
+def curve(name: str, gain: float):
+    made = candidate("beam_gain", gain)
+    return replace(made, term=replace(made.term, name=name))
+
+
+def test_a_curve_must_gain_clearly_more_than_the_best_effect(monkeypatch):
+    monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
+    best = candidate("beam_gain", 3.0)
+    choice = Choice((Step(best, (), (best,)),), ())
+    problem = object.__new__(select.Conditional)
+    assert select.outside_catalogue(problem, choice, [curve("range", 5.5)]).covariate == "range"
+    assert select.outside_catalogue(problem, choice, [curve("range", 4.0)]) is None
+
+
+def test_a_curve_along_the_rows_is_an_effect_of_the_catalogue(monkeypatch):
+    monkeypatch.setattr(select, "_described", lambda problem, one: Unexplained("intensity", one.name, "other", ""))
+    problem = object.__new__(select.Conditional)
+    assert select.outside_catalogue(problem, Choice((), ()), [curve("row", 9.0)]) is None

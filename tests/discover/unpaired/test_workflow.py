@@ -9,10 +9,13 @@ from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.cli import discover as command
 from jaxsim.cli import stop_on_error
 from jaxsim.discover import discover_unpaired
+from jaxsim.discover.explain import ranking
+from jaxsim.discover.name.select import Step
 from jaxsim.discover.unpaired.read import read_unpaired
-from jaxsim.discover.unpaired.workflow import divide
+from jaxsim.discover.unpaired.select import Choice
+from jaxsim.discover.unpaired.workflow import divide, sensor_of, why_not
 from jaxsim.effects.chain import SensorModel
-from tests.discover.unpaired.made import RAYS, SMALL
+from tests.discover.unpaired.made import RAYS, SMALL, candidate
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +45,10 @@ def test_the_gap_shrinks_on_streets_that_nothing_was_fitted_to(gains):
     gap = gains[2].verdict.gap["intensity"]
     assert gap.after < gap.before
     assert gap.low > 0
+
+
+def test_the_sensor_holds_what_was_named(gains):
+    assert sensor_of(gains[2].verdict.effects) == gains[2].sensor
 
 
 def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
@@ -99,3 +106,12 @@ def test_frames_of_the_same_readings_are_an_error(gains):
     _, folder, _ = gains
     with pytest.raises(ValueError, match="the same readings"):
         read_unpaired(folder / "measured", folder / "measured")
+
+
+def test_a_ranking_says_why_not():
+    best = candidate("beam_gain", 3.0)
+    by_chance = candidate("range_falloff", 1.0, chance=0.5)
+    choice = Choice((Step(best, (), (best, by_chance)),), ())
+    assert why_not(best, choice) == ""
+    assert "scenes exchanged between the sides reach as much (p 0.5, must be 0.01)" in why_not(by_chance, choice)
+    assert [rank.name for rank in ranking(choice, why_not)] == ["beam_gain", "range_falloff"]

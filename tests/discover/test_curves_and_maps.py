@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.show.curves_and_maps import Bins, residual_curves, residual_maps
+from jaxsim.discover.curves_and_maps import Bins, residual_curves, residual_maps
 from jaxsim.effects import get_effect
 from tests.discover.toy import judged_toy
 

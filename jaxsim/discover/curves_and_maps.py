@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.discover.find.localise import CATEGORICAL, COVARIATES
+from jaxsim.discover.covariates import CATEGORICAL, COVARIATES
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.residuals import residuals
 from jaxsim.discover.rules import RULES
@@ -51,6 +51,7 @@ def residual_curves(
     old = residuals(before, fitted)
     new = residuals(after, fitted)
     rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
+    # Of an effect that only makes ranges scatter no mean shows anything.
     scatters = bool((np.asarray(after.ev.rays.noise_m) > np.asarray(before.ev.rays.noise_m)).any())
     lines = []
     for channel, covariate in wanted:

@@ -1,10 +1,12 @@
-"""Effects as columns of the measured side: which of the catalogue act through covariates that two sets of streets
-share, and what they change in ln I.
+"""Columns of the law, of what is a scene's own, of free curves, and of effects: those of the catalogue that act through
+covariates which two sets of streets share, and what they change in ln I.
 
 An effect is applied to rays whose geometry is that of the range image and whose intensity is what the law gives,
 spread as the simulator's readings are spread about it; the mean change of ln I is the effect's column. One that can
 be learned from neutral gives its derivative there (one column a beam for parameters of beams); one that cannot gives
 a column for each of its starts, of which the best counts.
+
+Letters as in law.py; c columns of an effect.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
+from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.rays import Array, Rays
 
@@ -45,6 +48,10 @@ STEP = 0.25
 """Part of a parameter's scale over which derivatives are taken."""
 FREE = 1e-4
 """Precision of the size of a start's column: next to free."""
+PATCH_M = 4.0
+"""Size of the cells of ground over which surfaces have a level of their own."""
+KNOTS = 10
+"""Knots of a free curve."""
 
 
 def untold(*, classes: bool) -> tuple[str, ...]:
@@ -130,3 +137,84 @@ def derivatives(
             parts.append(slope[:, None].astype(np.float32))
             precision.append(np.full(1, 1 / LOOSE**2))
     return Columns(effect, values, np.concatenate(parts, axis=1), np.concatenate(precision))
+
+
+def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
+    """Hat functions between quantiles of x; one column of ones where x does not vary."""
+    knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
+    if len(knots) < 2:
+        return np.ones((len(x), 1), np.float32)
+    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
+    basis = np.zeros((len(x), len(knots)), np.float32)
+    rays = np.arange(len(x))
+    basis[rays, left] = 1 - share
+    basis[rays, left + 1] = share
+    return basis
+
+
+def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray, "n k"]:
+    """A column for each value, 1 where x has it; by default for each that x has."""
+    return (x[:, None] == (np.unique(x) if values is None else values)).astype(np.float32)
+
+
+def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
+    """Products of every column of `parts` with every column of `of`: a curve for each part."""
+    return (parts[:, :, None] * of[:, None, :]).reshape(len(parts), -1)
+
+
+def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
+    """0 ground, 1 upright, 2 other, by height and normal."""
+    ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
+    return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
+
+
+def classes_of(comparison: UnpairedComparison) -> np.ndarray:
+    return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
+
+
+def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n l"]:
+    """Additive curves over all covariates, those over range, incidence and height for each kind of surface."""
+    r = comparison.rays
+    surfaces = one_hot(kind, np.arange(3))
+    height = np.clip(comparison.height_m, -1.0, 8.0)
+    parts = [
+        one_hot(r.row),
+        each(surfaces, hats(np.log(r.range_m), 10)),
+        each(surfaces, hats(r.incidence_rad, 8)),
+        each(surfaces, hats(height, 8)),
+        hats(np.log(comparison.bend + 1e-4), 6),
+        hats(r.azimuth_rad, 9),
+    ]
+    if comparison.shared_classes:
+        parts.append(one_hot(classes_of(comparison)))
+    return np.concatenate(parts, axis=1)
+
+
+def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
+    """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
+    order is that of OWN_SD."""
+    surfaces = one_hot(kind, np.arange(3))
+    slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
+    return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)
+
+
+def patches(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Number of the cell of ground, and kind of surface, that each ray meets."""
+    r = comparison.rays
+    level_m = r.range_m * np.cos(r.elevation_rad)
+    cells = [np.floor(level_m * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
+    key = np.stack([comparison.scene, kind, *cells], axis=1).astype(np.int64)
+    return np.unique(key, axis=0, return_inverse=True)[1].ravel()
+
+
+def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray, "n k"]]:
+    """Free curves of the measured side along the covariates that both sides have."""
+    r = comparison.rays
+    curves = {
+        "range": hats(np.log(r.range_m), KNOTS),
+        "incidence": hats(r.incidence_rad, KNOTS),
+        "azimuth": hats(r.azimuth_rad, KNOTS),
+        "row": one_hot(r.row, np.arange(comparison.rows)),
+    }
+    return {**curves, "class": one_hot(classes_of(comparison))} if comparison.shared_classes else curves

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.division import Division
-from jaxsim.discover.read import Comparison
-from jaxsim.discover.show.judge import judge
+from jaxsim.discover.read import Comparison, Division
+from jaxsim.discover.show import judge
 from jaxsim.discover.workflow import find_dependences
 from tests.discover.toy import toy
 

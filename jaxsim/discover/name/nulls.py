@@ -1,31 +1,88 @@
-"""A measurement in which nothing is missing: what the sensor would have said if the null model were true.
+"""Measurements in which nothing is missing, and how high they say that the bar must be for the data at hand.
 
-It carries the data's own nuisances: gain and class reflectances; each street's levels, surfaces and pose, and what is
-left of its intensities and ranges, with one sign a scene, so that what scenes share is gone and what belongs together
-within one stays together (the wild cluster bootstrap of Cameron, Gelbach & Miller 2008); what the fit leaves open of
-levels and poses; neighbours read at edges, readings far off, lost and false returns at their fitted rates; effects that
-are in place already. Rounding is left out: a lattice is an effect.
+Flexible candidates gain something on any data, because no null model is quite right, and how much depends on the
+data: on the noise of the normals, on few scenes, on how materials are spread. So what is named must gain more than
+anything did on any of these nulls: what the sensor would have said if the null model were true (`bootstrap`).
+
+A null carries the data's own nuisances: gain and class reflectances; each street's levels, surfaces and pose, and
+what is left of its intensities and ranges, with one sign a scene, so that what scenes share is gone and what belongs
+together within one stays together (the wild cluster bootstrap of Cameron, Gelbach & Miller 2008); what the fit leaves
+open of levels and poses; neighbours read at edges, readings far off, lost and false returns at their fitted rates;
+effects that are in place already. Rounding is left out: a lattice is an effect.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.find import localise
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
+from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
+from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.select import Log
+from jaxsim.discover.name.unexplained import free_curves, sure
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict import Nulls
+from jaxsim.effects import Effect
 from jaxsim.effects.chain import sample
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
 
 Array3 = Float[np.ndarray, "b c r"]
+
+
+def run_nulls(
+    problem: Problem,
+    explained: Problem,
+    effects: Iterable[Effect],
+    *,
+    scene: Int[np.ndarray, " b"],
+    count: int,
+    log: Log = lambda line: None,
+) -> Nulls:
+    """The naming's first step on `count` nulls drawn from `problem`, and the bars that none of them passes, for effects
+    and for free curves; at least the standing one. `scene` is that of each block."""
+    catalogue = tuple(effects)
+    scenes = len(np.unique(scene))
+    all_blocks = np.ones(len(scene), np.float32)
+    names = []
+    gains = []
+    free = []
+    for seed in range(count):
+        drawn = bootstrap(problem, explained, seed)
+        null, _ = fit_null(problem.scan, drawn, all_blocks, clutter=problem.clutter)
+        best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
+        places = localise(*standardised(null, all_blocks), scene)
+        curve = _strongest(c for _, c in free_curves(null, places) if sure(c))
+        names.append(best.effect.name if best else "")
+        gains.append(best.total if best else 0.0)
+        free.append(curve.total if curve else 0.0)
+        text = f"{names[-1]} gains {gains[-1]:.1f} nats" if best else "no effect that scenes agree on"
+        log(f"null {seed + 1} of {count}: {text}" + (f", a free curve gains {free[-1]:.1f}" if curve else ""))
+    return Nulls(
+        effects=tuple(names),
+        gains=tuple(gain / scenes for gain in gains),
+        free=tuple(gain / scenes for gain in free),
+        answered=sum(max(pair) > RULES.bar_nats for pair in zip(gains, free, strict=True)),
+        bar=max(RULES.bar_nats, *gains) / scenes,
+        free_bar=max(RULES.bar_nats, *free) / scenes,
+    )
+
+
+def _strongest(candidates: Iterable[Candidate]) -> Candidate | None:
+    good = [one for one in candidates if one.total > 0]
+    return max(good, key=lambda one: one.total) if good else None
 
 
 def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:

@@ -11,8 +11,9 @@ import numpy as np
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, Chain, in_place, refit
-from jaxsim.discover.division import NOTHING_YET, Division
-from jaxsim.discover.find.localise import COVARIATES
+from jaxsim.discover.covariates import COVARIATES
+from jaxsim.discover.curves_and_maps import residual_curves, residual_maps
+from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
@@ -20,12 +21,8 @@ from jaxsim.discover.model.null import first_residuals, fit_null
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice
-from jaxsim.discover.name.steps import runner_up
-from jaxsim.discover.read import Comparison
-from jaxsim.discover.show.additive_floor import additive_floor
-from jaxsim.discover.show.curves_and_maps import residual_curves, residual_maps
-from jaxsim.discover.show.gap import closure, distance, gaps
+from jaxsim.discover.name.select import Choice, refitted, runner_up
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.verdict import Gap, Interval, Judged
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
@@ -73,11 +70,14 @@ def judge(
     curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
     free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise))
 
-    was, now, rival, floor = [
-        distance(problem, fitted, before.equations, scene=scene) for problem in (before, after, instead, free)
-    ]
+    def away(problem: Problem) -> Distance:
+        return distance(problem, fitted, before.equations, scene=scene)
+
+    was = away(before)
+    now = away(after)
+    floor = away(free)
     return Judged(
-        gaps(was, now, placebo=rival, floor=floor),
+        gaps(was, now, placebo=away(instead), floor=floor),
         closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels}),
         residual_maps(before, fitted=fitted),
         residual_maps(after, fitted=fitted),
@@ -93,8 +93,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
     result = fit(effect, null, all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, result.z)]
-    placed = in_place(null, chain)
-    return chain, fit_null(placed.scan, placed.ev, all_blocks, clutter=placed.clutter)[0].noise
+    return chain, refitted(in_place(null, chain)).noise
 
 
 @one_blas_thread
@@ -115,7 +114,5 @@ def judge_known(
     null, _ = fit_null(division.scan, ev, all_blocks)
     starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
     chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
-    placed = in_place(null, chain)
-    problem, _ = fit_null(placed.scan, placed.ev, all_blocks, clutter=placed.clutter)
-    shown = judge(division, null, chain, noise=problem.noise)
+    shown = judge(division, null, chain, noise=refitted(in_place(null, chain)).noise)
     return shown.gap, shown.closure

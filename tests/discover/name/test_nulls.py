@@ -1,4 +1,4 @@
-"""Measurements drawn from the null model: they scatter as the data do, and nothing that scenes share is missing."""
+"""Nulls scatter as the data do, and nothing that scenes share is missing; the bar is what they gain at most."""
 
 from dataclasses import replace
 
@@ -10,13 +10,22 @@ from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
-from jaxsim.discover.name.bootstrap import bootstrap
+from jaxsim.discover.name import nulls
+from jaxsim.discover.name.nulls import bootstrap, run_nulls
+from jaxsim.discover.name.select import Bars
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import FLOOR
+from tests.discover.name.made import candidate
+from tests.discover.name.made import problem as bare_problem
 from tests.discover.toy import device, toy
 
 FRAMES, COLUMNS = 8, 60
 ALL_BLOCKS = np.ones(FRAMES, np.float32)
+SCENES = 11
+STEADY = np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6])
+"""45 nats in all, none more than the third largest."""
+SPLIT = np.array([1, -1, 1, 1, -1, 1, 1, -1, 1, 1, -1])
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +114,39 @@ def test_weak_readings_are_zeros_only_where_the_sensor_reports_zeros(problem):
     zero = values <= np.log(FLOOR) + 1e-3
     assert zero.mean() > 0.05
     assert (values[~zero] >= lowest).all()
+
+
+@pytest.fixture
+def nulls_that_gain(monkeypatch):
+    """Lets each null in turn have these candidates and curves."""
+
+    def given(*rounds):
+        rest = iter(rounds)
+        monkeypatch.setattr(nulls, "bootstrap", lambda problem, explained, seed: seed)
+        monkeypatch.setattr(nulls, "fit_null", lambda *_, clutter: (next(rest), None))
+        monkeypatch.setattr(nulls, "standardised", lambda *_: (None, {}))
+        monkeypatch.setattr(nulls, "localise", lambda *_: [])
+        monkeypatch.setattr(nulls, "rank_effects", lambda null, effects: null[0])
+        monkeypatch.setattr(nulls, "free_curves", lambda null, places: [(None, curve) for curve in null[1]])
+        bare = bare_problem(scan=None, clutter=False)
+        return run_nulls(bare, bare, (), scene=np.arange(SCENES), count=len(rounds))
+
+    return given
+
+
+def test_the_bar_is_the_most_that_scenes_agree_on_in_any_null(nulls_that_gain):
+    found = nulls_that_gain(
+        ([candidate("gamma_response", STEADY), candidate("oren_nayar", 9 * STEADY * SPLIT)], []),
+        ([candidate("oren_nayar", STEADY / 2)], [candidate("beam_gain", 2 * STEADY)]),
+        ([candidate("saturation", -STEADY)], []),
+    )
+    assert found.effects == ("gamma_response", "oren_nayar", "")
+    assert np.array(found.gains) * SCENES == pytest.approx([45, 22.5, 0])
+    assert found.answered == 2
+    assert (found.bar * SCENES, found.free_bar * SCENES) == pytest.approx((45, 90))
+
+
+def test_nulls_that_gain_little_leave_the_standing_bar(nulls_that_gain):
+    found = nulls_that_gain(([candidate("gamma_response", STEADY / 10)], []), ([], []))
+    assert found.answered == 0
+    assert (found.bar * SCENES, found.free_bar * SCENES) == pytest.approx((Bars().effect, RULES.bar_nats))

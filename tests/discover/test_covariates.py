@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.name.curves import COLUMNS, CURVES, fixed_basis
+from jaxsim.discover.covariates import COLUMNS, CURVES, fixed_basis
 from jaxsim.effects import all_rays
 from tests.effects.streets import clutter_of_everything
 

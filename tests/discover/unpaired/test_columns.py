@@ -1,8 +1,8 @@
-"""Effects as columns: which can be told, and that a column is the change that its parameter makes."""
+"""Columns: which effects can be told, and that one is the change that its parameter makes; bases of curves."""
 
 import numpy as np
 
-from jaxsim.discover.unpaired.effect_columns import columns_of, derivatives, untold
+from jaxsim.discover.unpaired.columns import columns_of, derivatives, each, hats, one_hot, untold
 from jaxsim.effects import EFFECTS
 
 
@@ -25,3 +25,18 @@ def test_each_start_has_a_column_of_its_own_that_must_be_positive():
     starts = columns_of(effect, lambda values: np.ones(4), np.zeros(4, int), rows=2)
     assert len(starts) == len(effect.starts)
     assert all(one.sign == 1 and one.columns[0, 0] == 1 for one in starts)
+
+
+def test_hat_functions_sum_to_one_and_draw_lines():
+    x = np.random.default_rng(0).uniform(0, 1, 500)
+    basis = hats(x, 5, low=0.0, high=1.0)
+    np.testing.assert_allclose(basis.sum(1), 1, atol=1e-6)
+    knots = np.quantile(x, np.linspace(0, 1, 5))
+    np.testing.assert_allclose(basis @ knots, x, atol=1e-6)
+    assert hats(np.ones(4), 5).shape == (4, 1)
+
+
+def test_a_curve_for_each_part():
+    parts = one_hot(np.array([0, 1, 1]))
+    columns = each(parts, np.array([[2.0, 3.0], [4.0, 5.0], [6.0, 7.0]]))
+    np.testing.assert_array_equal(columns, [[2, 3, 0, 0], [0, 0, 4, 5], [0, 0, 6, 7]])

@@ -1,0 +1,214 @@
+"""What two folders must fulfil to be compared: units, one grid, and the same streets under the same names.
+
+A pair of frames agrees on a ray where both sides return within 0.5 m or 5 % of each other. Every effect of the
+catalogue leaves most rays so, but for rain and fog, whose returns all lie before the surface: a ray that goes on beyond
+the simulated surface is another matter. Of frames of other streets the road still agrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxsim.data.polar_frames import PolarFrames
+from jaxsim.discover.rules import RULES
+from jaxsim.frame import PolarImage
+from jaxsim.geometry import grid_difference
+
+RAYS = 2000
+"""Rays looked at in each frame."""
+OTHERS = 64
+"""Other frames with which each is compared."""
+ADVICE = (
+    "check that names pair the same moments, that both sides use the same axes and mounting (a few degrees off are "
+    "too many), or, if they show different streets, use --unpaired"
+)
+RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
+"""What the simulated side may have besides range and intensity."""
+
+
+def plausible(name: str, image: PolarImage, side: str) -> None:
+    """Raises ValueError for a frame that is empty, dark, or not in metres."""
+    valid = np.asarray(image.valid)
+    range_m, intensity = np.asarray(image.range_m)[valid], np.asarray(image.intensity)[valid]
+    if valid.mean() < RULES.fewest_returns:
+        raise ValueError(
+            f"discover: {side} frame {name} is empty: {valid.sum()} of {valid.size} rays returned; leave it out"
+        )
+    if np.median(range_m) > RULES.farthest_m:
+        raise ValueError(
+            f"discover: {side} frame {name} has a median range of {np.median(range_m):.0f}; ranges are metres: divide "
+            "millimetres by 1000, centimetres by 100"
+        )
+    if np.median(range_m) < RULES.nearest_m:
+        raise ValueError(
+            f"discover: {side} frame {name} has a median range of {np.median(range_m):.3g}; ranges are metres: "
+            "multiply kilometres by 1000"
+        )
+    if not intensity.any():
+        raise ValueError(f"discover: {side} frame {name} has intensity 0 everywhere; there is nothing to compare")
+
+
+def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
+    """Raises ValueError where two folders' grids differ."""
+    if difference := grid_difference(simulated.grid, measured.grid):
+        raise ValueError(
+            f"discover: the grids of {simulated.folder} and {measured.folder} differ in {difference}; simulate on the "
+            "measured sensor's grid.json"
+        )
+
+
+def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:
+    """Raises ValueError where some frames of a folder have a raster that others lack."""
+    for key in RASTERS:
+        lacking = [name for name, rasters in zip(names, extra, strict=True) if key not in rasters]
+        if 0 < len(lacking) < len(names):
+            raise ValueError(
+                f"discover: {len(lacking)} of {len(names)} frames of {folder} lack {key} ({', '.join(lacking[:3])}"
+                f"{' ...' if len(lacking) > 3 else ''}) and the others have it; give it for all or none"
+            )
+
+
+def unpartnered(simulated: Sequence[str], measured: Sequence[str]) -> list[str]:
+    """A note on frames that only one folder has."""
+    alone = len({*simulated} ^ {*measured})
+    return [f"{alone} frames have no partner of the same name in the other folder and are left out"] if alone else []
+
+
+def constant_intensity(simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> list[str]:
+    """A note where the simulated intensity is the same everywhere. Raises ValueError where the measured one is."""
+    least, most = _levels(measured)
+    if least == most:
+        raise ValueError(
+            f"discover: measured intensity is {least:g} everywhere; a sensor that reports none cannot be "
+            "compared: give what it measures (reflectivity, signal or intensity of its driver)"
+        )
+    least, most = _levels(simulated)
+    if least == most:
+        return [
+            f"simulated intensity is {least:g} everywhere: what differs between surfaces counts as noise or as "
+            "reflectances, and effects on intensity are told less surely"
+        ]
+    return []
+
+
+def _levels(side: Sequence[PolarImage]) -> tuple[float, float]:
+    """Least and largest intensity of all returns."""
+    values = [np.asarray(image.intensity)[np.asarray(image.valid)] for image in side]
+    return min(float(v.min()) for v in values), max(float(v.max()) for v in values)
+
+
+def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A note on frames of which grid.json names no scene: each counts as one, though they may be one drive's."""
+    without = [fact for fact in facts if "scene" not in fact]
+    if not without:
+        return []
+    note = (
+        f"{len(without)} of {len(names)} frames have no scene in grid.json and count as a drive each: if they are of "
+        "one drive they are not independent, and p-values and intervals are too small; give each frame its scene"
+    )
+    times = np.sort([float(fact["time"]) for fact in without if "time" in fact])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else np.inf
+    if step < RULES.consecutive_s:
+        note += (
+            f". Their times are {step:g} s apart: consecutive frames of one drive, it seems. Do not trust p-values and "
+            "intervals of this answer"
+        )
+    return [note]
+
+
+class Agreement(NamedTuple):
+    """Of a frame's pair, or of many: shares of the rays that return on both sides."""
+
+    near: Float[np.ndarray, "*n"]
+    beyond: Float[np.ndarray, "*n"]
+    """Measured clearly behind the simulated surface."""
+
+
+def agreement(
+    simulated_m: Float[np.ndarray, "*n rays"],
+    measured_m: Float[np.ndarray, "*n rays"],
+    both: Bool[np.ndarray, "*n rays"],
+) -> Agreement:
+    """How far two sides' ranges agree where `both` return; 0 where no ray does."""
+    off = measured_m - simulated_m
+    limit = np.maximum(RULES.near_m, RULES.near_share * simulated_m)
+    count = np.maximum(both.sum(-1), 1)
+    near = np.sum(both & (np.abs(off) < limit), -1) / count
+    beyond = np.sum(both & (off >= limit), -1) / count
+    return Agreement(near, beyond)
+
+
+def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> None:
+    """Raises ValueError where frames of the same name cannot show the same street through the same sensor: ranges
+    that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
+    partner better."""
+    stride = max(1, simulated[0].range_m.size // RAYS)
+    ours, hit = _thinned(simulated, stride)
+    theirs, back = _thinned(measured, stride)
+    both = hit & back & (ours > 0) & (theirs > 0)
+    poorer = np.minimum(hit.sum(1), back.sum(1))
+    apart = both.sum(1) < RULES.common_returns * poorer
+    if apart.mean() > 0.5:
+        k = int(np.argmax(apart))
+        raise ValueError(
+            f"discover: {names[k]} has {hit[k].sum()} returns simulated and {back[k].sum()} measured of {hit[k].size}, "
+            f"but only {both[k].sum()} on the same rays; {ADVICE}"
+        )
+    log_ratio = np.log(theirs[both] / ours[both])
+    middle = float(np.median(log_ratio))
+    scatter = float(np.median(np.abs(log_ratio - middle)))
+    if abs(middle) > np.log(RULES.unit_factor) and scatter < RULES.steady:
+        raise ValueError(
+            f"discover: measured ranges are {np.exp(middle):.4g} times the simulated ones on the same rays; ranges are "
+            "metres on both sides: correct the side that is in other units"
+        )
+    own = agreement(ours, theirs, both)
+    near = float(np.median(own.near))
+    # Of a ray that ends before the surface (fog, rain) nothing can be said of the street.
+    not_beyond = float(np.median(own.near / np.maximum(own.near + own.beyond, 1e-9)))
+    if near < RULES.same_street and not_beyond < RULES.not_beyond:
+        k = int(np.argsort(own.near)[len(names) // 2])
+        raise ValueError(
+            f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
+            f"or {100 * RULES.near_share:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of "
+            f"{names[k]} and of half the frames; {ADVICE}"
+        )
+    _check_partners(names, ours, theirs, hit=hit, back=back, own=own.near)
+
+
+def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray, "f rays"], Bool[np.ndarray, "f rays"]]:
+    """Ranges of every so manieth ray of each frame, and whether it returned."""
+    range_m = np.stack([np.asarray(image.range_m, np.float32).ravel()[::stride] for image in side])
+    valid = np.stack([np.asarray(image.valid).ravel()[::stride] for image in side])
+    return range_m, valid
+
+
+def _check_partners(
+    names: Sequence[str],
+    ours: Float[np.ndarray, "f rays"],
+    theirs: Float[np.ndarray, "f rays"],
+    *,
+    hit: Bool[np.ndarray, "f rays"],
+    back: Bool[np.ndarray, "f rays"],
+    own: Float[np.ndarray, " f"],
+) -> None:
+    """Raises ValueError where most measured frames fit another simulated frame clearly better than their own."""
+    others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
+    best = np.zeros(len(names), int)
+    share = np.zeros(len(names))
+    for k in range(len(names)):
+        each = agreement(ours[others], np.broadcast_to(theirs[k], ours[others].shape), hit[others] & back[k][None])
+        best[k], share[k] = others[np.argmax(each.near)], each.near.max()
+    wrong = share > own + RULES.better_partner
+    if wrong.mean() > 0.5:
+        k = int(np.argmax(share - own))
+        raise ValueError(
+            f"discover: names pair the wrong frames: measured {names[k]} agrees with simulated {names[best[k]]} on "
+            f"{100 * share[k]:.0f} % of the rays, with simulated {names[k]} on {100 * own[k]:.0f} %, and so for "
+            f"{wrong.sum()} of {len(names)} frames; give the files of one moment the same name on both sides"
+        )

@@ -1,0 +1,151 @@
+"""What a ray's disagreement may depend on: covariates, bases of curves along them, and free curves as laws.
+
+A free curve is what an effect outside the catalogue would look like: a law like any other, whose parameters are heights
+at the columns of a basis. The rays carry the basis of the covariate that it runs along; all have the same shape, so
+that one compiled program serves all curves of a channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.rules import RULES
+from jaxsim.effects import Law, Parameter
+from jaxsim.effects.edits import brighten, lose, misread
+from jaxsim.effects.rays import Array, Rays
+
+COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
+    "range": lambda r: np.log(np.maximum(r.range_m, 0.5)),
+    "incidence": lambda r: r.incidence_rad,
+    "row": lambda r: r.row,
+    "azimuth": lambda r: r.azimuth_rad,
+    "even rows": lambda r: r.row % 2,
+    "even columns": lambda r: r.column % 2,
+    "class": lambda r: r.semantic,
+    "power": lambda r: r.log_power,
+    "intensity": lambda r: r.log_intensity,
+    "step": lambda r: np.abs(_step(r)),
+    "step side": lambda r: _step(r),
+    "frame": lambda r: r.time_s,
+    "time": lambda r: r.phase,
+    "speed": lambda r: r.speed_mps,
+    "speed x time": lambda r: r.speed_mps * (r.phase - 0.5) * np.cos(r.azimuth_rad),
+    "heading": lambda r: np.mod(r.azimuth_rad + r.heading_rad, 2 * np.pi),
+    "rgb": lambda r: r.rgb.mean(-1),
+    "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
+}
+"""Covariates of rays on the host, by the name that a verdict uses."""
+ALTERNATING = ("even rows", "even columns")
+"""Receivers and emitters often work in two banks, in turn."""
+CATEGORICAL = ("row", "class", *ALTERNATING)
+NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb", "even rows": "row", "even columns": "column"}
+"""What a verdict calls a covariate that is a finer look at another."""
+COLUMNS = 36
+"""Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
+
+
+def _step(r: Any) -> np.ndarray:
+    """Signed depth step to the side where it is larger: positive to the right, compressed, m."""
+    # A neighbour that hits nothing lies far behind.
+    side = [np.where(np.isfinite(r.beside_m[..., k]), r.beside_m[..., k], 100.0) - r.range_m for k in (0, 1)]
+    step = np.where(np.abs(side[0]) > np.abs(side[1]), -side[0], side[1])
+    return np.sign(step) * np.log1p(np.abs(step) / 0.3)
+
+
+def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
+    """A covariate of the rays where `counts`, on the host."""
+    return np.asarray(COVARIATES[covariate](_Picked(rays, counts)))
+
+
+class _Picked:
+    """The chosen rays' fields, read like a Rays."""
+
+    def __init__(self, rays: Any, counts: np.ndarray):
+        self._rays, self._counts = rays, counts
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        return np.asarray(getattr(self._rays, name))[self._counts]
+
+
+def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.ndarray, "n k"]:
+    """Functions of a covariate that are nowhere negative and sum to 1: one column a category, hat functions between
+    at most `most` quantiles, or a parabola's Bernstein polynomials where a covariate has few values (one a frame)."""
+    x = np.asarray(x, np.float64)
+    values = np.unique(x)
+    if name in CATEGORICAL:
+        return (x[:, None] == values).astype(np.float32)
+    if len(values) < 2:
+        return np.zeros((len(x), 0), np.float32)
+    if len(values) <= RULES.few_values:
+        t = (x - values[0]) / (values[-1] - values[0])
+        return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1).astype(np.float32)
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))
+    if len(knots) < 2:
+        return np.zeros((len(x), 0), np.float32)
+    return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Heights(Parameter):
+    """A curve's coefficients: its height at each column of a basis."""
+
+    def dims(self, rows: int) -> tuple[int, ...]:
+        """One number a column, whatever the sensor."""
+        return (COLUMNS,)
+
+
+def _curve(p: dict[str, Array], rays: Rays) -> Float[Array, "*n"]:
+    """The curve's height at each ray. Raises ValueError for rays that carry no basis."""
+    if rays.basis is None:
+        raise ValueError("a free curve needs the basis of its covariate: make the problem with `with_basis`")
+    return rays.basis @ p["height"]
+
+
+CURVES = {
+    "intensity": Law(
+        name="intensity curve",
+        parameters={"height": Heights(0.0, -2.0, 2.0, "nats", "change of ln I at each knot", scale=0.15)},
+        channels=("intensity",),
+        apply=lambda p, rays: brighten(rays, _curve(p, rays)),
+    ),
+    "range": Law(
+        name="range curve",
+        parameters={"height": Heights(0.0, -1.0, 1.0, "m", "change of the reading at each knot", scale=0.03)},
+        channels=("range",),
+        apply=lambda p, rays: misread(rays, _curve(p, rays)),
+    ),
+    "drop": Law(
+        name="drop curve",
+        parameters={"height": Heights(0.0, 0.0, 0.95, "", "share of echoes lost at each knot", scale=0.1)},
+        channels=("drop",),
+        apply=lambda p, rays: lose(rays, _curve(p, rays)),
+        starts=({"height": 0.03},),
+    ),
+}
+"""A curve a channel, along the covariate whose basis the rays carry (`with_basis`)."""
+
+
+def with_basis(problem: Problem, covariate: str) -> Problem:
+    """The problem whose rays carry the covariate's basis, so that the one program of a channel serves all curves."""
+    rays = problem.ev.rays
+    hit = np.asarray(rays.hit)
+    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis[hit] = fixed_basis(values_of(covariate, rays, hit).astype(np.float64), covariate)
+    return replace(problem, basis=jnp.asarray(basis))
+
+
+def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
+    """The `curve_basis` of a covariate with COLUMNS columns: filled up with zeros where it has fewer; neighbouring
+    rows share one where there are more."""
+    if covariate in CATEGORICAL:
+        values, place = np.unique(x, return_inverse=True)
+        return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
+    found = curve_basis(x, covariate, 2 * RULES.knots)
+    return np.pad(found, ((0, 0), (0, COLUMNS - found.shape[1])))

@@ -1,0 +1,236 @@
+"""Find: which channel's residuals depend on which covariate, given the others.
+
+Residuals are brought to a standard normal scale by the null model (intensity and range by their own
+distribution, drop by its rate), so that one tool serves the three channels: an additive model of smooth curves,
+one a covariate, fitted by ridge regression and judged on held-out scenes.
+
+An effect may depend on two covariates and show along neither. So what the additive model of all covariates leaves is
+held against products of two covariates' curves (`interactions`). The strongest pair must beat what the strongest of all
+pairs gains by chance (`scenes.best_of_gains`), so that trying many pairs is paid for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import rankdata
+
+from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import best_of_gains, chance_of_best
+
+FITTED = (("intensity", "class"),)
+"""Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
+to the table."""
+CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
+"""Covariates of which pairs are tried; time since the first frame has too few values to be crossed with others."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A covariate that a channel's residuals depend on."""
+
+    channel: str
+    covariate: str
+    p_value: float
+    share: float
+    """Of the residuals' variance that it explains on held-out scenes."""
+    gain: float
+    """Held-out nats, all scenes."""
+
+
+class Additive:
+    """Residuals `z` and the columns of each covariate's curve; `scene` is each residual's scene, of `scenes`.
+
+    Products of columns are summed once by fold, so that any choice of curves costs one small system a fold.
+    """
+
+    def __init__(
+        self,
+        z: Float[np.ndarray, " n"],
+        designs: Mapping[str, Float[np.ndarray, "n _"]],
+        scene: Int[np.ndarray, " n"],
+        *,
+        scenes: int,
+    ):
+        self.z = z
+        self.scene = scene
+        self.scenes = scenes
+        self.x = np.concatenate([np.ones((len(z), 1), np.float32), *designs.values()], axis=1)
+        ends = np.cumsum([1, *(design.shape[1] for design in designs.values())])
+        self.columns = {name: np.arange(*ends[k : k + 2]) for k, name in enumerate(designs)}
+        folds = min(RULES.additive_folds, scenes)
+        self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
+        # Products in single precision are summed in double: the systems that are solved hold all folds but one.
+        self.squares = [(self.x[part].T @ self.x[part]).astype(np.float64) for part in self.parts]
+        self.products = [self.x[part].T @ z[part].astype(np.float64) for part in self.parts]
+
+    def predicted(self, names: Sequence[str]) -> Float[np.ndarray, " n"]:
+        """What a constant and the named curves say of each residual, fitted to the scenes of the other folds."""
+        used = np.concatenate([[0], *(self.columns[name] for name in names)]).astype(int)
+        prediction = np.zeros(len(self.z))
+        for part, square, product in zip(self.parts, self.squares, self.products, strict=True):
+            gram = (sum(self.squares) - square)[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
+            prediction[part] = self.x[np.ix_(part, used)] @ np.linalg.solve(gram, (sum(self.products) - product)[used])
+        return prediction
+
+    def by_scene(
+        self, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
+        """Held-out gain of each scene from one prediction to another, nats, and its rate at the start of the way.
+
+        The rate is what a scene says of the direction: below 0 as often as above where there is nothing to find. The
+        gain is then mostly below, for it pays for what was fitted to chance.
+        """
+        residual = self.z - before
+        change = after - before
+        # ln N(z; after, 1) - ln N(z; before, 1) = residual · change - change² / 2, of which the rate is the first term.
+        rate = np.bincount(self.scene, residual * change, self.scenes)
+        return rate - 0.5 * np.bincount(self.scene, change**2, self.scenes), rate
+
+
+def localise(
+    rays: Any,
+    residuals: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    scene: Int[np.ndarray, " b"],
+    *,
+    most: int = RULES.dependences_tried,
+) -> list[Place]:
+    """Ranks (channel, covariate), strongest first. Within a channel a covariate counts for what it adds to
+    those above it. A p-value is that of the strongest of all covariates tried (`chance_of_best`), times the channels.
+
+    `rays` are host arrays (b, c, r); `residuals` gives each channel's standardised residuals and where they count;
+    `scene` is that of each block.
+    """
+    places = []
+    scenes = len(np.unique(scene))
+    for channel, (z, counts) in residuals.items():
+        if counts.sum() < RULES.fewest_residuals:
+            continue
+        index = _scene_index(scene, counts)
+        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+        designs = {name: design for name, design in designs.items() if design.shape[1] > 1}
+        if "time" in designs and _one_clock(rays, counts):
+            del designs["time"]
+        model = Additive(z[counts].astype(np.float64), designs, index, scenes=scenes)
+        squares = (model.z**2).sum()
+        taken: list[str] = []
+        rest = list(designs)
+        before = model.predicted(taken)
+        while rest and len(taken) < most:
+            after = [model.predicted([*taken, name]) for name in rest]
+            by_scene = [model.by_scene(before, prediction) for prediction in after]
+            gains = np.stack([gain for gain, _ in by_scene])
+            best = int(gains.sum(1).argmax())
+            gain = float(gains[best].sum())
+            if gain <= 0:
+                break
+            # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
+            p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
+            # The sum of squares falls by twice the gain.
+            places.append(Place(channel, rest[best], p, 2 * gain / squares, gain))
+            taken.append(rest.pop(best))
+            before = after[best]
+    return sorted(places, key=lambda place: -place.gain)
+
+
+def reported(places: Iterable[Place]) -> list[Place]:
+    """The places that a verdict lists, strongest first."""
+    sure = [
+        place
+        for place in places
+        if place.p_value <= RULES.dependence_level
+        and place.gain >= RULES.dependence_nats
+        and (place.channel, place.covariate) not in FITTED
+    ]
+    return sorted(sure, key=lambda place: -place.gain)[: RULES.dependences_listed]
+
+
+def _one_clock(rays: Any, counts: np.ndarray) -> bool:
+    """Whether the time within the scan and the azimuth are one covariate, as in a steady turn: it is called azimuth."""
+    time = rankdata(values_of("time", rays, counts))
+    azimuth = rankdata(values_of("azimuth", rays, counts))
+    return abs(float(np.corrcoef(time, azimuth)[0, 1])) > RULES.one_clock
+
+
+def _scene_index(scene: Int[np.ndarray, " b"], counts: Bool[np.ndarray, "b c r"]) -> Int[np.ndarray, " n"]:
+    """The scene of each ray where `counts`, as its place among those that there are."""
+    return np.searchsorted(np.unique(scene), np.broadcast_to(scene[:, None, None], counts.shape)[counts])
+
+
+def interactions(
+    rays: Any,
+    residuals: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    scene: Int[np.ndarray, " b"],
+    *,
+    level: float = RULES.dependence_level,
+) -> list[Place]:
+    """Each channel's strongest pair, as a Place whose covariate is `A x B`, where its p-value is at most `level`.
+
+    Arguments as `localise`. Fewer than `Rules.fewest_pair_scenes` decide nothing.
+    """
+    places = []
+    scenes = len(np.unique(scene))
+    for channel, (z, counts) in residuals.items():
+        counts = _thinned(counts)
+        if counts.sum() < RULES.fewest_residuals or scenes < RULES.fewest_pair_scenes:
+            continue
+        index = _scene_index(scene, counts)
+        if _effective(z[counts]) < RULES.fewest_effective:
+            continue
+        designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+        additive = Additive(z[counts].astype(np.float32), designs, index, scenes=scenes)
+        rest = additive.z - additive.predicted(list(designs))
+        curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
+        pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
+        gains = np.stack([_pair_gain(rest, curves[a], curves[b], index=index, scenes=scenes) for a, b in pairs])
+        best, p = best_of_gains(gains)
+        if p <= level:
+            share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
+            # Of all residuals, where only some were tried.
+            scale = (residuals[channel][1].sum() / counts.sum()).item()
+            places.append(Place(channel, " x ".join(pairs[best]), p, share, float(gains[best].sum() * scale)))
+    return places
+
+
+def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:
+    """Every so manieth of the cells that count, `Rules.pair_residuals` at most."""
+    cells = np.flatnonzero(counts)
+    kept = np.zeros(counts.size, bool)
+    kept[cells[:: max(1, -(-len(cells) // RULES.pair_residuals))]] = True
+    return kept.reshape(counts.shape)
+
+
+def _effective(z: Float[np.ndarray, " n"]) -> float:
+    """How many equally large residuals have the weight of these (Kish 1965)."""
+    squares = z.astype(np.float64) ** 2
+    return float(squares.sum() ** 2 / max((squares**2).sum(), 1e-12))
+
+
+def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
+    """A curve of few knots: a product of two has the product of their numbers. Only classes keep a column each."""
+    return curve_basis(x, name if name == "class" else "", RULES.pair_knots)
+
+
+def _pair_gain(
+    rest: Float[np.ndarray, " n"],
+    first: Float[np.ndarray, "n j"],
+    second: Float[np.ndarray, "n k"],
+    *,
+    index: Int[np.ndarray, " n"],
+    scenes: int,
+) -> Float[np.ndarray, " s"]:
+    """Held-out nats of each scene by the products of two curves."""
+    products = (first[:, :, None] * second[:, None, :]).reshape(len(rest), -1)
+    model = Additive(rest, {"pair": products}, index, scenes=scenes)
+    return model.by_scene(np.zeros(len(rest)), model.predicted(["pair"]))[0]
+
+
+def spelled(covariate: str) -> str:
+    """A covariate, or a pair, in a verdict's words. (`speed x time` is a covariate of its own.)"""
+    return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))

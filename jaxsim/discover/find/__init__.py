@@ -1,1 +1,0 @@
-"""Find: which channel's residuals depend on which covariate."""

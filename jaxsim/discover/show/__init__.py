@@ -1,1 +1,0 @@
-"""Show: the gap on judge scenes, which nothing was fitted to."""
