@@ -44,6 +44,7 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
         scenes=settings.scenes,
         rows=settings.rows,
         columns=settings.columns,
+        simulator=settings.simulator,
     )
     began, spent = time.monotonic(), time.process_time()
     comparison = read_comparison(case / "simulated", case / "measured")

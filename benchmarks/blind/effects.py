@@ -23,6 +23,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import Counts, Job, Settings, plan
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import summary
@@ -34,7 +35,7 @@ RECYCLE = 40
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
     counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs)
-    settings = Settings(args.sealed, args.scenes, drawn=args.calibrate)
+    settings = Settings(args.sealed, args.scenes, drawn=args.calibrate, simulator=args.simulator)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
@@ -132,6 +133,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--outside", type=int, default=usual.outside, help="cases of each kind outside the catalogue")
     parser.add_argument("--pairs", type=int, default=usual.pairs, help="pairs, and as many triples")
     parser.add_argument("--scenes", type=int, default=Settings().scenes)
+    parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
     parser.add_argument(
         "--calibrate", type=int, default=0, metavar="N", help="set each case's bar on N nulls drawn from it"
     )

@@ -28,6 +28,8 @@ class Settings:
     columns: int = 384
     drawn: int = 0
     """Nulls drawn from each case to set its bar."""
+    simulator: str = "ideal"
+    """Whose errors the simulated side has of its own (benchmarks/blind/hidden/simulator.py)."""
 
 
 @dataclass(frozen=True)
