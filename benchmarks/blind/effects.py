@@ -44,7 +44,9 @@ def main(argv: list[str] | None = None) -> None:
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
     jobs = [job for job in jobs if job.key not in done][: args.most]
     if not args.table:
-        for row in tqdm(answers(jobs, settings, args.out, workers=args.workers), total=len(jobs), unit="case"):
+        for row in tqdm(
+            answers([(job, settings) for job in jobs], args.out, workers=args.workers), total=len(jobs), unit="case"
+        ):
             append_row(kept, row)
             rows[row["key"]] = row
     text = summary(list(rows.values()))
@@ -56,7 +58,7 @@ def main(argv: list[str] | None = None) -> None:
         save_pictures(args.out, list(rows.values()))
 
 
-def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> Iterator[dict[str, Any]]:
+def answers(jobs: list[tuple[Job, Settings]], out: Path, *, workers: int) -> Iterator[dict[str, Any]]:
     """Rows as they come. Each worker computes on one core: two cases side by side waste less than one on two cores."""
     if not jobs:
         return
@@ -70,7 +72,7 @@ def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> 
         pool = ProcessPoolExecutor(workers, spawn, initializer=_begin)
         try:
             some = jobs[first : first + RECYCLE * workers]
-            for future in as_completed([pool.submit(_answer, job, settings, out) for job in some]):
+            for future in as_completed([pool.submit(_answer, job, settings, out) for job, settings in some]):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
@@ -90,7 +92,8 @@ def _answer(job: Job, settings: Settings, out: Path) -> dict[str, Any]:
     from benchmarks.blind.case import run_case
 
     try:
-        return run_case(job, settings, out / "cases")
+        folder = out / "cases"
+        return run_case(job, settings, folder if settings.cell == Settings().cell else folder / settings.cell)
     except Exception as error:
         print(f"{job.key}: {error!r}", file=sys.stderr)
         return failed(job, settings, error)
