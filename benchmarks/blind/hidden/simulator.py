@@ -38,7 +38,8 @@ class Simulator:
     """Of the lattice of intensities."""
     range_step_m: float = 0.0
     smooth_sd: float = 0.0
-    """Errors that neighbouring rays share, nats."""
+    """Errors that neighbouring rays share, nats. With these it is a conditional mean: the noise of the normals
+    that it writes is not in its intensities."""
 
     def as_dict(self) -> dict[str, float]:
         return asdict(self)
@@ -111,7 +112,8 @@ def rendered(
             rng.normal(0, 1, shape), SMOOTH_CELLS, mode=("nearest", "wrap" if full_turn else "nearest")
         )
         nats = nats + simulator.smooth_sd * smooth / smooth.std()
-    light = frame["intensity"] * np.exp(nats + simulator.relative_sd * rng.normal(0, 1, shape))
+    shade = np.cos(frame["true_theta"]) / np.cos(frame["incidence"]) if simulator.smooth_sd else 1.0
+    light = frame["intensity"] * shade * np.exp(nats + simulator.relative_sd * rng.normal(0, 1, shape))
     light = np.clip(light + simulator.additive_sd * rng.normal(0, 1, shape), 0, 1)
     range_m = frame["range"] + simulator.range_sd_m * rng.normal(0, 1, shape)
     kept = hit & (rng.random(shape) >= simulator.loss) & (range_m > 0.05)

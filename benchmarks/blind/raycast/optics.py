@@ -91,7 +91,7 @@ def _semantic(material: np.ndarray) -> np.ndarray:
 
 def render(place: Place, grid: Grid, case: str, nuisance: Nuisance) -> dict[str, np.ndarray]:
     """The ideal simulator's frame: range (0 where nothing is hit), intensity without texture, incidence, semantic,
-    instance, rgb; and `texture`, the nats of it, with which every simulator deals in its own way."""
+    instance, rgb; and `texture` (nats) and `true_cos`, with which every simulator deals in its own way."""
     direction = (grid.directions() @ place.turn.T).reshape(-1, 3)
     hits = place.scene.cast(np.broadcast_to(place.origin, direction.shape), direction)
     hit, rng = hits.material >= 0, stream(case, "render", place.frame)
@@ -114,6 +114,7 @@ def render(place: Place, grid: Grid, case: str, nuisance: Nuisance) -> dict[str,
         "instance": hits.thing,
         "rgb": np.clip(rgb, 0, 255).astype(np.uint8),
         "texture": texture,
+        "true_cos": np.maximum(hits.cos, COS_FLOOR),
     }
     return {name: x.reshape(*grid.shape, *x.shape[1:]) for name, x in frame.items()}
 

@@ -27,7 +27,7 @@ class Simulator:
     """Of the reported intensity; 0: no lattice."""
     range_step_m: float = 0.0
     smooth_sd: float = 0.0
-    """Errors in nats that neighbouring rays share."""
+    """Errors in nats that neighbouring rays share; with them the noise of normals leaves the intensity alone."""
 
 
 SIMULATORS = {
@@ -77,7 +77,8 @@ def simulated(
     if simulator.smooth_sd:
         field = gaussian_filter(rng.normal(size=shape), (2, 8), mode=("nearest", "wrap" if full_turn else "nearest"))
         nats = nats + simulator.smooth_sd * field / field.std()
-    light = frame["intensity"] * np.exp(nats) * (1 + simulator.proportional_sd * rng.normal(size=shape))
+    shade = frame["true_cos"] / np.cos(frame["incidence"]) if simulator.smooth_sd else 1.0
+    light = frame["intensity"] * shade * np.exp(nats) * (1 + simulator.proportional_sd * rng.normal(size=shape))
     light = np.clip(light + simulator.floor_sd * rng.normal(size=shape), 0, 1)
     r = frame["range"] + simulator.range_sd_m * rng.normal(size=shape)
     kept = hit & (rng.random(shape) >= simulator.loss) & (r > 0.05)
