@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ def main(argv: list[str] | None = None) -> None:
         check_settings([r for r in rows.values() if cell_of(r) == settings.cell], asdict(settings))
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
     tasks = [] if args.table else [task for task in tasks if key_of(*task) not in done][: args.most]
+    if any(settings.world == "raycast" for _, settings in tasks) and not find_spec("embreex"):
+        raise ValueError("worlds: raycast needs embreex, which is not installed; pip install -e '.[worlds]'")
     for row in tqdm(answers(tasks, args.out, workers=args.workers), total=len(tasks), unit="case"):
         row |= {"key": f"{cell_of(row)} {row['key']}"}
         append_row(kept, row)

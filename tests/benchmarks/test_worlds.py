@@ -100,6 +100,13 @@ def test_a_run_goes_on_where_it_stopped_and_tries_errors_again(tmp_path, monkeyp
         worlds.main([*command, "--scenes", "3"])
 
 
+def test_without_its_caster_the_second_world_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(worlds, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match="pip install -e"):
+        worlds.main([str(tmp_path), "--cases", "1", "--nulls", "0"])
+    assert not (tmp_path / "cases.jsonl").exists()
+
+
 def test_the_table_tells_false_names_from_missed_ones():
     missed = failed(JOB, HOME, ValueError("no")) | {"verdict": "none", "false_names": []}
     wrong = _answered(Job("range_scale", 1.0, "default", 0), HOME, false_names=["range_walk"], exact=False)
