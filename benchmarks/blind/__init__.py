@@ -2,6 +2,7 @@
 
     python -m benchmarks.blind.hidden make DIR --seed N    one case; `score DIR` opens its key (hidden/README.md)
     python -m benchmarks.blind.effects OUT                 names of hidden effects, of pairs, of none: the main rates
+    python -m benchmarks.blind.worlds OUT                  the same in two worlds, with noisy simulators
     python -m benchmarks.blind.where OUT                   where disagreement is found on the same cases
     python -m benchmarks.blind.unpaired OUT                the same where the sides show different streets
     python -m benchmarks.blind.planted_on_kitti OUT        effects planted on real scans

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.hidden import case_name, key_path, make_case, oracle_power, score_case
+from benchmarks.blind.hidden import case_name, key_path, oracle_power, score_case
+from benchmarks.blind.making import make
 from benchmarks.blind.plan import Job, Settings
 from benchmarks.blind.rivals import rival_answers
 from benchmarks.blind.rows import code_version
@@ -27,24 +28,16 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
 
     Returns the row of cases.jsonl: the score (benchmarks/blind/hidden/score.py) and
         key, settings, seed, code; seconds and cpu_seconds of the answer alone; memory_gib, the process's largest;
-        rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden;
+        rivals: what simpler methods answer; oracle: the chance that an oracle detects what is hidden
+            (first world); place: where the case was taken (second world);
         where, ranking: the verdict's first places and gains; drawn: its nulls, if any were drawn; closure;
         gap: {channel: [before, after, floor, placebo]}, mean errors; gained: {channel: [answer, floor, placebo]}, nats
             per scene of the judge scenes' log-likelihood;
         known: the same of the true effects, fitted from their true parameters (rightly named cases; else None).
     """
-    seed, case = job.seed(sealed=settings.sealed), folder / case_name(job.place(sealed=settings.sealed))
+    case = folder / case_name(job.place(sealed=settings.sealed))
     _remove(case)
-    make_case(
-        case,
-        effect=job.effect,
-        severity=job.severity,
-        seed=seed,
-        nuisance=job.nuisance,
-        scenes=settings.scenes,
-        rows=settings.rows,
-        columns=settings.columns,
-    )
+    make(job, settings, case)
     began, spent = time.monotonic(), time.process_time()
     comparison = read_comparison(case / "simulated", case / "measured")
     result = discover(comparison, effects=effects, nulls=settings.drawn)
@@ -59,14 +52,15 @@ def run_case(job: Job, settings: Settings, folder: Path, *, effects: Iterable[st
     return {
         "key": job.key,
         "settings": settings.__dict__,
-        "seed": seed,
+        "seed": job.seed(sealed=settings.sealed),
         "code": code_version(),
         "seconds": round(seconds, 2),
         "cpu_seconds": round(cpu_seconds, 2),
         "memory_gib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 2),
         **scored,
         "rivals": rival_answers(result, _rays(comparison, len(result.verdict.find))),
-        "oracle": oracle_power(key),
+        "oracle": oracle_power(key) if settings.world == "home" else None,
+        "place": key.get("world", {}).get("place"),
         "where": verdict["where"][:5],
         "drawn": verdict["nulls"],
         "ranking": [[rank["name"], rank["gain"]] for rank in verdict["ranking"][:5]],

@@ -23,6 +23,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.plan import Counts, Job, Settings, plan
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import summary
@@ -34,7 +35,7 @@ RECYCLE = 40
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
     counts = Counts(tuple(args.severity), args.repeats, args.nulls, args.outside, args.pairs)
-    settings = Settings(args.sealed, args.scenes, drawn=args.calibrate)
+    settings = Settings(args.sealed, args.scenes, drawn=args.calibrate, simulator=args.simulator)
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
@@ -43,7 +44,9 @@ def main(argv: list[str] | None = None) -> None:
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
     jobs = [job for job in jobs if job.key not in done][: args.most]
     if not args.table:
-        for row in tqdm(answers(jobs, settings, args.out, workers=args.workers), total=len(jobs), unit="case"):
+        for row in tqdm(
+            answers([(job, settings) for job in jobs], args.out, workers=args.workers), total=len(jobs), unit="case"
+        ):
             append_row(kept, row)
             rows[row["key"]] = row
     text = summary(list(rows.values()))
@@ -55,7 +58,7 @@ def main(argv: list[str] | None = None) -> None:
         save_pictures(args.out, list(rows.values()))
 
 
-def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> Iterator[dict[str, Any]]:
+def answers(jobs: list[tuple[Job, Settings]], out: Path, *, workers: int) -> Iterator[dict[str, Any]]:
     """Rows as they come. Each worker computes on one core: two cases side by side waste less than one on two cores."""
     if not jobs:
         return
@@ -69,7 +72,7 @@ def answers(jobs: list[Job], settings: Settings, out: Path, *, workers: int) -> 
         pool = ProcessPoolExecutor(workers, spawn, initializer=_begin)
         try:
             some = jobs[first : first + RECYCLE * workers]
-            for future in as_completed([pool.submit(_answer, job, settings, out) for job in some]):
+            for future in as_completed([pool.submit(_answer, job, settings, out) for job, settings in some]):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
@@ -89,7 +92,8 @@ def _answer(job: Job, settings: Settings, out: Path) -> dict[str, Any]:
     from benchmarks.blind.case import run_case
 
     try:
-        return run_case(job, settings, out / "cases")
+        folder = out / "cases"
+        return run_case(job, settings, folder if settings.cell == Settings().cell else folder / settings.cell)
     except Exception as error:
         print(f"{job.key}: {error!r}", file=sys.stderr)
         return failed(job, settings, error)
@@ -132,6 +136,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--outside", type=int, default=usual.outside, help="cases of each kind outside the catalogue")
     parser.add_argument("--pairs", type=int, default=usual.pairs, help="pairs, and as many triples")
     parser.add_argument("--scenes", type=int, default=Settings().scenes)
+    parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
     parser.add_argument(
         "--calibrate", type=int, default=0, metavar="N", help="set each case's bar on N nulls drawn from it"
     )

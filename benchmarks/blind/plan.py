@@ -28,6 +28,19 @@ class Settings:
     columns: int = 384
     drawn: int = 0
     """Nulls drawn from each case to set its bar."""
+    simulator: str = "ideal"
+    """Whose errors the simulated side has of its own (benchmarks/blind/hidden/simulator.py)."""
+    world: str = "home"
+    """'home' (benchmarks/blind/hidden) or 'raycast' (benchmarks/blind/raycast)."""
+    sensor: str = "own"
+    """A sensor of the second world; the first has its own."""
+    given: str = "all"
+    """'all' arrays that the simulated side may have, or 'bare': range and intensity alone."""
+
+    @property
+    def cell(self) -> str:
+        """What tells one group of cases of `benchmarks.blind.worlds` from another."""
+        return f"{self.world}-{self.sensor}-{self.simulator}-{self.given}"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from benchmarks.blind.hidden.case import key_path, make_case
 from benchmarks.blind.hidden.catalogue import EFFECTS, OUTSIDE
 from benchmarks.blind.hidden.nuisance import LEVELS
 from benchmarks.blind.hidden.score import describe, score_case
+from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.hidden.units import write_table
 
 
@@ -27,6 +28,7 @@ def main(argv: list[str] | None = None) -> int:
     )
     make.add_argument("--severity", type=float, default=2.0, help="multiple of the effect's unit, see units.json")
     make.add_argument("--nuisance", choices=LEVELS, default="default")
+    make.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
     make.add_argument("--scenes", type=int, default=16)
     make.add_argument("--frames", type=int, default=1, help="frames a scene")
     make.add_argument("--rows", type=int, default=48)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.blind.hidden import frames as f
+from benchmarks.blind.hidden import simulator as own
 from benchmarks.blind.hidden.catalogue import COVARIATES, EFFECTS, OUTSIDE, Choice, amount_of, choose
 from benchmarks.blind.hidden.laws import About
 from benchmarks.blind.hidden.nuisance import Nuisance, Surfaces, draw_nuisance, stream
@@ -27,7 +28,7 @@ class Key:
 
     effects: [{name, channels, covariates (where it shows), parameters in the catalogue's terms, amount, severity,
     capped}]; outside: {name, channel, covariates, character, near, amount} or None; nuisance: what any finder has to
-    live with.
+    live with; simulator: the name and the errors of the simulated side.
     """
 
     case: str
@@ -38,6 +39,7 @@ class Key:
     outside: dict[str, Any] | None
     nuisance: dict[str, float]
     made_at: float
+    simulator: dict[str, Any] = field(default_factory=lambda: {"name": "ideal"})
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,23 @@ class Setting:
     drives: list[Drive]
     surfaces: list[Surfaces]
     moments: list[f.Moment]
+    simulator: own.Simulator = own.SIMULATORS["ideal"]
+    planted: tuple[str, ...] = ()
 
 
-def make_setting(entropy: tuple[int, ...], level: str, scenes: int, per_scene: int, rows: int, columns: int) -> Setting:
-    """Draw streets, drives, times and nuisances."""
+def make_setting(
+    entropy: tuple[int, ...],
+    level: str,
+    scenes: int,
+    per_scene: int,
+    rows: int,
+    columns: int,
+    simulator: str = "ideal",
+) -> Setting:
+    """Draw streets, drives, times, nuisances and the simulator's own errors."""
     rng = stream(entropy, "setting")
-    nuisance = draw_nuisance(stream(entropy, "nuisance"), level)
+    drawn = own.draw_simulator(simulator, stream(entropy, "simulator"))
+    nuisance = own.sensor_like(drawn, draw_nuisance(stream(entropy, "nuisance"), level))
     grid = f.make_grid(rng, rows, columns, bool(rng.random() < 0.5))
     drives = [build_drive(stream(entropy, "drive", s)) for s in range(scenes)]
     surfaces = [Surfaces(entropy, nuisance, s) for s in range(scenes)]
@@ -68,11 +81,11 @@ def make_setting(entropy: tuple[int, ...], level: str, scenes: int, per_scene: i
             heading = drive.compass_rad + drive.yaw_rad + drive.turn_rad_s * since
             heading = float(np.angle(np.exp(1j * heading)))
             moments.append(f.Moment(len(moments), s, float(starts[s] + since), since, drive.speed_m_s, heading))
-    return Setting(entropy, nuisance, grid, drives, surfaces, moments)
+    return Setting(entropy, nuisance, grid, drives, surfaces, moments, drawn)
 
 
 def predict(setting: Setting) -> list[dict[str, np.ndarray]]:
-    """The simulator's frames."""
+    """The ideal simulator's frames; `_write` adds the errors of the others."""
     return [
         f.simulate(
             setting.drives[m.scene], m, setting.grid, setting.surfaces[m.scene], setting.nuisance, setting.entropy
@@ -105,7 +118,7 @@ def look_at(setting: Setting, simulated: list[dict[str, np.ndarray]]) -> About:
 def measure(setting: Setting, simulated: list[dict[str, np.ndarray]], plans: list[Plan]) -> list[f.State]:
     """The sensor's frames before chance, with the planned effects in them."""
     rays = [hook for p in plans for hook in p.rays]
-    hooks = [hook for p in plans for hook in p.hooks]
+    hooks = own.floor_noise(setting.simulator) + [hook for p in plans for hook in p.hooks]
     return [
         f.expose(
             setting.drives[m.scene], m, setting.grid, setting.surfaces[m.scene], setting.nuisance, setting.entropy, s,
@@ -126,6 +139,7 @@ def make_case(
     frames: int = 1,
     rows: int = 48,
     columns: int = 384,
+    simulator: str = "ideal",
 ) -> Key:
     """Write FOLDER/measured, FOLDER/simulated and FOLDER.key.json.
 
@@ -136,10 +150,11 @@ def make_case(
         effect: 'none', a name, 'A+B', 'outside:NAME', 'random' or a list of names.
         severity: multiple of the effect's unit (units.json).
         frames: frames a scene, half a second apart.
+        simulator: one of simulator.SIMULATORS: the errors that the simulated side has of its own.
 
     Raises:
         FileExistsError: the folder or its key is there already.
-        ValueError: an unknown name or level, a size or severity that is not positive.
+        ValueError: an unknown name, level or simulator, a size or severity that is not positive.
     """
     folder = Path(folder)
     key_file = key_path(folder)
@@ -155,14 +170,18 @@ def make_case(
     }.items():
         if value <= 0:
             raise ValueError(f"{name} is {value}; give a positive number")
-    entropy = _entropy(seed, effect, severity, nuisance, scenes, frames, rows, columns)
+    # The ideal simulator adds no word: cases from before there were others stay what they are.
+    other = () if simulator == "ideal" else (simulator,)
+    entropy = _entropy(seed, effect, severity, nuisance, scenes, frames, rows, columns, *other)
     choice = choose(effect, stream(entropy, "choice"))
-    setting = make_setting(entropy, nuisance, scenes, frames, rows, columns)
+    setting = make_setting(entropy, nuisance, scenes, frames, rows, columns, simulator)
+    setting = replace(setting, planted=choice.effects)
     simulated = predict(setting)
     plans, key = plant(choice, severity, setting, look_at(setting, simulated))
     states = measure(setting, simulated, plans)
     case = stream(entropy, "id").bytes(8).hex()
-    out = Key(case, seed, severity, nuisance, key[0], key[1], setting.nuisance.as_dict(), time.time())
+    about = {"name": simulator, **setting.simulator.as_dict()}
+    out = Key(case, seed, severity, nuisance, key[0], key[1], setting.nuisance.as_dict(), time.time(), about)
     _write(folder, setting, simulated, states)
     key_file.write_text(json.dumps(asdict(out), indent=1))
     return out
@@ -240,8 +259,11 @@ def _write(folder: Path, setting: Setting, simulated: list[dict[str, np.ndarray]
     for part in ("measured", "simulated"):
         (folder / part).mkdir(parents=True)
         (folder / part / "grid.json").write_text(json.dumps(grid))
+    lattice = own.coarser_than(setting.simulator, setting.planted)
     for m, s, state in zip(setting.moments, simulated, states, strict=True):
-        reading = f.read_out(state, setting.nuisance)
+        reading = own.on_lattice(lattice, f.read_out(state, setting.nuisance))
+        rng = stream(setting.entropy, "simulator", m.frame)
+        s = own.rendered(setting.simulator, s, rng, full_turn=setting.grid.full_turn)
         name = f"{m.frame:04d}.npz"
         np.savez(folder / "measured" / name, **{k: reading[k].astype(t) for k, t in MEASURED.items()})
         np.savez(folder / "simulated" / name, **{k: s[k].astype(t) for k, t in SIMULATED.items()})

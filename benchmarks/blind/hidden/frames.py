@@ -173,7 +173,8 @@ def silhouette(range_m: np.ndarray, full_turn: bool) -> np.ndarray:
 def simulate(
     drive: Drive, moment: Moment, grid: Grid, surfaces: Surfaces, nuisance: Nuisance, entropy: tuple[int, ...]
 ) -> dict[str, np.ndarray]:
-    """The simulator's arrays, as they are written, and `true_theta` and `true_semantic`, which are not."""
+    """The ideal simulator's arrays, as they are written, and `true_theta`, `true_semantic` and `texture` (nats), which
+    are not."""
     hits, d = shoot(drive, moment, nominal(grid))
     hit = np.isfinite(hits.range_m)
     rng = stream(entropy, "normals", moment.frame)
@@ -197,6 +198,7 @@ def simulate(
         "rgb": _colours(hits, drive, entropy, moment.scene),
         "true_theta": _incidence(hits.normal, d),
         "true_semantic": hits.semantic,
+        "texture": np.where(hit, surfaces.texture(hits.point.reshape(-1, 3)).reshape(hit.shape), 0.0),
     }
 
 

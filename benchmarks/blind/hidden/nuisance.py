@@ -108,11 +108,15 @@ class Surfaces:
         self.salt = int(rng.integers(1 << 31))
         self.stuff = rng.normal(0, nuisance.instance_sd * 0.5, 64)
 
+    def texture(self, point: np.ndarray) -> np.ndarray:
+        """Texture at the points (n, 3), nats about the surface's level."""
+        return self.nuisance.texture_sd * place_noise(point, 0.25, self.salt + 1)
+
     def reflectance(self, point: np.ndarray, semantic: np.ndarray, instance: np.ndarray) -> np.ndarray:
         """True reflectance at the points (n, 3), without the sensor's gain."""
         n = self.nuisance
         patch = 0.8 * n.instance_sd * place_noise(point, 5.0, self.salt) + self.stuff[semantic]
         spread = np.where(instance > 0, self.spread[instance], np.exp(patch))
-        texture = np.exp(n.texture_sd * place_noise(point, 0.25, self.salt + 1))
+        texture = np.exp(self.texture(point))
         glass = np.where((semantic == w.CAR) & (point[:, 2] > 0.97), n.glass, 1.0)
         return self.true_table[semantic] * spread * texture * glass

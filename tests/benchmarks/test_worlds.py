@@ -1,0 +1,119 @@
+"""The benchmark of two worlds: its cells, its plan, its rows and its table; every world's folders are readable."""
+
+import json
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from benchmarks.blind import worlds
+from benchmarks.blind.effects import failed
+from benchmarks.blind.hidden import key_path, list_effects
+from benchmarks.blind.making import make
+from benchmarks.blind.plan import DEVELOPMENT, Job, Settings
+from benchmarks.blind.rows import read_rows
+from jaxsim.discover import read_comparison
+
+HOME, NOISY = Settings(), Settings(simulator="noisy")
+JOB = Job("beam_gain", 4.0, "default", 0)
+
+
+def _answered(job, settings, **more):
+    """A right answer's row."""
+    row = failed(job, settings, ValueError("no"))
+    named = bool(row["truth"])
+    right = dict.fromkeys(("first_right", "in_set", "exact"), True) if named else {"exact": True}
+    answer = {"verdict": "named" if named else "none", "answer": row["truth"], "named": named, "right": True}
+    return row | answer | right | {"false_names": []} | more
+
+
+def test_every_cell_has_the_same_jobs_and_more_cases_keep_the_first():
+    few = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=4, nulls=3)
+    many = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=45, nulls=8)
+    assert {worlds.key_of(*task) for task in few} < {worlds.key_of(*task) for task in many}
+    jobs = {settings.cell: [job for job, s in many if s == settings] for settings in (HOME, NOISY)}
+    assert len(jobs) == 2
+    assert jobs[HOME.cell] == jobs[NOISY.cell]
+    planted = {(job.effect, job.severity) for job in jobs[HOME.cell] if job.effect != "none"}
+    assert planted == {(effect, severity) for effect in worlds.HIDDEN for severity in (1.0, 2.0, 4.0)}
+    assert len({worlds.key_of(*task) for task in many}) == len(many)
+
+
+def test_a_job_hides_the_same_seed_in_every_cell_and_cells_share_no_folder():
+    assert JOB.seed(sealed=False) < DEVELOPMENT <= JOB.seed(sealed=True)
+    assert len({s.cell for s in (HOME, NOISY, Settings(given="bare"), Settings(world="raycast", sensor="spin16"))}) == 4
+
+
+def test_the_effects_are_those_that_both_worlds_hide():
+    assert {*worlds.HIDDEN} <= {*list_effects()}
+    raycast = pytest.importorskip("benchmarks.blind.raycast", reason="pip install -e '.[worlds]'", exc_type=ImportError)
+    assert {*worlds.HIDDEN} == {*raycast.EFFECTS}
+    assert {*worlds.SENSORS} == {*raycast.SENSORS}
+    assert {*raycast.SIMULATORS} == {*worlds.SIMULATORS}
+
+
+@pytest.mark.parametrize("given", ["all", "bare"])
+@pytest.mark.parametrize("world", ["home", "raycast"])
+def test_discover_can_read_every_world(tmp_path, world, given):
+    if world == "raycast":
+        pytest.importorskip("embreex", reason="pip install -e '.[worlds]'")
+    sensor = "own" if world == "home" else "spin16"
+    settings = Settings(False, 2, 8, 60, simulator="noisy", world=world, sensor=sensor, given=given)
+    make(JOB, settings, tmp_path / "case")
+    read = read_comparison(tmp_path / "case" / "simulated", tmp_path / "case" / "measured")
+    assert read.scan.range_m.shape == (2, 8, 60)
+    assert len(set(read.scenes)) == 2
+    assert bool(np.asarray(read.scan.semantic).any()) == (given == "all")
+    assert bool(np.asarray(read.scan.speed_mps).any()) == (given == "all")
+    assert json.loads(key_path(tmp_path / "case").read_text())["simulator"]["name"] == "noisy"
+
+
+def test_an_unknown_world_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="choose home or raycast"):
+        make(JOB, Settings(world="mars"), tmp_path / "case")
+
+
+def test_a_run_goes_on_where_it_stopped_and_tries_errors_again(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def answers(tasks, out, *, workers):
+        for number, (job, settings) in enumerate(tasks):
+            asked.append(worlds.key_of(job, settings))
+            first = len(asked) == 1 and number == 0
+            yield failed(job, settings, ValueError("once")) if first else _answered(job, settings)
+
+    monkeypatch.setattr(worlds, "answers", answers)
+    command = [str(tmp_path), "--world", "home", "--simulator", "ideal", "noisy", "--cases", "1", "--nulls", "1"]
+    worlds.main([*command, "--most", "2"])
+    assert len(asked) == 2
+    worlds.main(command)
+    assert len(asked) == 5
+    assert len(set(asked)) == 4
+    assert len(read_rows(tmp_path / "cases.jsonl")) == 4
+    worlds.main([*command, "--table"])
+    assert len(asked) == 5
+    assert (
+        "| home | own | noisy | all | 0 % (0 of 1; 0 to 79 %) | 100 % (1 of 1; 21 to 100 %) |"
+        in capsys.readouterr().out
+    )
+    with pytest.raises(ValueError, match="scenes 16 \\(now 3\\)"):
+        worlds.main([*command, "--scenes", "3"])
+
+
+def test_without_its_caster_the_second_world_is_refused_before_anything_runs(tmp_path, monkeypatch):
+    monkeypatch.setattr(worlds, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match="pip install -e"):
+        worlds.main([str(tmp_path), "--cases", "1", "--nulls", "0"])
+    assert not (tmp_path / "cases.jsonl").exists()
+
+
+def test_the_table_tells_false_names_from_missed_ones():
+    missed = failed(JOB, HOME, ValueError("no")) | {"verdict": "none", "false_names": []}
+    wrong = _answered(Job("range_scale", 1.0, "default", 0), HOME, false_names=["range_walk"], exact=False)
+    null = _answered(Job("none", 1.0, "exact", 0), HOME) | {"named": True, "answer": ["gamma_response"], "right": False}
+    rows = [row | {"key": f"{HOME.cell} {row['key']}", "settings": asdict(HOME)} for row in (missed, wrong, null)]
+    text = worlds.summary(rows)
+    assert "100 % (1 of 1; 21 to 100 %) | 50 % (1 of 2; 9 to 91 %) | 50 % (1 of 2; 9 to 91 %) | 50 % (1 of 2;" in text
+    assert f"| {HOME.cell} | nothing, exact | 1 | - | gamma_response |" in text
+    assert f"| {HOME.cell} | beam_gain | 4 | - | none |" in text
+    assert worlds.summary([]) == "no case yet"
