@@ -82,7 +82,7 @@ def metal(alpha: float) -> Material:
 
 
 def lacquer(albedo: float, strength: float) -> Material:
-    """Cars, signs, lamps: head on, the lobe is `strength` times as bright as the base. The plain twin is the base alone.
+    """Cars, signs, lamps: head on, a lobe `strength` times as bright as the base. The plain twin is the base alone.
 
     Mitsuba's `principled` of specular 0.5, a coat of F0: head on its GGX lobe returns F0 / 4 alpha² (times pi), so a
     stronger lobe is narrower; its roughness is the root of alpha.
