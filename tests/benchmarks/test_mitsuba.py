@@ -7,12 +7,14 @@ import pytest
 
 pytest.importorskip("mitsuba", reason="mitsuba is not installed (pip install -e '.[worlds]')")
 
+from benchmarks.blind.hidden import score_case
 from benchmarks.blind.mitsuba import make_case, materials, sensors
-from benchmarks.blind.mitsuba.case import _measure
 from benchmarks.blind.mitsuba.effects import EFFECTS, Plan, Setting
+from benchmarks.blind.mitsuba.measure import measure
 from benchmarks.blind.mitsuba.render import HEIGHT_M, look
 from benchmarks.blind.mitsuba.roughness import rough_gain
-from benchmarks.blind.mitsuba.streets import ROAD, Street, make_street
+from benchmarks.blind.mitsuba.street import ROAD, Street
+from benchmarks.blind.mitsuba.streets import make_street
 from jaxsim.discover import read_comparison
 
 SMALL = {"scenes": 2, "rows": 16, "columns": 64}
@@ -62,7 +64,7 @@ def test_same_seed_same_case_and_frames_that_discover_reads(tmp_path):
 
 def test_a_null_with_an_ideal_simulator_differs_by_a_gain_and_noise_alone(tmp_path):
     truth = make_case(6, out=tmp_path / "null", **SMALL)
-    assert truth.right == []
+    assert truth.effects == []
     logs, apart = [], []
     for name in ("0000", "0001"):
         with (
@@ -72,15 +74,15 @@ def test_a_null_with_an_ideal_simulator_differs_by_a_gain_and_noise_alone(tmp_pa
             both = (m["range"] > 0) & (s["range"] < 30) & (s["intensity"] > 0.02)
             logs.append(np.log(m["intensity"][both] / s["intensity"][both]))
             apart.append(m["range"][both] - s["range"][both])
-    assert np.median(np.concatenate(logs)) == pytest.approx(np.log(truth.chance["gain"]), abs=0.01)
+    assert np.median(np.concatenate(logs)) == pytest.approx(np.log(truth.nuisance["gain"]), abs=0.01)
     assert np.concatenate(logs).std() < 0.08
-    assert np.concatenate(apart).std() == pytest.approx(truth.chance["range_sd_m"], rel=0.1)
+    assert np.concatenate(apart).std() == pytest.approx(truth.nuisance["range_sd_m"], rel=0.1)
 
 
 def _changes(view, plan: Plan) -> set[str]:
     azimuth, seen = view
     one, other = (
-        _measure(seen, seen.true, azimuth, p, CHANCE, OPTICS, np.random.default_rng(2)) for p in (Plan({}), plan)
+        measure(seen, seen.true, azimuth, p, CHANCE, OPTICS, np.random.default_rng(2)) for p in (Plan({}), plan)
     )
     both = (one["range"] > 0) & (other["range"] > 0)
     changed = {key for key in ("range", "intensity") if not np.array_equal(one[key][both], other[key][both])}
@@ -98,7 +100,9 @@ def test_an_effect_acts_on_its_own_channels_alone(view, name):
 def test_effects_of_the_surface_leave_the_simulator_without_them(tmp_path, name):
     truth = make_case(7, effect=name, severity=8, out=tmp_path / name, **SMALL)
     make_case(7, out=tmp_path / "null", **SMALL)
-    assert truth.right[0] == name
+    assert truth.effects[0]["right"][0] == name
+    (tmp_path / name / "verdict.json").write_text('{"verdict": "none"}')
+    assert not score_case(tmp_path / name, tmp_path / name / "verdict.json")["right"]
     at = "measured" if name == "oren_nayar" else "simulated"
     with np.load(tmp_path / f"null/{at}/0000.npz") as null, np.load(tmp_path / f"{name}/{at}/0000.npz") as planted:
         assert np.array_equal(null["range"], planted["range"])

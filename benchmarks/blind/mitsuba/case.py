@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import time
 import zlib
-from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.mitsuba import sensors
-from benchmarks.blind.mitsuba.effects import EFFECTS, Plan, Reading, Setting
-from benchmarks.blind.mitsuba.render import STEEPEST_COS, View, look
-from benchmarks.blind.mitsuba.roughness import rough_gain
-from benchmarks.blind.mitsuba.streets import VEHICLES, make_street
+from benchmarks.blind.mitsuba.effects import EFFECTS, Plan
+from benchmarks.blind.mitsuba.measure import hide, measure
+from benchmarks.blind.mitsuba.render import View, look
+from benchmarks.blind.mitsuba.streets import make_street
 
 MEASURED = {"range": np.float32, "intensity": np.float32}
 GIVEN = ("all", "bare")
@@ -23,25 +23,24 @@ GIVEN = ("all", "bare")
 
 @dataclass(frozen=True)
 class Truth:
-    """What a case hides, written beside its folder.
+    """What a case hides, written beside its folder; `benchmarks.blind.hidden score` reads it too.
 
-    effect: its name, or none; right: the names of which any is no mistake (none: no name may be given);
-    parameters: in the catalogue's terms, where the law has them; channels: where it acts;
-    chance: what the sensor has of its own.
+    level: the simulator; effects: [{name, channels, covariates, parameters in the catalogue's terms where the law has
+    them, amount, severity, right: names of which any is no mistake}], empty for a null; outside: always None;
+    nuisance: what the sensor has of its own; made_at: seconds since 1970.
     """
 
     world: str
+    case: str
     seed: int
-    effect: str
     severity: float
-    simulator: str
+    level: str
     sensor: str
     given: str
-    right: list[str]
-    channels: list[str]
-    amount: float
-    parameters: dict[str, Any]
-    chance: dict[str, float]
+    effects: list[dict[str, Any]]
+    outside: None
+    nuisance: dict[str, float]
+    made_at: float
 
 
 def make_case(
@@ -81,7 +80,7 @@ def make_case(
         look(make_street(stream(seed, "street", k), lobe), azimuth, elevation, stream(seed, "yaw", k).normal(0, 0.06))
         for k in range(scenes)
     ]
-    plan, light = _hide(effect, amount, views, stream(seed, "effect"), rows, optics.half_turn_rad)
+    plan, light = hide(effect, amount, views, stream(seed, "effect"), rows, optics.half_turn_rad)
     frames = _drives(scenes, stream(seed, "drives"), told=given == "all")
     for part in ("measured", "simulated"):
         (out / part).mkdir(parents=True)
@@ -90,7 +89,7 @@ def make_case(
         )
     for k, (name, view) in enumerate(zip(frames, views, strict=True)):
         seen, known = light(view)
-        reading = _measure(view, seen, azimuth, plan, chance, optics, stream(seed, "noise", k))
+        reading = measure(view, seen, azimuth, plan, chance, optics, stream(seed, "noise", k))
         told = sensors.simulate(simulator, view.range_m, sensors.WHITE * known, stream(seed, "simulator", k))
         if given == "all":
             told |= _rasters(view, told["range"] > 0, stream(seed, "colours", k))
@@ -98,11 +97,19 @@ def make_case(
         np.savez(
             out / "simulated" / f"{name}.npz", **{key: x.astype(MEASURED.get(key, x.dtype)) for key, x in told.items()}
         )
-    row = EFFECTS.get(effect)
     truth = Truth(
-        "mitsuba", seed, effect, severity, simulator, sensor, given, [*row.right] if row else [],
-        [*row.channels] if row else [], amount, plan.parameters, asdict(chance),
-    )  # fmt: skip
+        world="mitsuba",
+        case=f"{effect} {severity:g} {simulator} {sensor} {given} {seed}",
+        seed=seed,
+        severity=severity,
+        level=simulator,
+        sensor=sensor,
+        given=given,
+        effects=[_entry(effect, severity, plan)] if effect != "none" else [],
+        outside=None,
+        nuisance=asdict(chance),
+        made_at=time.time(),
+    )
     key_path(out).write_text(json.dumps(asdict(truth), indent=1))
     return truth
 
@@ -132,59 +139,16 @@ def _check(effect: str, simulator: str, sensor: str, given: str, numbers: dict[s
             raise ValueError(f"{what} is {value}; give a positive number")
 
 
-def _hide(
-    effect: str, amount: float, views: list[View], rng: np.random.Generator, rows: int, half_turn_rad: float
-) -> tuple[Plan, Any]:
-    """The plan of an effect, and what sensor and simulator know of the light of a view: (seen, known).
-
-    The three effects of the surface are differences of the two: the simulator knows a cosine of too small a power, no
-    roughness of matte surfaces, no coat on vehicles, and all of the rest. Otherwise both know the same.
-    """
-    count = Counter(np.concatenate([v.semantic[v.range_m > 0] for v in views]).tolist())
-    classes = tuple(sorted(k for k, n in count.items() if n > 0.01 * count.total()))
-    make = EFFECTS[effect].make if effect != "none" else None
-    if make:
-        return make(amount, Setting(rng, rows, half_turn_rad, classes)), lambda v: (v.true, v.true)
-    if effect == "incidence_cosine":
-        power = min(1.0, amount)
-        return Plan({"exponent": power}), lambda v: (v.true, v.plain * np.cos(v.incidence_rad) ** -power)
-    if effect == "oren_nayar":
-        gain = rough_gain(amount, rng)
-        return Plan({"roughness_rad": amount}), lambda v: (
-            v.plain * np.where(v.matte, gain(v.incidence_rad), 1),
-            v.plain,
-        )
-    if effect == "specular_lobe":
-        return Plan({"strength": 4 * amount}), lambda v: (
-            v.true,
-            np.where(np.isin(v.semantic, VEHICLES), v.plain, v.true),
-        )
-    return Plan({}), lambda v: (v.true, v.true)
-
-
-def _measure(
-    view: View, seen: np.ndarray, azimuth_rad: np.ndarray, plan: Plan, chance: sensors.Chance,
-    optics: sensors.Sensor, rng: np.random.Generator,
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """What the sensor reports of a view."""
-    hit = view.range_m > 0
-    range_m = np.where(hit, view.range_m, 10.0)
-    intensity = sensors.WHITE * chance.gain * np.maximum(seen, STEEPEST_COS * 1e-2)
-    shape = hit.shape
-    reading = Reading(
-        range_m, intensity, intensity / (range_m / 10) ** 2, view.semantic, np.broadcast_to(azimuth_rad, shape),
-        np.full(shape, 1 - chance.lost), np.zeros(shape), np.full(shape, chance.range_sd_m),
-    )  # fmt: skip
-    if plan.light:
-        plan.light(reading)
-    reading.intensity = reading.intensity * sensors.photon_noise(reading.power, chance, rng)
-    if plan.reading:
-        plan.reading(reading)
-    measured_m = range_m + reading.shift_m + reading.scatter_m * rng.normal(size=shape)
-    returned = hit & (rng.random(shape) < reading.keep) & (measured_m > 0.05)
+def _entry(effect: str, severity: float, plan: Plan) -> dict[str, Any]:
+    row = EFFECTS[effect]
     return {
-        "range": np.where(returned, sensors.rounded(measured_m, optics.range_step_m), 0),
-        "intensity": np.where(returned, sensors.rounded(np.clip(reading.intensity, 0, 1), optics.intensity_step), 0),
+        "name": effect,
+        "channels": list(row.channels),
+        "covariates": list(row.covariates),
+        "parameters": plan.parameters,
+        "amount": severity * row.unit,
+        "severity": severity,
+        "right": list(row.right or (effect,)),
     }
 
 

@@ -2,7 +2,7 @@
 
 An effect is planned once a case: maker(amount, setting) gives its parameters (in the catalogue's terms where it has
 them) and a function that changes a `Reading` before chance acts (`light`) or after (`reading`). Amounts at severity 1
-are those of the home world (benchmarks/blind/hidden/units.json).
+are those of benchmarks/blind/hidden/units.json.
 """
 
 from __future__ import annotations
@@ -174,29 +174,36 @@ def _centred(setting: Setting, sd: float) -> np.ndarray:
 
 
 class Effect(NamedTuple):
-    """make: None where surfaces differ (`case`); unit: amount at severity 1; right: the names that are no mistake."""
+    """A row of the vocabulary.
+
+    make: None where surfaces differ (`case`); unit: amount at severity 1; covariates: where it shows; right: the names
+    of which any is no mistake, if there are more than its own: a renderer's law is not the catalogue's.
+    """
 
     make: Callable[[float, Setting], Plan] | None
     unit: float
     channels: tuple[str, ...]
-    right: tuple[str, ...]
+    covariates: tuple[str, ...]
+    right: tuple[str, ...] = ()
 
 
-I, R, D = ("intensity",), ("range",), ("drop",)  # noqa: E741
+BRIGHT, RANGING, DROP = ("intensity",), ("range",), ("drop",)
+FAR, BEAMS, KINDS, LEVELS = ("range", "power"), ("row", "elevation"), ("class", "semantic"), ("intensity", "power")
+ANGLE, TURN = ("incidence",), ("azimuth", "column", "heading")
 EFFECTS = {
-    "incidence_cosine": Effect(None, 0.09, I, ("incidence_cosine", "oren_nayar")),
-    "oren_nayar": Effect(None, 0.12, I, ("oren_nayar", "incidence_cosine")),
-    "specular_lobe": Effect(None, 0.1, I, ("specular_lobe",)),
-    "range_falloff": Effect(range_falloff, 0.09, I, ("range_falloff",)),
-    "atmospheric_extinction": Effect(atmospheric_extinction, 0.001, I, ("atmospheric_extinction",)),
-    "near_range_overlap": Effect(near_range_overlap, 2.0, I, ("near_range_overlap",)),
-    "window_contamination": Effect(window_contamination, 0.09, ("intensity", "drop"), ("window_contamination",)),
-    "beam_gain": Effect(beam_gain, 0.03, I, ("beam_gain",)),
-    "gamma_response": Effect(gamma_response, 0.056, I, ("gamma_response",)),
-    "intensity_quantization": Effect(intensity_quantization, 0.004, I, ("intensity_quantization",)),
-    "random_dropout": Effect(random_dropout, 0.0125, D, ("random_dropout",)),
-    "material_dropout": Effect(material_dropout, 0.1, D, ("material_dropout",)),
-    "range_noise": Effect(range_noise, 0.0025, R, ("range_noise",)),
-    "range_scale": Effect(range_scale, 0.0005, R, ("range_scale",)),
-    "beam_range_bias": Effect(beam_range_bias, 0.01, R, ("beam_range_bias",)),
+    "incidence_cosine": Effect(None, 0.09, BRIGHT, ANGLE, ("incidence_cosine", "oren_nayar")),
+    "oren_nayar": Effect(None, 0.12, BRIGHT, ANGLE, ("oren_nayar", "incidence_cosine")),
+    "specular_lobe": Effect(None, 0.1, BRIGHT, (*ANGLE, *KINDS)),
+    "range_falloff": Effect(range_falloff, 0.09, BRIGHT, FAR),
+    "atmospheric_extinction": Effect(atmospheric_extinction, 0.001, BRIGHT, FAR),
+    "near_range_overlap": Effect(near_range_overlap, 2.0, BRIGHT, (*FAR, *BEAMS)),
+    "window_contamination": Effect(window_contamination, 0.09, ("intensity", "drop"), TURN),
+    "beam_gain": Effect(beam_gain, 0.03, BRIGHT, BEAMS),
+    "gamma_response": Effect(gamma_response, 0.056, BRIGHT, (*LEVELS, *ANGLE, *KINDS)),
+    "intensity_quantization": Effect(intensity_quantization, 0.004, BRIGHT, LEVELS),
+    "random_dropout": Effect(random_dropout, 0.0125, DROP, ()),
+    "material_dropout": Effect(material_dropout, 0.1, DROP, KINDS),
+    "range_noise": Effect(range_noise, 0.0025, RANGING, (*LEVELS, "range")),
+    "range_scale": Effect(range_scale, 0.0005, RANGING, ("range",)),
+    "beam_range_bias": Effect(beam_range_bias, 0.01, RANGING, BEAMS),
 }

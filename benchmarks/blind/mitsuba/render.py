@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from benchmarks.blind.mitsuba.materials import CONTEXT
-from benchmarks.blind.mitsuba.streets import SKY, Street
+from benchmarks.blind.mitsuba.street import SKY, Street
 
 HEIGHT_M, REACH_M = 1.8, 120.0
 STEEPEST_COS = 0.01
