@@ -191,7 +191,7 @@ BRIGHT, RANGING, DROP = ("intensity",), ("range",), ("drop",)
 FAR, BEAMS, KINDS, LEVELS = ("range", "power"), ("row", "elevation"), ("class", "semantic"), ("intensity", "power")
 ANGLE, TURN = ("incidence",), ("azimuth", "column", "heading")
 EFFECTS = {
-    "incidence_cosine": Effect(None, 0.09, BRIGHT, ANGLE, ("incidence_cosine", "oren_nayar")),
+    "incidence_cosine": Effect(None, 0.09, BRIGHT, ANGLE),
     "oren_nayar": Effect(None, 0.12, BRIGHT, ANGLE, ("oren_nayar", "incidence_cosine")),
     "specular_lobe": Effect(None, 0.1, BRIGHT, (*ANGLE, *KINDS)),
     "range_falloff": Effect(range_falloff, 0.09, BRIGHT, FAR),

@@ -23,8 +23,8 @@ def hide(
 ) -> tuple[Plan, Light]:
     """The plan of an effect, and what sensor and simulator know of the light of a view: (seen, known).
 
-    The three effects of the surface are differences of the two: the simulator knows a cosine of too small a power, no
-    roughness of matte surfaces, no coat on vehicles, and all of the rest. Otherwise both know the same.
+    The three effects of the surface are differences of the two: the simulator has a cosine of too small a power, or of
+    matte surfaces or of vehicles the albedo alone; it knows the BRDF of all else.
     """
     count = Counter(np.concatenate([v.semantic[v.range_m > 0] for v in views]).tolist())
     classes = tuple(sorted(k for k, n in count.items() if n > 0.01 * count.total()))
@@ -33,12 +33,12 @@ def hide(
         return make(amount, Setting(rng, rows, half_turn_rad, classes)), lambda v: (v.true, v.true)
     if effect == "incidence_cosine":
         power = min(1.0, amount)
-        return Plan({}), lambda v: (v.true, _albedo_of_matte(v) * np.cos(v.incidence_rad) ** -power)
+        return Plan({"exponent": power}), lambda v: (v.true, v.true * np.cos(v.incidence_rad) ** -power)
     if effect == "oren_nayar":
         gain = rough_gain(amount, rng)
         return Plan({"roughness_rad": amount}), lambda v: (
             np.where(v.matte, v.plain * gain(v.incidence_rad), v.true),
-            _albedo_of_matte(v),
+            np.where(v.matte, v.plain, v.true),
         )
     if effect == "specular_lobe":
         return Plan({"strength": 4 * amount}), lambda v: (
@@ -46,11 +46,6 @@ def hide(
             np.where(np.isin(v.semantic, VEHICLES), v.plain, v.true),
         )
     return Plan({}), lambda v: (v.true, v.true)
-
-
-def _albedo_of_matte(view: View) -> np.ndarray:
-    """Lambert's law on matte surfaces, the true one on all others."""
-    return np.where(view.matte, view.plain, view.true)
 
 
 def measure(
