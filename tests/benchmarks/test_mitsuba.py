@@ -41,7 +41,7 @@ def test_a_road_of_lambert_returns_albedo_times_cosine_at_the_range_of_the_plane
 
 @pytest.mark.parametrize("strength", [0.4, 1.6])
 def test_the_lobe_of_a_car_is_as_strong_head_on_as_asked(strength):
-    paint = materials.lacquer(0.3, strength)
+    paint = materials.lacquer(0.3, strength, 0.25)
     assert materials.head_on(paint.true) / materials.head_on(paint.plain) == pytest.approx(1 + strength, rel=0.05)
 
 
@@ -110,7 +110,8 @@ def test_effects_of_the_surface_leave_the_simulator_without_them(tmp_path, name)
 
 
 def test_the_noisy_simulator_loses_one_ray_in_a_hundred_and_speaks_in_256_steps():
-    told = sensors.simulate("noisy", np.full((200, 200), 20.0), np.full((200, 200), 0.2), np.random.default_rng(0))
+    even = np.full((200, 200), 20.0), np.full((200, 200), 0.2)
+    told = sensors.simulate("noisy", OPTICS, *even, np.random.default_rng(0))
     assert (told["range"] == 0).mean() == pytest.approx(0.01, abs=0.003)
     assert np.allclose(told["intensity"] * 255, np.round(told["intensity"] * 255))
     assert told["range"][told["range"] > 0].std() == pytest.approx(0.015, rel=0.05)

@@ -90,7 +90,7 @@ def make_case(
     for k, (name, view) in enumerate(zip(frames, views, strict=True)):
         seen, known = light(view)
         reading = measure(view, seen, azimuth, plan, chance, optics, stream(seed, "noise", k))
-        told = sensors.simulate(simulator, view.range_m, sensors.WHITE * known, stream(seed, "simulator", k))
+        told = sensors.simulate(simulator, optics, view.range_m, sensors.WHITE * known, stream(seed, "simulator", k))
         if given == "all":
             told |= _rasters(view, told["range"] > 0, stream(seed, "colours", k))
         np.savez(out / "measured" / f"{name}.npz", **{key: reading[key].astype(t) for key, t in MEASURED.items()})

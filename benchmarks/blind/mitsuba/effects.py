@@ -86,7 +86,10 @@ def _seen(apart: np.ndarray, radius: float) -> np.ndarray:
 
 
 def window_contamination(amount: float, setting: Setting) -> Plan:
-    """A smear with a flat middle dims what passes it, and loses some of it."""
+    """A smear with a flat middle dims what passes it, and loses some of it.
+
+    Its profile exp(-|x|³ / 2 w³) is nearest to a Gaussian 1.083 times as high and 0.854 times as wide.
+    """
     wide, drop = setting.rng.uniform(0.2, 0.5), setting.rng.uniform(0.2, 0.6)
     middle = setting.rng.uniform(-1, 1) * (setting.half_turn_rad - 0.3)
     loss = min(0.95, amount)
@@ -97,7 +100,8 @@ def window_contamination(amount: float, setting: Setting) -> Plan:
         r.scale(1 - stain)
         r.keep = r.keep * (1 - drop * stain)
 
-    return Plan({"loss": loss, "azimuth_rad": float(middle), "width_rad": float(wide), "drop": float(drop)}, light)
+    nearest = {"loss": 1.083 * loss, "azimuth_rad": float(middle), "width_rad": 0.854 * float(wide)}
+    return Plan({**nearest, "drop": float(drop)}, light)
 
 
 def beam_gain(amount: float, setting: Setting) -> Plan:

@@ -14,19 +14,16 @@ except ModuleNotFoundError as error:
 mi.set_variant("scalar_rgb")
 
 CONTEXT = mi.BSDFContext()
-GLASS_F0 = 0.04  # reflectance of a coat of refractive index 1.5, head on
+COAT_F0 = 0.01
+"""Reflectance of a car's worn coat, head on."""
 TEXELS = 128
 
 
 class Material(NamedTuple):
-    """Two BSDFs of one surface; `true` is what it does, `plain` has its albedo and no more.
-
-    matte: it has no lobe worth the name, so that its albedo says most of what it does.
-    """
+    """Two BSDFs of one surface; `true` is what it does, `plain` is Lambert's law with its albedo."""
 
     true: Any
     plain: Any
-    matte: bool
 
 
 def noise_texture(rng: np.random.Generator, level: float, contrast: float, repeats: tuple[float, float]) -> dict:
@@ -54,42 +51,50 @@ def even(level: float) -> dict:
 def matte(texture: dict, roughness: float) -> Material:
     """Stone, asphalt, plaster: Burley's rough diffuse law with a weak coat (Mitsuba's `principled`)."""
     true = {"type": "principled", "base_color": texture, "roughness": roughness, "specular": 0.25}
-    return Material(_both_sides(true), _lambert(texture), True)
+    return Material(_both_sides(true), _lambert(texture))
 
 
 def lambert(texture: dict) -> Material:
-    return Material(_lambert(texture), _lambert(texture), True)
+    return Material(_lambert(texture), _lambert(texture))
 
 
 def cloth(texture: dict) -> Material:
     true = {"type": "principled", "base_color": texture, "roughness": 0.9, "specular": 0.1, "sheen": 0.8}
-    return Material(_both_sides(true), _lambert(texture), True)
+    return Material(_both_sides(true), _lambert(texture))
 
 
 def plastic(texture: dict, alpha: float) -> Material:
-    """Road paint and dark panes: a diffuse base below a rough dielectric coat; its plain twin is the same.
+    """Road paint and dark panes: a diffuse base below a rough dielectric coat.
 
     Mitsuba tabulates such a coat when it is made, which takes it some tenth of a second.
     """
-    true = _both_sides({"type": "roughplastic", "diffuse_reflectance": texture, "alpha": alpha, "distribution": "ggx"})
-    return Material(true, true, False)
+    true = {"type": "roughplastic", "diffuse_reflectance": texture, "alpha": alpha, "distribution": "ggx"}
+    return Material(_both_sides(true), _lambert(texture))
 
 
 def metal(alpha: float) -> Material:
-    """Rough steel; its plain twin is the same, for it has no albedo to know."""
+    """Rough steel; of metal, that has no albedo, a simulator's table says 0.4."""
     true = {"type": "roughconductor", "material": "Cr", "alpha": alpha, "distribution": "ggx"}
-    return Material(_both_sides(true), _both_sides(true), False)
+    return Material(_both_sides(true), _lambert(even(0.4)))
 
 
-def lacquer(albedo: float, strength: float) -> Material:
+def lacquer(albedo: float, strength: float, alpha: float) -> Material:
     """Cars, signs, lamps: head on, a lobe `strength` times as bright as the base. The plain twin is the base alone.
 
-    Mitsuba's `principled` of specular 0.5, a coat of F0: head on its GGX lobe returns F0 / 4 alpha² (times pi), so a
-    stronger lobe is narrower; its roughness is the root of alpha.
+    A coat with flakes of metal in it (Mitsuba's `principled`). Head on, a GGX lobe of a reflectance F returns
+    F / 4 alpha² (times pi): of the coat F0, of flakes the albedo, and flakes take their share m from the base, so that
+    strength = (F0 / albedo + m / (1 - m)) / 4 alpha².
     """
-    alpha = float(np.clip(np.sqrt(GLASS_F0 / (4 * albedo * strength)), 0.05, 0.9))
-    true = {"type": "principled", "base_color": even(albedo), "roughness": float(np.sqrt(alpha)), "specular": 0.5}
-    return Material(_both_sides(true), _lambert(even(albedo)), False)
+    flakes = max(4 * alpha**2 * strength - COAT_F0 / albedo, 0.0)
+    share = flakes / (1 + flakes)
+    true = {
+        "type": "principled",
+        "base_color": even(albedo),
+        "roughness": float(np.sqrt(alpha)),
+        "specular": COAT_F0 / 0.08,
+        "metallic": share,
+    }
+    return Material(_both_sides(true), _lambert(even((1 - share) * albedo)))
 
 
 def head_on(bsdf: Any) -> float:

@@ -23,8 +23,9 @@ def hide(
 ) -> tuple[Plan, Light]:
     """The plan of an effect, and what sensor and simulator know of the light of a view: (seen, known).
 
-    The three effects of the surface are differences of the two: the simulator has a cosine of too small a power, or of
-    matte surfaces or of vehicles the albedo alone; it knows the BRDF of all else.
+    Three effects are differences of the two. incidence_cosine: the simulator's cosine has too small a power.
+    oren_nayar: the world is rough all over, and the simulator has Lambert's law. specular_lobe: of vehicles, it has the
+    base alone.
     """
     count = Counter(np.concatenate([v.semantic[v.range_m > 0] for v in views]).tolist())
     classes = tuple(sorted(k for k, n in count.items() if n > 0.01 * count.total()))
@@ -36,10 +37,7 @@ def hide(
         return Plan({"exponent": power}), lambda v: (v.true, v.true * np.cos(v.incidence_rad) ** -power)
     if effect == "oren_nayar":
         gain = rough_gain(amount, rng)
-        return Plan({"roughness_rad": amount}), lambda v: (
-            np.where(v.matte, v.plain * gain(v.incidence_rad), v.true),
-            np.where(v.matte, v.plain, v.true),
-        )
+        return Plan({"roughness_rad": amount}), lambda v: (v.plain * gain(v.incidence_rad), v.plain)
     if effect == "specular_lobe":
         return Plan({"strength": 4 * amount}), lambda v: (
             v.true,

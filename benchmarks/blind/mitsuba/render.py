@@ -26,7 +26,6 @@ class View(NamedTuple):
     plain: np.ndarray
     semantic: np.ndarray
     instance: np.ndarray
-    matte: np.ndarray
 
 
 def look(street: Street, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, yaw_rad: float) -> View:
@@ -52,7 +51,7 @@ def look(street: Street, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, yaw
         true[ray] = material.true.eval(CONTEXT, hit, back)[0]
         plain[ray] = material.plain.eval(CONTEXT, hit, back)[0]
     met = piece >= 0
-    of = [np.array(x)[piece] for x in (street.semantic, street.instance, [x.matte for x in street.material])]
+    of = [np.array(x)[piece] for x in (street.semantic, street.instance)]
     arrays = (
         range_m,
         np.where(met, np.arccos(np.clip(cos, STEEPEST_COS, 1)), 0),
@@ -60,6 +59,5 @@ def look(street: Street, azimuth_rad: np.ndarray, elevation_rad: np.ndarray, yaw
         np.pi * plain,
         np.where(met, of[0], SKY),
         np.where(met, of[1], 0),
-        of[2] & met,
     )
     return View(*(x.reshape(shape) for x in arrays))

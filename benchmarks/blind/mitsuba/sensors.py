@@ -7,7 +7,7 @@ multiplies by it again, so that I follows the surface and the noise follows the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ WHITE = 0.6
 
 
 class Sensor(NamedTuple):
-    """Where beams point, and the steps (0 none) of what is written."""
+    """Where beams point, and the steps (0 none) of what is written, by the sensor and by who simulates it."""
 
     half_turn_rad: float
     top_deg: float
@@ -74,7 +74,9 @@ def rounded(value: np.ndarray, step: float) -> np.ndarray:
     return np.round(value / step) * step if step else value
 
 
-def simulate(simulator: str, range_m: np.ndarray, intensity: np.ndarray, rng: np.random.Generator) -> dict[str, Any]:
+def simulate(
+    simulator: str, optics: Sensor, range_m: np.ndarray, intensity: np.ndarray, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """What a simulator writes of one frame: `ideal` the values themselves, `noisy` as those with noise settings do.
 
     noisy: intensities 6 % and 0.008 off and in 256 steps, ranges 1.5 cm off, one ray in a hundred lost.
@@ -85,4 +87,5 @@ def simulate(simulator: str, range_m: np.ndarray, intensity: np.ndarray, rng: np
         intensity = rounded(np.clip(intensity, 0, 1), 1 / 255)
         range_m = range_m + 0.015 * rng.normal(size=hit.shape)
         hit = hit & (rng.random(hit.shape) >= 0.01)
-    return {"range": np.where(hit, range_m, 0), "intensity": np.where(hit, np.clip(intensity, 0, 1), 0)}
+    range_m, intensity = rounded(range_m, optics.range_step_m), rounded(np.clip(intensity, 0, 1), optics.intensity_step)
+    return {"range": np.where(hit, range_m, 0), "intensity": np.where(hit, intensity, 0)}

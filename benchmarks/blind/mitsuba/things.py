@@ -44,7 +44,7 @@ def vehicle(s: Street, centre: tuple[float, float], yaw_rad: float) -> None:
     rng, draw = s.rng, s.rng.random()
     kind = CAR if draw < 0.85 else TRUCK if draw < 0.95 else BUS
     long, wide, high = {CAR: (4.4, 1.8, 0.95), TRUCK: (7.0, 2.3, 2.6), BUS: (11.0, 2.5, 2.7)}[kind]
-    number, paint = s.new(), m.lacquer(s.level(kind, 0.4), s.lobe * rng.uniform(0.8, 1.2))
+    number, paint = s.new(), m.lacquer(s.level(kind, 0.4), s.lobe * rng.uniform(0.8, 1.2), rng.uniform(0.18, 0.3))
     turn = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
     s.add(shapes.body((*centre, 0.3 + high / 2), (long, wide, high), yaw_rad), kind, number, paint)
     if kind == CAR:
@@ -62,13 +62,13 @@ def vehicle(s: Street, centre: tuple[float, float], yaw_rad: float) -> None:
 def lamp(s: Street, at: tuple[float, float]) -> None:
     number = s.new()
     s.add(shapes.pole((*at, 0), (*at, 5.5), 0.09), POLE, number, m.metal(0.45))
-    s.add(shapes.ball((*at, 5.6), 0.28), LIGHT, number, m.lacquer(s.level(LIGHT), 0.3))
+    s.add(shapes.ball((*at, 5.6), 0.28), LIGHT, number, m.lacquer(s.level(LIGHT), 0.3, 0.3))
 
 
 def sign(s: Street, at: tuple[float, float], facing_rad: float) -> None:
     number, out = s.new(), np.array([np.cos(facing_rad), np.sin(facing_rad)]) * 0.06
     s.add(shapes.pole((*at, 0), (*at, 2.4), 0.04), POLE, number, m.metal(0.5))
-    face = m.lacquer(s.level(SIGN), 0.2)
+    face = m.lacquer(s.level(SIGN), 0.2, 0.3)
     s.add(shapes.disc((at[0] + out[0], at[1] + out[1], 2.1), 0.4, facing_rad), SIGN, number, face)
 
 
