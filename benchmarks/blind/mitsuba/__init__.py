@@ -12,6 +12,11 @@ A sensor whose emitter and eye are in one place sees of a surface f(θ, θ) cos 
 `sensors.WHITE`.
 """
 
+from importlib.util import find_spec
+
+if find_spec("mitsuba") is None:
+    raise ModuleNotFoundError("mitsuba is not installed; pip install -e '.[worlds]' brings it", name="mitsuba")
+
 from benchmarks.blind.mitsuba.case import Truth, key_path, make_case
 from benchmarks.blind.mitsuba.effects import EFFECTS
 from benchmarks.blind.mitsuba.sensors import SENSORS, SIMULATORS

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import mitsuba as mi
 import numpy as np
-
-try:
-    import mitsuba as mi
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("mitsuba is not installed; pip install -e '.[worlds]' brings it") from error
 
 mi.set_variant("scalar_rgb")
 
