@@ -1,6 +1,7 @@
 """How often `discover` is right, on cases whose answer it cannot see: hidden worlds, their rows, their tables.
 
     python -m benchmarks.blind.hidden make DIR --seed N    one case; `score DIR` opens its key (hidden/README.md)
+    python -m benchmarks.blind.mitsuba make OUT --seed N   one of a world whose light Mitsuba computes; same `score`
     python -m benchmarks.blind.effects OUT                 names of hidden effects, of pairs, of none: the main rates
     python -m benchmarks.blind.worlds OUT                  the same in two worlds, with noisy simulators
     python -m benchmarks.blind.where OUT                   where disagreement is found on the same cases
