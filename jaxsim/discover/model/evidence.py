@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.model.simulator import Levels, Meant, own_steps
+from jaxsim.discover.model.simulator import Levels, Meant, own_steps, reliability, trend
 from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan
@@ -136,17 +136,19 @@ def gather(
     valid = np.asarray(measured.valid)[index]
     step = lattice_step(values[valid], finest=FINEST["intensity_quantization"])
     classes = np.unique(np.asarray(scan.semantic)[index])
+    given = scan.incidence_rad if given_rad is None else given_rad
+    surfaces = surfaces_of(scan, index)
     return _gather(
         scan,
         measured,
         rays or cast(scan, frame, column),
         index=index,
-        given_rad=scan.incidence_rad if given_rad is None else given_rad,
-        surfaces=surfaces_of(scan, index),
+        given_rad=given,
+        surfaces=surfaces,
         unit=unit.astype(np.int32),
         darkest=np.float32(BLURRED * step),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        own=_own(scan, index, simulator),
+        own=_own(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
     )
@@ -154,9 +156,12 @@ def gather(
 
 @struct.dataclass
 class _Own:
-    """What is known of the simulator's own noise, at the chosen rays; None where it has none on intensities."""
+    """What is known of the simulator's own noise, at the chosen rays."""
 
-    detail: Float[Array, "b c r"] | None
+    detail: Float[Array, "b c r k"] | None
+    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; None without noise."""
+    excess: Float[Array, "#b #c #r"]
+    """What noise adds to ln I, by the best guess."""
     variance: Float[Array, "#b #c #r"]
     trusted: Bool[Array, "#b #c #r"]
     log_kept: Float[Array, ""]
@@ -165,17 +170,42 @@ class _Own:
     """Noise on the sensor's intensities that is the same for all."""
 
 
-def _own(scan: Scan, index: RayIndex, simulator: Meant | None) -> _Own:
+def _own(
+    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
+) -> _Own:
     noise = Levels(**own_steps(scan)) if simulator is None else simulator.noise
-    noisy = simulator is not None and simulator.detail is not None
     nothing = np.zeros((1, 1, 1), np.float32)
-    return _Own(
-        detail=simulator.detail[index] if noisy else None,
-        variance=simulator.variance[index] if noisy else nothing,
-        trusted=simulator.trusted[index] if noisy else nothing == 0,
+    own = _Own(
+        detail=None,
+        excess=nothing,
+        variance=nothing,
+        trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
         constant=np.float32(0.0 if simulator is None else simulator.sensor.intensity),
+    )
+    if simulator is None or simulator.detail is None:
+        return own
+    trusted = np.asarray(simulator.trusted)[index]
+    level = np.asarray(simulator.level)[index].astype(float)
+    variance = np.asarray(simulator.variance)[index]
+    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
+    over_trend = np.zeros(level.shape)
+    over_trend[trusted] = level[trusted] - trend(
+        level[trusted],
+        semantic=np.asarray(scan.semantic)[index][trusted],
+        surface=surface[trusted],
+        incidence_rad=np.asarray(given_rad)[index][trusted],
+        range_m=np.asarray(scan.range_m)[index][trusted],
+    )
+    trust = reliability(over_trend, variance, np.exp(level), where=trusted)
+    detail = np.stack([np.asarray(simulator.detail)[index], over_trend], axis=-1)
+    return replace(
+        own,
+        detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
+        excess=((1 - trust) * over_trend).astype(np.float32),
+        variance=np.asarray(simulator.detail_variance)[index] + variance * trust,
+        trusted=trusted,
     )
 
 
@@ -197,7 +227,12 @@ def _gather(
 ) -> Evidence:
     rays, pose = simulated.rays, simulated.pose
     # What the simulator itself loses at random is no loss of the sensor's.
-    rays = replace(rays, log_keep=rays.log_keep + own.log_kept)
+    rays = replace(
+        rays,
+        log_keep=rays.log_keep + own.log_kept,
+        log_intensity=rays.log_intensity - own.excess,
+        log_power=rays.log_power - own.excess,
+    )
     returned, range_m = measured.valid[index], measured.range_m[index]
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
@@ -219,13 +254,14 @@ def _gather(
     features = _features(rays, given, classes)
     ridge = _ridge(len(classes))
     if own.detail is not None:
-        features = jnp.concatenate([features, own.detail[..., None]], axis=-1)
-        ridge = np.append(ridge, np.float32(1 / DETAIL_SD**2))
+        features = jnp.concatenate([features, own.detail], axis=-1)
+        ridge = np.append(ridge, np.full(2, 1 / DETAIL_SD**2, np.float32))
     return Evidence(
         rays=rays,
         returned=returned,
         range_m=range_m,
-        log_intensity=log_measured,
+        # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
+        log_intensity=log_measured + 0.5 * jnp.minimum(dark, DARK) ** 2,
         lowest=lowest,
         given_rad=given,
         compared=compared,
@@ -241,7 +277,7 @@ def _gather(
         known_variance=known_variance,
         own_step=own.step,
         units=units,
-        after_classes=AFTER_CLASSES + (own.detail is not None),
+        after_classes=AFTER_CLASSES + (0 if own.detail is None else 2),
     )
 
 

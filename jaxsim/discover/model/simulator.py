@@ -18,7 +18,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import nnls
 
 from jaxsim.discover.model.lattice import FINEST, lattice_step
@@ -50,6 +50,8 @@ ROUNDS = 3
 """Of weights given a line and a line given weights."""
 MOST_VALUES = 200_000
 """Readings, evenly chosen, in which a lattice is looked for."""
+FEWEST_OF_CLASS = 60
+"""Rays of a class from which its dependence on angle and range is told."""
 STEEPEST_COSINE = 0.1
 """Cosines below this are held there: intensities are not divided by less."""
 
@@ -90,8 +92,12 @@ class Meant:
     intensities are not noisy."""
     trusted: Bool[Array, "f r c"] | None
     """Where enough of the surface lies beside a ray to say what is meant."""
+    level: Float[Array, "f r c"] | None
+    """ln I of each ray's surface beside it."""
     variance: Float[Array, "f r c"] | None
-    """Squared standard deviation of the ln I that is meant, nats^2."""
+    """Squared standard deviation that noise gives `level`, nats^2 ..."""
+    detail_variance: Float[Array, "f r c"] | None
+    """... and what the detail that is meant has beyond its trusted share."""
     noise: Levels
     """The simulator's."""
     sensor: Levels
@@ -111,21 +117,28 @@ def meant(
     if noise.loss > 0:
         scan = filled(scan)
     if not (noise.range_m > 0 or noise.of_intensity):
-        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, noise, sensor)
+        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, noise, sensor)
     half = _half_width(scan)
     smooth = smooth_rows(scan, half=half, range_sd_m=jnp.float32(noise.range_m))
     if noise.range_m > 0:
         scan = replace(scan, range_m=smooth.range_m)
-    detail, variance = None, None
-    if noise.of_intensity:
-        detail = smooth.detail
-        level = np.asarray(scan.intensity) * np.exp(-np.asarray(detail))
-        trust = _reliability(np.asarray(detail), level, np.asarray(scan.hit & smooth.trusted), noise)
-        # Of the level, the mean of its window; of the detail, the share that is trusted.
-        of_ray = noise.variance(level)
-        variance = jnp.asarray(of_ray * (np.asarray(smooth.leverage) + trust * (1 - trust)), jnp.float32)
-        scan = replace(scan, intensity=jnp.asarray(level * np.exp(trust * np.asarray(detail)), jnp.float32))
-    return Meant(_shaped(scan), detail, smooth.trusted, variance, noise, sensor)
+    if not noise.of_intensity:
+        return Meant(_shaped(scan), None, None, None, None, None, noise, sensor)
+    detail = np.asarray(smooth.detail)
+    level = np.asarray(scan.intensity) * np.exp(-detail)
+    own = noise.variance(level)
+    trust = reliability(detail, own, level, where=np.asarray(scan.hit & smooth.trusted))
+    scan = replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32))
+    return Meant(
+        _shaped(scan),
+        smooth.detail,
+        smooth.trusted,
+        jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
+        jnp.asarray(own * np.asarray(smooth.leverage), jnp.float32),
+        jnp.asarray(own * trust * (1 - trust), jnp.float32),
+        noise,
+        sensor,
+    )
 
 
 def _shaped(scan: Scan) -> Scan:
@@ -349,18 +362,43 @@ def _parabola(
     return (y0 * minors[0] - y1 * minors[1] + y2 * minors[2]) / jnp.maximum(determinant, 1e-12)
 
 
-def _reliability(
-    detail: Float[np.ndarray, "f r c"],
-    level: Float[np.ndarray, "f r c"],
-    where: Bool[np.ndarray, "f r c"],
-    noise: Levels,
-) -> Float[np.ndarray, "f r c"]:
-    """Share of the detail's variance that is not noise, by the surfaces' intensity."""
+def reliability(
+    detail: Float[np.ndarray, "*n"],
+    variance: Float[np.ndarray, "*n"],
+    level: Float[np.ndarray, "*n"],
+    *,
+    where: Bool[np.ndarray, "*n"],
+) -> Float[np.ndarray, "*n"]:
+    """Share of the variance of `detail` that is not noise of the given `variance`, by the surfaces' intensity `level`
+    (Fuller's reliability ratio); 0 where too few rays count to say."""
     if where.sum() < FEWEST:
-        return np.zeros_like(detail)
+        return np.zeros_like(level, np.float32)
     order = np.argsort(level[where])
     bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
     at = np.array([np.median(level[where][b]) for b in bins])
     total = np.array([np.mean(detail[where][b] ** 2) for b in bins])
-    share = np.clip(1 - noise.variance(at) / np.maximum(total, 1e-9), 0, 1)
-    return np.interp(level, at, share).astype(np.float32)
+    noise = np.array([np.mean(variance[where][b]) for b in bins])
+    return np.interp(level, at, np.clip(1 - noise / np.maximum(total, 1e-9), 0, 1)).astype(np.float32)
+
+
+def trend(
+    level: Float[np.ndarray, " n"],
+    *,
+    semantic: Int[np.ndarray, " n"],
+    surface: Int[np.ndarray, " n"],
+    incidence_rad: Float[np.ndarray, " n"],
+    range_m: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """What the simulator says of ln I by class, angle and range, and by the mean of each surface: of so many rays that
+    their noise is gone."""
+    slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
+    far = np.log(np.maximum(range_m, 0.1))
+    design = np.stack([np.ones_like(slant), slant, slant**2, far, far**2], axis=-1)
+    result = np.empty(len(level))
+    for kind in np.unique(semantic):
+        of = semantic == kind
+        # A class of few rays says nothing of angles.
+        columns = design[of] if of.sum() >= FEWEST_OF_CLASS else design[of][:, :1]
+        result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
+    _, at = np.unique(surface, return_inverse=True)
+    return result + (np.bincount(at, level - result) / np.bincount(at))[at]
