@@ -51,7 +51,8 @@ class Division:
         )
         given = simulator.scan
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-        scan = with_planes(given)
+        planes = simulator.planes_rad
+        scan = with_planes(given) if planes is None else replace(given, incidence_rad=planes)
         rays = cast(scan, chosen.frame, chosen.column)
         return cls(scan, given, simulator, measured, chosen, rays, split(chosen.unit))
 

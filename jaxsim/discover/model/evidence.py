@@ -162,6 +162,8 @@ class _Own:
     """ln I over the surface beside a ray, and of that surface over the trend of all its rays; None without noise."""
     excess: Float[Array, "#b #c #r"]
     """What noise adds to ln I, by the best guess."""
+    over_trend: Float[Array, "#b #c #r"]
+    """ln I, as it is then left, over the trend of the surface."""
     variance: Float[Array, "#b #c #r"]
     trusted: Bool[Array, "#b #c #r"]
     log_kept: Float[Array, ""]
@@ -178,6 +180,7 @@ def _own(
     own = _Own(
         detail=None,
         excess=nothing,
+        over_trend=nothing,
         variance=nothing,
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
@@ -190,20 +193,24 @@ def _own(
     level = np.asarray(simulator.level)[index].astype(float)
     variance = np.asarray(simulator.variance)[index]
     surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
+    semantic = np.asarray(scan.semantic)[index]
     over_trend = np.zeros(level.shape)
     over_trend[trusted] = level[trusted] - trend(
         level[trusted],
-        semantic=np.asarray(scan.semantic)[index][trusted],
+        semantic=semantic[trusted],
         surface=surface[trusted],
         incidence_rad=np.asarray(given_rad)[index][trusted],
         range_m=np.asarray(scan.range_m)[index][trusted],
     )
-    trust = reliability(over_trend, variance, np.exp(level), where=trusted)
+    trust = reliability(over_trend, variance, np.exp(level), semantic=semantic, where=trusted)
     detail = np.stack([np.asarray(simulator.detail)[index], over_trend], axis=-1)
     return replace(
         own,
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
         excess=((1 - trust) * over_trend).astype(np.float32),
+        over_trend=(np.log(np.asarray(scan.intensity)[index].clip(FLOOR)) - level + trust * over_trend).astype(
+            np.float32
+        ),
         variance=np.asarray(simulator.detail_variance)[index] + variance * trust,
         trusted=trusted,
     )
@@ -242,12 +249,14 @@ def _gather(
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
     # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
-    clear = rays.log_intensity > jnp.log(jnp.maximum(darkest, FLOOR))
+    # Nor by noise, which would choose the brighter of the dark rays as well.
+    expected = rays.log_intensity - own.over_trend
+    clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
     compared = rays.hit & returned & near & ~edge & moderate & clear & own.trusted
     # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
     seen = rays.hit & returned & near & clear
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
-    level = rays.log_intensity + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
+    level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
     dark = own.constant * jnp.exp(-level)
     compared = compared & (dark < DARK)
     known_variance = own.variance + jnp.minimum(dark, DARK) ** 2

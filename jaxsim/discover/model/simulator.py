@@ -18,6 +18,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from flax import struct
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import nnls
 
@@ -38,14 +39,22 @@ LEAST_RANGE_M = 0.004
 """Range noise below which a simulator counts as ideal: curved surfaces have as much."""
 LEAST_INTENSITY = 0.01
 """The same of intensity, as a share of it."""
+LEAST_INCIDENCE_RAD = np.deg2rad(0.5)
+"""The same of angles of incidence."""
 LEAST_LOSS = 0.001
 """Share of rays lost within smooth surfaces below which holes are the street's."""
 REACH_RAD = np.deg2rad(2.5)
-"""Half width of the windows in which surfaces are made smooth along a row."""
+"""Half width of the windows in which surfaces are made smooth."""
 LEAST_HALF, MOST_HALF = 4, 16
 """The same in columns, at least and at most."""
-FEWEST_BESIDE = 5.0
-"""Rays of a surface in a window, by weight, that say what the simulator means."""
+ROWS, COLUMNS = 2, 9
+"""Rows to each side, and columns in all, of which a window is made."""
+FEWEST_BESIDE = 6.0
+"""Rays of a surface in a window, by weight, that say what the simulator means ..."""
+MOST_LEVERAGE = 0.3
+"""... unless they lie so that the level is as uncertain as that of three rays."""
+RIDGE = 1e-2
+"""Pull of a window's slopes to 0, in rays at its end."""
 ROUNDS = 3
 """Of weights given a line and a line given weights."""
 MOST_VALUES = 200_000
@@ -66,11 +75,16 @@ class Levels:
     """Of the intensity, the part that is the same for all; 0..1 scale."""
     intensity_share: float = 0.0
     """Of the intensity, the part in proportion to it."""
+    incidence_rad: float = 0.0
+    """Of the simulator's angles of incidence."""
     loss: float = 0.0
     """Probability that a ray within a smooth surface is lost."""
     intensity_step: float = 0.0
     """Lattice of the intensities; 0 for none."""
     range_step_m: float = 0.0
+
+    follows_cosine: bool = False
+    """Intensities follow the cosine of the given incidence, its noise too."""
 
     @property
     def of_intensity(self) -> bool:
@@ -87,6 +101,8 @@ class Meant:
     """A simulator's frames as it means them."""
 
     scan: Scan
+    planes_rad: Float[Array, "f r c"] | None
+    """Incidence on the planes of the ranges that are meant; None where ranges are not noisy."""
     detail: Float[Array, "f r c"] | None
     """ln I of each ray over its surface's beside it, nats, as the simulator has it, noise and all; None where
     intensities are not noisy."""
@@ -109,7 +125,7 @@ def meant(
 ) -> Meant:
     """The frames that a simulator means, and the noise on them. Without noise the very frames.
 
-    Rays lost within a surface are put back, ranges and intensities made smooth along the rows of each surface. The
+    Rays lost within a surface are put back, ranges and intensities made smooth within each surface. The
     other three are what the sensor read.
     """
     noise = noise_levels(scan)
@@ -117,20 +133,29 @@ def meant(
     if noise.loss > 0:
         scan = filled(scan)
     if not (noise.range_m > 0 or noise.of_intensity):
-        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, noise, sensor)
-    half = _half_width(scan)
-    smooth = smooth_rows(scan, half=half, range_sd_m=jnp.float32(noise.range_m))
+        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, None, noise, sensor)
+    given = _cosine(scan) if noise.follows_cosine else 1.0
+    smooth = smooth_frames(
+        scan, half=_half_width(scan), by_cosine=noise.follows_cosine, range_sd_m=jnp.float32(noise.range_m)
+    )
+    albedo = np.asarray(scan.intensity) / given * np.exp(-np.asarray(smooth.detail))
+    if noise.incidence_rad > 0:
+        scan = replace(scan, incidence_rad=smooth.incidence_rad)
+    planes = None
     if noise.range_m > 0:
         scan = replace(scan, range_m=smooth.range_m)
+        planes = smooth.plane_rad
     if not noise.of_intensity:
-        return Meant(_shaped(scan), None, None, None, None, None, noise, sensor)
+        return Meant(_shaped(scan), planes, None, None, None, None, None, noise, sensor)
     detail = np.asarray(smooth.detail)
-    level = np.asarray(scan.intensity) * np.exp(-detail)
+    level = albedo * (_cosine(scan) if noise.follows_cosine else 1.0)
     own = noise.variance(level)
-    trust = reliability(detail, own, level, where=np.asarray(scan.hit & smooth.trusted))
+    trusted = np.asarray(scan.hit & smooth.trusted)
+    trust = reliability(detail, own, level, semantic=np.asarray(scan.semantic), where=trusted)
     scan = replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32))
     return Meant(
         _shaped(scan),
+        planes,
         smooth.detail,
         smooth.trusted,
         jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
@@ -162,12 +187,15 @@ def noise_levels(scan: Scan) -> Levels:
     range_m = np.asarray(scan.range_m, np.float64)
     bend = _second_difference(1 / np.maximum(range_m, 0.1))
     range_sd = _sd_of(np.abs(bend * range_m**2)[inner])
+    slant_sd = _sd_of(np.abs(_second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
-    constant, share = _intensity_noise(scan, inner)
+    constant, share, follows_cosine = _intensity_noise(scan, inner)
     return Levels(
         range_m=range_sd if range_sd > LEAST_RANGE_M else 0.0,
+        incidence_rad=slant_sd if slant_sd > LEAST_INCIDENCE_RAD else 0.0,
         intensity=constant,
         intensity_share=share,
+        follows_cosine=follows_cosine,
         loss=float(loss) if loss > LEAST_LOSS else 0.0,
         **own_steps(scan),
     )
@@ -219,29 +247,30 @@ def _beside(scan: Scan, shift: int) -> Scan:
     return replace(scan, **(turned | {"hit": turned["hit"] & inside}))
 
 
-def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[float, float]:
-    """The constant part of the noise on intensities, and the part in proportion to them; both 0 where they are
-    small."""
+def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[float, float, bool]:
+    """The constant part of the noise on intensities, and the part in proportion to them, both 0 where they are small;
+    and whether intensities follow the cosine of the given incidence."""
     intensity = np.asarray(scan.intensity, np.float64)
     bright = inner & (np.roll(intensity, 1, 2) > FLOOR) & (np.roll(intensity, -1, 2) > FLOOR) & (intensity > FLOOR)
     if bright.sum() < FEWEST:
-        return 0.0, 0.0
+        return 0.0, 0.0, False
     variances = []
     # Intensities that follow the simulator's own normals follow their noise too; that is no noise on the intensity.
     for given in (np.ones_like(intensity), _cosine(scan)):
         size = np.abs(_second_difference(intensity / given)) * given
         level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
         variances.append(_by_level(size[bright], level[bright]))
-    level, variance = min(variances, key=lambda pair: pair[1].mean())
+    follows_cosine = bool(np.mean(variances[1][1]) < np.mean(variances[0][1]))
+    level, variance = variances[follows_cosine]
     # Weighted by the relative error: a line through variance / level^2 = share^2 + constant^2 / level^2.
     design = np.stack([np.ones_like(level), 1 / level**2], 1) * (level**2 / variance.clip(1e-12))[:, None]
     (share, constant), _ = nnls(design, np.ones_like(level))
     if np.median(np.sqrt(variance) / level) < LEAST_INTENSITY:
-        return 0.0, 0.0
+        return 0.0, 0.0, False
     # A constant that even the darkest readings hardly show is none.
     if constant < 4 * share * level[0] ** 2:
-        return 0.0, float(np.sqrt(np.median(variance / level**2)))
-    return float(np.sqrt(constant)), float(np.sqrt(share))
+        return 0.0, float(np.sqrt(np.median(variance / level**2))), follows_cosine
+    return float(np.sqrt(constant)), float(np.sqrt(share)), follows_cosine
 
 
 def _by_level(
@@ -275,91 +304,137 @@ def filled(scan: Scan) -> Scan:
     )
 
 
-@dataclass(frozen=True)
+@struct.dataclass
 class Smooth:
-    """Frames made smooth along the rows of each surface."""
+    """Frames made smooth within each surface."""
 
     range_m: Float[Array, "f r c"]
+    plane_rad: Float[Array, "f r c"]
+    """Incidence on the plane through the ranges."""
+    incidence_rad: Float[Array, "f r c"]
+    """The simulator's own, made smooth."""
     detail: Float[Array, "f r c"]
+    """ln I over that of the surface beside the ray, nats."""
     trusted: Bool[Array, "f r c"]
     leverage: Float[Array, "f r c"]
-    """Variance of a window's mean over that of one ray."""
+    """Variance of the surface's level over that of one ray."""
 
 
-jax.tree_util.register_dataclass(Smooth, ["range_m", "detail", "trusted", "leverage"], [])
+@partial(jax.jit, static_argnames=("half", "by_cosine"))
+def smooth_frames(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""]) -> Smooth:
+    """Planes through 1 / range, the intensity (`by_cosine`: over the cosine, for cylinders' sake) and the incidence of
+    each ray's surface, within `half` columns and ROWS rows of it.
 
-
-@partial(jax.jit, static_argnames="half")
-def smooth_rows(scan: Scan, *, half: int, range_sd_m: Float[Array, ""]) -> Smooth:
-    """Lines through 1 / range, and through the intensity over the cosine, of each ray's surface within `half` columns
-    to each side (robust least squares, Tukey's biweight in the range)."""
-
-    def frame(one: Scan) -> Smooth:
-        return _smooth_frame(one, half=half, range_sd_m=range_sd_m)
-
+    Weighted least squares on (1, azimuth, elevation), 1 / range on the azimuth's square as well: it is a sine of the
+    azimuth on a plane, whose bend would pass for a longer range. Weights are Tukey's biweight of the ranges.
+    """
     each = ("range_m", "hit", "intensity", "incidence_rad", "semantic", "instance")
-    return jax.lax.map(
-        lambda rasters: frame(replace(scan, **{n: rasters[n][None] for n in each})), {n: getattr(scan, n) for n in each}
+
+    def frame(rasters: dict[str, Array]) -> Smooth:
+        one = replace(scan, **{name: raster[None] for name, raster in rasters.items()})
+        smooth = _smooth_frame(one, half=half, by_cosine=by_cosine, range_sd_m=range_sd_m)
+        return jax.tree.map(lambda raster: raster[0], smooth)
+
+    return jax.lax.map(frame, {name: getattr(scan, name) for name in each})
+
+
+def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""]) -> Smooth:
+    def albedo(of: Scan) -> Float[Array, "1 r c"]:
+        return of.intensity / jnp.maximum(jnp.cos(of.incidence_rad), STEEPEST_COSINE) if by_cosine else of.intensity
+
+    azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
+    step = jnp.abs(azimuth[1] - azimuth[0])
+    last = len(elevation) - 1
+    row = jnp.arange(last + 1)
+    own_q, own_level = 1 / jnp.maximum(scan.range_m, 0.1), albedo(scan)
+    columns = sorted({round(k) for k in np.linspace(-half, half, COLUMNS)})
+    ratios, levels, angles, across, up, alike = [], [], [], [], [], []
+    for rows_up in range(-ROWS, ROWS + 1):
+        at = jnp.clip(row + rows_up, 0, last)
+        inside = (at == row + rows_up)[None, :, None]
+        there = replace(
+            scan,
+            **{n: getattr(scan, n)[:, at] for n in ("range_m", "intensity", "incidence_rad", "semantic", "instance")},
+            hit=scan.hit[:, at] & inside,
+        )
+        # Angles in steps of a column, so that all terms are of one size.
+        rise = ((elevation[at] - elevation) / step)[None, :, None]
+        ground = (jnp.sin(elevation[at]) / jnp.minimum(jnp.sin(elevation), -1e-3))[None, :, None]
+        for shift in columns:
+            s = _beside(there, -shift)
+            ratio = 1 / jnp.maximum(s.range_m, 0.1) / own_q
+            near = jnp.abs(ratio - 1) < 0.02 * abs(shift) + 0.03
+            near = near | (jnp.abs(ratio - ground) < 0.03)
+            same = s.hit & scan.hit & (s.semantic == scan.semantic) & (s.instance == scan.instance) & near
+            ratios.append(ratio)
+            levels.append(albedo(s))
+            angles.append(s.incidence_rad)
+            across.append(jnp.full_like(ratio, shift))
+            up.append(jnp.broadcast_to(rise, ratio.shape))
+            alike.append(same)
+    ratio, level, angle, same = jnp.stack(ratios), jnp.stack(levels), jnp.stack(angles), jnp.stack(alike)
+    a, e = jnp.stack(across) / half, jnp.stack(up) / half
+    design = [jnp.ones_like(a), a, e, a * a]
+    # What is farther off than noise explains is another surface.
+    scale = jnp.maximum(4 * range_sd_m * own_q, 0.01)[None]
+    weight = same.astype(jnp.float32)
+    for _ in range(ROUNDS):
+        gram = _gram(design, weight)
+        fitted = _solved(gram, _moments(design, weight, ratio))
+        off = (ratio - sum(d * c[None] for d, c in zip(design, fitted, strict=True))) / scale
+        weight = same * jnp.where(jnp.abs(off) < 1, (1 - off**2) ** 2, 0.0)
+    gram = _gram(design, weight)
+    of_ratio = _solved(gram, _moments(design, weight, ratio))
+    plane = design[:3]
+    small = [line[:3] for line in gram[:3]]
+    of_level = _solved(small, _moments(plane, weight, level))
+    of_angle = _solved(small, _moments(plane, weight, angle))
+    one = jnp.ones_like(own_q)
+    leverage = _solved(small, [one, 0 * one, 0 * one])[0]
+    trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
+    # 1 / range falls by u to the left and by v upwards: the plane's normal is (1, u, v) (effects.planes).
+    u = of_ratio[1] / of_ratio[0] / (half * step) / jnp.cos(elevation)[None, :, None]
+    v = of_ratio[2] / of_ratio[0] / (half * step)
+    slant = jnp.arctan(jnp.sqrt(u**2 + v**2))
+    middle = jnp.where(trusted & (of_level[0] > FLOOR), of_level[0], jnp.maximum(own_level, FLOOR))
+    return Smooth(
+        range_m=jnp.where(trusted, scan.range_m / of_ratio[0], scan.range_m),
+        plane_rad=jnp.where(trusted, slant, scan.incidence_rad),
+        incidence_rad=jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), scan.incidence_rad),
+        detail=jnp.where(scan.hit, jnp.log(jnp.maximum(own_level, FLOOR)) - jnp.log(middle), 0.0),
+        trusted=trusted,
+        leverage=leverage,
     )
 
 
-def _smooth_frame(scan: Scan, *, half: int, range_sd_m: Float[Array, ""]) -> Smooth:
-    q = 1 / jnp.maximum(scan.range_m, 0.1)
-    cosine = jnp.maximum(jnp.cos(scan.incidence_rad), STEEPEST_COSINE)
-    level = scan.intensity / cosine
-    offsets = range(-half, half + 1)
-    shifted = [_beside(scan, -k) for k in offsets]
-    near_q = jnp.stack([1 / jnp.maximum(s.range_m, 0.1) for s in shifted])
-    near_j = jnp.stack([s.intensity / jnp.maximum(jnp.cos(s.incidence_rad), STEEPEST_COSINE) for s in shifted])
-    same = jnp.stack([s.hit & (s.semantic == scan.semantic) & (s.instance == scan.instance) for s in shifted])
-    same = same & scan.hit[None]
-    away = jnp.asarray([float(k) for k in offsets])[:, None, None, None]
-    # Of a line through q: what is farther off than noise explains is another surface.
-    scale = jnp.maximum(4 * range_sd_m * q, 0.01)
-    weight = same & (jnp.abs(near_q / q[None] - 1) < 0.02 * jnp.abs(away) + scale[None])
-    weight = weight.astype(jnp.float32)
-    for _ in range(ROUNDS):
-        centre, slope = _line(near_q, weight, away)
-        off = (near_q - centre[None] - slope[None] * away) / q[None] / scale[None]
-        weight = same * jnp.where(jnp.abs(off) < 1, (1 - off**2) ** 2, 0.0)
-    centre = _parabola(near_q / q[None] - 1, weight, away)
-    own = weight[half] > 0
-    trusted = own & (weight.sum(0) > FEWEST_BESIDE)
-    smooth_m = jnp.where(trusted, scan.range_m / jnp.maximum(1 + centre, 0.5), scan.range_m)
-    middle, _ = _line(near_j, weight, away)
-    middle = jnp.where(trusted & (middle > FLOOR), middle, jnp.maximum(level, FLOOR))
-    detail = jnp.where(scan.hit, jnp.log(jnp.maximum(level, FLOOR)) - jnp.log(middle), 0.0)
-    total = jnp.maximum(weight.sum(0), 1e-6)
-    leverage = jnp.where(trusted, (weight**2).sum(0) / total**2, 1.0)
-    return Smooth(smooth_m[0], detail[0], trusted[0], leverage[0])
+Terms = list[Float[Array, "*n"]]
 
 
-def _line(
-    y: Float[Array, "k f r c"], weight: Float[Array, "k f r c"], away: Float[Array, "k 1 1 1"]
-) -> tuple[Float[Array, "f r c"], Float[Array, "f r c"]]:
-    """Weighted least squares of y on 1 and `away`: value at 0, and slope; where all weight lies at one place, no
-    slope."""
-    total = jnp.maximum(weight.sum(0), 1e-6)
-    mean_x, mean_y = (weight * away).sum(0) / total, (weight * y).sum(0) / total
-    square = (weight * (away - mean_x[None]) ** 2).sum(0)
-    slope = (weight * (away - mean_x[None]) * (y - mean_y[None])).sum(0) / jnp.maximum(square, 1e-3)
-    return mean_y - slope * mean_x, slope
+def _gram(design: Terms, weight: Float[Array, "k *n"]) -> list[Terms]:
+    """Of weighted least squares, with a little of a prior: where rays are few, slopes are none."""
+    gram = [[(weight * p * q).sum(0) for q in design] for p in design]
+    for k, line in enumerate(gram):
+        line[k] = line[k] + (RIDGE if k else 1e-6)
+    return gram
 
 
-def _parabola(
-    y: Float[Array, "k f r c"], weight: Float[Array, "k f r c"], away: Float[Array, "k 1 1 1"]
-) -> Float[Array, "f r c"]:
-    """The same on 1, `away` and its square: value at 0. 1 / range of a plane is a sine of the azimuth, whose bend a
-    line would take for a longer range."""
-    away = away / away.shape[0]
-    s0, s1, s2, s3, s4 = [(weight * away**k).sum(0) for k in range(5)]
-    y0, y1, y2 = [(weight * away**k * y).sum(0) for k in range(3)]
-    # A little of a prior: where rays are few, the bend is none, then the slope.
-    s0, s2_slope, s4 = s0 + 1e-6, s2 + 1e-6, s4 + 1e-4
-    # Cramer's rule, of which only the value at 0 is needed.
-    minors = s2_slope * s4 - s3 * s3, s1 * s4 - s2 * s3, s1 * s3 - s2 * s2_slope
-    determinant = s0 * minors[0] - s1 * minors[1] + s2 * minors[2]
-    return (y0 * minors[0] - y1 * minors[1] + y2 * minors[2]) / jnp.maximum(determinant, 1e-12)
+def _moments(design: Terms, weight: Float[Array, "k *n"], y: Float[Array, "k *n"]) -> Terms:
+    return [(weight * p * y).sum(0) for p in design]
+
+
+def _solved(gram: list[Terms], right: Terms) -> Terms:
+    """Gauss elimination of many small symmetric positive systems at once, each entry an array."""
+    gram, right = [list(line) for line in gram], list(right)
+    size = len(right)
+    for k in range(size):
+        for below in range(k + 1, size):
+            factor = gram[below][k] / gram[k][k]
+            gram[below] = [g - factor * pivot for g, pivot in zip(gram[below], gram[k], strict=True)]
+            right[below] = right[below] - factor * right[k]
+    for k in reversed(range(size)):
+        known = sum((gram[k][j] * right[j] for j in range(k + 1, size)), start=jnp.zeros_like(right[k]))
+        right[k] = (right[k] - known) / gram[k][k]
+    return right
 
 
 def reliability(
@@ -367,18 +442,23 @@ def reliability(
     variance: Float[np.ndarray, "*n"],
     level: Float[np.ndarray, "*n"],
     *,
+    semantic: Int[np.ndarray, "*n"],
     where: Bool[np.ndarray, "*n"],
 ) -> Float[np.ndarray, "*n"]:
-    """Share of the variance of `detail` that is not noise of the given `variance`, by the surfaces' intensity `level`
-    (Fuller's reliability ratio); 0 where too few rays count to say."""
-    if where.sum() < FEWEST:
-        return np.zeros_like(level, np.float32)
-    order = np.argsort(level[where])
-    bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
-    at = np.array([np.median(level[where][b]) for b in bins])
-    total = np.array([np.mean(detail[where][b] ** 2) for b in bins])
-    noise = np.array([np.mean(variance[where][b]) for b in bins])
-    return np.interp(level, at, np.clip(1 - noise / np.maximum(total, 1e-9), 0, 1)).astype(np.float32)
+    """Share of the variance of `detail` that is not noise of the given `variance`, by class and by the surfaces'
+    intensity `level` (Fuller's reliability ratio); 0 for classes of which too few rays count to say."""
+    share = np.zeros(detail.shape, np.float32)
+    for kind in np.unique(semantic[where]):
+        of = where & (semantic == kind)
+        if of.sum() < FEWEST_OF_CLASS:
+            continue
+        order = np.argsort(level[of])
+        bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
+        at = np.array([np.median(level[of][b]) for b in bins])
+        total = np.array([np.mean(detail[of][b] ** 2) for b in bins])
+        noise = np.array([np.mean(variance[of][b]) for b in bins])
+        share[of] = np.interp(level[of], at, np.clip(1 - noise / np.maximum(total, 1e-9), 0, 1))
+    return share
 
 
 def trend(
