@@ -23,6 +23,7 @@ from jaxsim.discover.checks import (
 )
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
+from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.scenes import Split, split
 from jaxsim.effects.chain import SensorModel
@@ -112,7 +113,9 @@ class Division:
     scan: Scan
     """With incidence angles taken from planes of the range image."""
     given: Scan
-    """As the folder has it, with the incidence that was given."""
+    """As the simulator means it, with the incidence that was given."""
+    simulator: Meant
+    """What the simulator means, and its own noise."""
     measured: Measured
     blocks: Blocks
     rays: Cast
@@ -122,11 +125,18 @@ class Division:
     @classmethod
     def of(cls, comparison: Comparison) -> Division:
         """Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
-        given = jax.tree.map(jnp.asarray, comparison.scan)
         measured = jax.tree.map(jnp.asarray, comparison.measured)
+        simulator = meant(
+            jax.tree.map(jnp.asarray, comparison.scan),
+            range_m=measured.range_m,
+            intensity=measured.intensity,
+            valid=measured.valid,
+        )
+        given, planes = simulator.scan, simulator.planes_rad
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-        scan = with_planes(given)
-        return cls(scan, given, measured, chosen, cast(scan, chosen.frame, chosen.column), split(chosen.unit))
+        scan = with_planes(given) if planes is None else replace(given, incidence_rad=planes)
+        rays = cast(scan, chosen.frame, chosen.column)
+        return cls(scan, given, simulator, measured, chosen, rays, split(chosen.unit))
 
     def evidence(
         self, names: Sequence[str], known: SensorModel = NOTHING_YET
@@ -146,6 +156,7 @@ class Division:
             unit=scene,
             given_rad=self.given.incidence_rad,
             rays=self.rays.part(keep),
+            simulator=self.simulator,
         )
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects else ev), scene
 

@@ -7,6 +7,7 @@ that a scan has, c are looked at.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -17,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
 from jaxsim.discover.model.lattice import FINEST, lattice_step
+from jaxsim.discover.model.simulator import Levels, Meant, own_steps, reliability, trend
 from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan
@@ -38,12 +40,17 @@ TERRAIN = (22,)
 """Cityscapes ids of ground that rolls."""
 BLURRED = 3.0
 """Steps of the sensor's rounding below which predicted intensities are not compared: their logarithms are off."""
+DARK = 0.2
+"""Noise of the sensor, the same for all intensities, over the predicted one from which on intensities are not compared:
+the mean of the logarithm is then off by half its square."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
+DETAIL_SD = 1.0
+"""Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
 AFTER_CLASSES = 4
-"""Features behind the classes: curvature and the three of disagreeing normals."""
+"""Features behind the classes: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
 
 
 @struct.dataclass
@@ -87,7 +94,14 @@ class Evidence:
     surface: Int[Array, " t"]
     precision: Float[Array, " s"]
     unit: Int[Array, " b"]
+    known_variance: Float[Array, "#b #c #r"]
+    """Squared standard deviation of ln I that follows from levels read off the frames, nats^2: of what the simulator
+    means, where noise of its own hides it; and of the sensor's readings by noise that is the same for all."""
+    own_step: Float[Array, " 2"]
+    """Lattices of the simulator's own intensities and ranges; 0 for none."""
     units: int = struct.field(pytree_node=False, default=0)
+    after_classes: int = struct.field(pytree_node=False, default=AFTER_CLASSES)
+    """Features behind the classes."""
 
     @property
     def smooth(self) -> Bool[Array, "b c r"]:
@@ -109,29 +123,96 @@ def gather(
     unit: Int[np.ndarray, " b"],
     given_rad: Float[Array, "f r n"] | None = None,
     rays: Cast | None = None,
+    simulator: Meant | None = None,
 ) -> Evidence:
     """The evidence of chosen columns: `frame`, `column` and `unit` of each block.
 
     `given_rad` are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
-    `rays` what `cast` gives for these columns, where it was asked before.
+    `rays` what `cast` gives for these columns, where it was asked before; `simulator` what is known of its own noise,
+    if `scan` is what it means.
     """
     index = ray_index(scan, frame, column)
     values = np.asarray(measured.intensity)[index]
     valid = np.asarray(measured.valid)[index]
     step = lattice_step(values[valid], finest=FINEST["intensity_quantization"])
     classes = np.unique(np.asarray(scan.semantic)[index])
+    given = scan.incidence_rad if given_rad is None else given_rad
+    surfaces = surfaces_of(scan, index)
     return _gather(
         scan,
         measured,
         rays or cast(scan, frame, column),
         index=index,
-        given_rad=scan.incidence_rad if given_rad is None else given_rad,
-        surfaces=surfaces_of(scan, index),
+        given_rad=given,
+        surfaces=surfaces,
         unit=unit.astype(np.int32),
         darkest=np.float32(BLURRED * step),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
+        own=_own(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
+    )
+
+
+@struct.dataclass
+class _Own:
+    """What is known of the simulator's own noise, at the chosen rays."""
+
+    detail: Float[Array, "b c r k"] | None
+    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; None without noise."""
+    excess: Float[Array, "#b #c #r"]
+    """What noise adds to ln I, by the best guess."""
+    over_trend: Float[Array, "#b #c #r"]
+    """ln I, as it is then left, over the trend of the surface."""
+    variance: Float[Array, "#b #c #r"]
+    trusted: Bool[Array, "#b #c #r"]
+    log_kept: Float[Array, ""]
+    step: Float[Array, " 2"]
+    constant: Float[Array, ""]
+    """Noise on the sensor's intensities that is the same for all."""
+
+
+def _own(
+    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
+) -> _Own:
+    noise = Levels(**own_steps(scan)) if simulator is None else simulator.noise
+    nothing = np.zeros((1, 1, 1), np.float32)
+    own = _Own(
+        detail=None,
+        excess=nothing,
+        over_trend=nothing,
+        variance=nothing,
+        trusted=nothing == 0,
+        log_kept=np.float32(np.log1p(-noise.loss)),
+        step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
+        constant=np.float32(0.0 if simulator is None else simulator.sensor.intensity),
+    )
+    if simulator is None or simulator.detail is None:
+        return own
+    trusted = np.asarray(simulator.trusted)[index]
+    level = np.asarray(simulator.level)[index].astype(float)
+    variance = np.asarray(simulator.variance)[index]
+    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
+    semantic = np.asarray(scan.semantic)[index]
+    over_trend = np.zeros(level.shape)
+    over_trend[trusted] = level[trusted] - trend(
+        level[trusted],
+        semantic=semantic[trusted],
+        surface=surface[trusted],
+        incidence_rad=np.asarray(given_rad)[index][trusted],
+        range_m=np.asarray(scan.range_m)[index][trusted],
+    )
+    trust = reliability(over_trend, variance, np.exp(level), semantic=semantic, where=trusted)
+    detail = np.stack([np.asarray(simulator.detail)[index], over_trend], axis=-1)
+    return replace(
+        own,
+        detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
+        excess=((1 - trust) * over_trend).astype(np.float32),
+        over_trend=(np.log(np.asarray(scan.intensity)[index].clip(FLOOR)) - level + trust * over_trend).astype(
+            np.float32
+        ),
+        variance=np.asarray(simulator.detail_variance)[index] + variance * trust,
+        trusted=trusted,
     )
 
 
@@ -147,10 +228,18 @@ def _gather(
     unit: Int[Array, " b"],
     darkest: Float[Array, ""],
     lowest: Float[Array, ""],
+    own: _Own,
     classes: tuple[int, ...],
     units: int,
 ) -> Evidence:
     rays, pose = simulated.rays, simulated.pose
+    # What the simulator itself loses at random is no loss of the sensor's.
+    rays = replace(
+        rays,
+        log_keep=rays.log_keep + own.log_kept,
+        log_intensity=rays.log_intensity - own.excess,
+        log_power=rays.log_power - own.excess,
+    )
     returned, range_m = measured.valid[index], measured.range_m[index]
     steady = rays.hit & (jnp.abs(pose[..., 3:]).max(-1) < rays.range_m / LEAST_SLANT)
     edge = edges(rays, scan.grid.elevation_rad) | (rays.hit & ~steady)
@@ -160,14 +249,28 @@ def _gather(
     # Both angles must be moderate: of noisy angles, the moderate ones often stand for grazing surfaces.
     moderate = (rays.incidence_rad < STEEPEST_RAD) & (given < STEEPEST_RAD)
     # By what is predicted, not by what was measured, which would choose the brighter of the dark rays.
-    clear = rays.log_intensity > jnp.log(jnp.maximum(darkest, FLOOR))
-    compared = rays.hit & returned & near & ~edge & moderate & clear
+    # Nor by noise, which would choose the brighter of the dark rays as well.
+    expected = rays.log_intensity - own.over_trend
+    clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
+    compared = rays.hit & returned & near & ~edge & moderate & clear & own.trusted
+    # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
+    seen = rays.hit & returned & near & clear
+    log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
+    level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
+    dark = own.constant * jnp.exp(-level)
+    compared = compared & (dark < DARK)
+    known_variance = own.variance + jnp.minimum(dark, DARK) ** 2
     features = _features(rays, given, classes)
+    ridge = _ridge(len(classes))
+    if own.detail is not None:
+        features = jnp.concatenate([features, own.detail], axis=-1)
+        ridge = np.append(ridge, np.full(2, 1 / DETAIL_SD**2, np.float32))
     return Evidence(
         rays=rays,
         returned=returned,
         range_m=range_m,
-        log_intensity=jnp.log(jnp.maximum(measured.intensity[index], FLOOR)),
+        # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
+        log_intensity=log_measured + 0.5 * jnp.minimum(dark, DARK) ** 2,
         lowest=lowest,
         given_rad=given,
         compared=compared,
@@ -175,12 +278,15 @@ def _gather(
         step=step,
         pose=jnp.where(steady[..., None], pose, 0),
         features=jnp.where(compared[..., None], features, 0).astype(jnp.float32),
-        ridge=_ridge(len(classes)),
+        ridge=ridge,
         strip=surfaces.strip,
         surface=surfaces.surface,
         precision=surfaces.precision,
         unit=unit,
+        known_variance=known_variance,
+        own_step=own.step,
         units=units,
+        after_classes=AFTER_CLASSES + (0 if own.detail is None else 2),
     )
 
 

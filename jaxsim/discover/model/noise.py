@@ -82,10 +82,11 @@ the millimetre that files hold, or a simulation on the measured ranges has densi
 
 
 def intensity_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
-    """Squared scale of ln I, nats^2: of the sensor, and of the angle by which the simulator's normals are off, through
-    Lambert's law: d ln cos(a) = -tan(a) da."""
+    """Squared scale of ln I, nats^2: of the sensor, of the angle by which the simulator's normals are off, through
+    Lambert's law: d ln cos(a) = -tan(a) da, and what is known of both sides' noise."""
     steep = jnp.minimum(ev.given_rad, STEEPEST_NOISE_RAD)
-    return jnp.exp(2 * noise.intensity) + jnp.exp(2 * noise.normals) * jnp.tan(steep) ** 2
+    of_sensor = jnp.exp(2 * noise.intensity) + jnp.exp(2 * noise.normals) * jnp.tan(steep) ** 2
+    return of_sensor + ev.known_variance
 
 
 def range_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:

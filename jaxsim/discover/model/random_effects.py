@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.evidence import AFTER_CLASSES, POSE_SD, Evidence
+from jaxsim.discover.model.evidence import POSE_SD, Evidence
 from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.surfaces import FIRM, STREET_SD, STRIP_SD
 from jaxsim.frame import Array
@@ -92,7 +92,7 @@ def normal_equations(
     gram = gram - strips.gram_of_levels(len(ev.unit)) - surfaces.gram_of_levels(len(ev.unit))
     # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
     kinds = jnp.arange(gram.shape[-1])
-    classes = ((kinds > 0) & (kinds < gram.shape[-1] - AFTER_CLASSES)).astype(gram.dtype)
+    classes = ((kinds > 0) & (kinds < gram.shape[-1] - ev.after_classes)).astype(gram.dtype)
     kept = jnp.outer(classes, classes)[None]
     prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
     street = jnp.linalg.inv(gram * kept + prior[None]) * kept
@@ -200,8 +200,8 @@ def _shared(
     shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
     shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
     # Gain and angles are free; only classes are held.
-    classes = jnp.clip(shared[1:-AFTER_CLASSES], -CLASS_MOST, CLASS_MOST)
-    return jnp.concatenate([shared[:1], classes, shared[-AFTER_CLASSES:]])
+    classes = jnp.clip(shared[1 : -ev.after_classes], -CLASS_MOST, CLASS_MOST)
+    return jnp.concatenate([shared[:1], classes, shared[-ev.after_classes :]])
 
 
 @jax.jit
@@ -209,7 +209,7 @@ def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b
     """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
     residual = ev.log_intensity - ev.rays.log_intensity
     _, _, right = _sums(ev, eq, residual)
-    return _shared(ev, eq, fitted, right=right)[:-AFTER_CLASSES]
+    return _shared(ev, eq, fitted, right=right)[: -ev.after_classes]
 
 
 def poses(

@@ -19,12 +19,12 @@ COARSER = 1.5
 
 def rounded(ev: Evidence) -> dict[str, float]:
     """Steps of the lattices on which the sensor's readings lie and the simulator's do not, by effect."""
-    returned, hit = np.asarray(ev.returned), np.asarray(ev.rays.hit)
-    simulated = {"intensity_quantization": np.exp(ev.rays.log_intensity), "range_quantization": ev.rays.range_m}
+    returned = np.asarray(ev.returned)
+    simulated = dict(zip(FINEST, np.asarray(ev.own_step), strict=True))
     steps = {}
     for name, measured in _readings(ev).items():
         step = lattice_step(measured[returned], finest=FINEST[name])
-        if step > COARSER * lattice_step(np.asarray(simulated[name])[hit], finest=FINEST[name]):
+        if step > COARSER * simulated[name]:
             steps[name] = step
     return steps
 
