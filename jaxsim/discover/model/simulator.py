@@ -325,8 +325,8 @@ def smooth_frames(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
     """Planes through 1 / range, the intensity (`by_cosine`: over the cosine, for cylinders' sake) and the incidence of
     each ray's surface, within `half` columns and ROWS rows of it.
 
-    Weighted least squares on (1, azimuth, elevation), 1 / range on the azimuth's square as well: it is a sine of the
-    azimuth on a plane, whose bend would pass for a longer range. Weights are Tukey's biweight of the ranges.
+    On a plane 1 / range is linear in the ray's direction: least squares on its parts along the middle ray, to its left
+    and up, with Tukey's biweight of the ranges as weights; the first coefficient is the middle ray's.
     """
     each = ("range_m", "hit", "intensity", "incidence_rad", "semantic", "instance")
 
@@ -343,12 +343,12 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
         return of.intensity / jnp.maximum(jnp.cos(of.incidence_rad), STEEPEST_COSINE) if by_cosine else of.intensity
 
     azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
-    step = jnp.abs(azimuth[1] - azimuth[0])
+    step = azimuth[0] - azimuth[1]
     last = len(elevation) - 1
     row = jnp.arange(last + 1)
     own_q, own_level = 1 / jnp.maximum(scan.range_m, 0.1), albedo(scan)
     columns = sorted({round(k) for k in np.linspace(-half, half, COLUMNS)})
-    ratios, levels, angles, across, up, alike = [], [], [], [], [], []
+    ratios, levels, angles, along, left, up, alike = [], [], [], [], [], [], []
     for rows_up in range(-ROWS, ROWS + 1):
         at = jnp.clip(row + rows_up, 0, last)
         inside = (at == row + rows_up)[None, :, None]
@@ -357,8 +357,6 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
             **{n: getattr(scan, n)[:, at] for n in ("range_m", "intensity", "incidence_rad", "semantic", "instance")},
             hit=scan.hit[:, at] & inside,
         )
-        # Angles in steps of a column, so that all terms are of one size.
-        rise = ((elevation[at] - elevation) / step)[None, :, None]
         ground = (jnp.sin(elevation[at]) / jnp.minimum(jnp.sin(elevation), -1e-3))[None, :, None]
         for shift in columns:
             s = _beside(there, -shift)
@@ -369,12 +367,20 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
             ratios.append(ratio)
             levels.append(albedo(s))
             angles.append(s.incidence_rad)
-            across.append(jnp.full_like(ratio, shift))
-            up.append(jnp.broadcast_to(rise, ratio.shape))
+            turn = -shift * step
+            e, there_e = elevation[None, :, None], elevation[at][None, :, None]
+            flat = jnp.cos(there_e) * jnp.cos(turn)
+            for terms, part in (
+                (along, jnp.cos(e) * flat + jnp.sin(e) * jnp.sin(there_e)),
+                (left, jnp.cos(there_e) * jnp.sin(turn)),
+                (up, jnp.cos(e) * jnp.sin(there_e) - jnp.sin(e) * flat),
+            ):
+                terms.append(jnp.broadcast_to(part, ratio.shape))
             alike.append(same)
     ratio, level, angle, same = jnp.stack(ratios), jnp.stack(levels), jnp.stack(angles), jnp.stack(alike)
-    a, e = jnp.stack(across) / half, jnp.stack(up) / half
-    design = [jnp.ones_like(a), a, e, a * a]
+    # Slopes in units of the window's width, so that all terms are of one size.
+    reach = half * jnp.abs(step)
+    design = [jnp.stack(along), jnp.stack(left) / reach, jnp.stack(up) / reach]
     # What is farther off than noise explains is another surface.
     scale = jnp.maximum(4 * range_sd_m * own_q, 0.01)[None]
     weight = same.astype(jnp.float32)
@@ -385,16 +391,13 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
         weight = same * jnp.where(jnp.abs(off) < 1, (1 - off**2) ** 2, 0.0)
     gram = _gram(design, weight)
     of_ratio = _solved(gram, _moments(design, weight, ratio))
-    plane = design[:3]
-    small = [line[:3] for line in gram[:3]]
-    of_level = _solved(small, _moments(plane, weight, level))
-    of_angle = _solved(small, _moments(plane, weight, angle))
+    of_level = _solved(gram, _moments(design, weight, level))
+    of_angle = _solved(gram, _moments(design, weight, angle))
     one = jnp.ones_like(own_q)
-    leverage = _solved(small, [one, 0 * one, 0 * one])[0]
+    leverage = _solved(gram, [one, 0 * one, 0 * one])[0]
     trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
-    # 1 / range falls by u to the left and by v upwards: the plane's normal is (1, u, v) (effects.planes).
-    u = of_ratio[1] / of_ratio[0] / (half * step) / jnp.cos(elevation)[None, :, None]
-    v = of_ratio[2] / of_ratio[0] / (half * step)
+    # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
+    u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
     slant = jnp.arctan(jnp.sqrt(u**2 + v**2))
     middle = jnp.where(trusted & (of_level[0] > FLOOR), of_level[0], jnp.maximum(own_level, FLOOR))
     return Smooth(
