@@ -191,27 +191,28 @@ def _own(
         return own
     trusted = np.asarray(simulator.trusted)[index]
     level = np.asarray(simulator.level)[index].astype(float)
-    variance = np.asarray(simulator.variance)[index]
-    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
     semantic = np.asarray(scan.semantic)[index]
-    over_trend = np.zeros(level.shape)
-    over_trend[trusted] = level[trusted] - trend(
+    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
+    expected = level.copy()
+    expected[trusted] = trend(
         level[trusted],
         semantic=semantic[trusted],
         surface=surface[trusted],
         incidence_rad=np.asarray(given_rad)[index][trusted],
         range_m=np.asarray(scan.range_m)[index][trusted],
     )
-    trust = reliability(over_trend, variance, np.exp(level), semantic=semantic, where=trusted)
+    over_trend = level - expected
+    # By what is expected, not by what is read, which would take the darker of the noisy levels for dark surfaces.
+    variance = noise.variance(np.exp(expected)) * np.asarray(simulator.leverage)[index]
+    trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
+    left = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
     detail = np.stack([np.asarray(simulator.detail)[index], over_trend], axis=-1)
     return replace(
         own,
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
         excess=((1 - trust) * over_trend).astype(np.float32),
-        over_trend=(np.log(np.asarray(scan.intensity)[index].clip(FLOOR)) - level + trust * over_trend).astype(
-            np.float32
-        ),
-        variance=np.asarray(simulator.detail_variance)[index] + variance * trust,
+        over_trend=left.astype(np.float32),
+        variance=(np.asarray(simulator.detail_variance)[index] + variance * trust).astype(np.float32),
         trusted=trusted,
     )
 

@@ -53,6 +53,8 @@ FEWEST_BESIDE = 6.0
 """Rays of a surface in a window, by weight, that say what the simulator means ..."""
 MOST_LEVERAGE = 0.3
 """... unless they lie so that the level is as uncertain as that of three rays."""
+PLANE_MISFIT = 1.5
+"""Scatter about a window's plane over that of noise, up to which it is a plane."""
 RIDGE = 1e-2
 """Pull of a window's slopes to 0, in rays at its end."""
 ROUNDS = 3
@@ -110,10 +112,10 @@ class Meant:
     """Where enough of the surface lies beside a ray to say what is meant."""
     level: Float[Array, "f r c"] | None
     """ln I of each ray's surface beside it."""
-    variance: Float[Array, "f r c"] | None
-    """Squared standard deviation that noise gives `level`, nats^2 ..."""
+    leverage: Float[Array, "f r c"] | None
+    """Variance that noise gives `level` over that of one ray."""
     detail_variance: Float[Array, "f r c"] | None
-    """... and what the detail that is meant has beyond its trusted share."""
+    """Squared standard deviation of the detail that is meant about its trusted share, nats^2."""
     noise: Levels
     """The simulator's."""
     sensor: Levels
@@ -136,7 +138,11 @@ def meant(
         return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, None, noise, sensor)
     given = _cosine(scan) if noise.follows_cosine else 1.0
     smooth = smooth_frames(
-        scan, half=_half_width(scan), by_cosine=noise.follows_cosine, range_sd_m=jnp.float32(noise.range_m)
+        scan,
+        half=_half_width(scan),
+        by_cosine=noise.follows_cosine,
+        range_sd_m=jnp.float32(noise.range_m),
+        intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
     )
     albedo = np.asarray(scan.intensity) / given * np.exp(-np.asarray(smooth.detail))
     if noise.incidence_rad > 0:
@@ -159,7 +165,7 @@ def meant(
         smooth.detail,
         smooth.trusted,
         jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
-        jnp.asarray(own * np.asarray(smooth.leverage), jnp.float32),
+        smooth.leverage,
         jnp.asarray(own * trust * (1 - trust), jnp.float32),
         noise,
         sensor,
@@ -321,7 +327,9 @@ class Smooth:
 
 
 @partial(jax.jit, static_argnames=("half", "by_cosine"))
-def smooth_frames(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""]) -> Smooth:
+def smooth_frames(
+    scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""], intensity_sd: Float[Array, " 2"]
+) -> Smooth:
     """Planes through 1 / range, the intensity (`by_cosine`: over the cosine, for cylinders' sake) and the incidence of
     each ray's surface, within `half` columns and ROWS rows of it.
 
@@ -332,23 +340,28 @@ def smooth_frames(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
 
     def frame(rasters: dict[str, Array]) -> Smooth:
         one = replace(scan, **{name: raster[None] for name, raster in rasters.items()})
-        smooth = _smooth_frame(one, half=half, by_cosine=by_cosine, range_sd_m=range_sd_m)
+        smooth = _smooth_frame(one, half=half, by_cosine=by_cosine, range_sd_m=range_sd_m, intensity_sd=intensity_sd)
         return jax.tree.map(lambda raster: raster[0], smooth)
 
     return jax.lax.map(frame, {name: getattr(scan, name) for name in each})
 
 
-def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""]) -> Smooth:
-    def albedo(of: Scan) -> Float[Array, "1 r c"]:
-        return of.intensity / jnp.maximum(jnp.cos(of.incidence_rad), STEEPEST_COSINE) if by_cosine else of.intensity
+def _smooth_frame(
+    scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""], intensity_sd: Float[Array, " 2"]
+) -> Smooth:
+    def cosine_of(of: Scan) -> Float[Array, "1 r c"]:
+        seen = jnp.maximum(jnp.cos(of.incidence_rad), STEEPEST_COSINE)
+        return seen if by_cosine else jnp.ones_like(seen)
 
     azimuth, elevation = scan.grid.azimuth_rad, scan.grid.elevation_rad
     step = azimuth[0] - azimuth[1]
     last = len(elevation) - 1
     row = jnp.arange(last + 1)
-    own_q, own_level = 1 / jnp.maximum(scan.range_m, 0.1), albedo(scan)
+    own_q = 1 / jnp.maximum(scan.range_m, 0.1)
+    own_cosine = cosine_of(scan)
+    own_level = scan.intensity / own_cosine
     columns = sorted({round(k) for k in np.linspace(-half, half, COLUMNS)})
-    ratios, levels, angles, along, left, up, alike = [], [], [], [], [], [], []
+    ratios, levels, cosines, angles, along, left, up, alike = [], [], [], [], [], [], [], []
     for rows_up in range(-ROWS, ROWS + 1):
         at = jnp.clip(row + rows_up, 0, last)
         inside = (at == row + rows_up)[None, :, None]
@@ -365,7 +378,8 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
             near = near | (jnp.abs(ratio - ground) < 0.03)
             same = s.hit & scan.hit & (s.semantic == scan.semantic) & (s.instance == scan.instance) & near
             ratios.append(ratio)
-            levels.append(albedo(s))
+            cosines.append(cosine_of(s))
+            levels.append(s.intensity / cosines[-1])
             angles.append(s.incidence_rad)
             turn = -shift * step
             e, there_e = elevation[None, :, None], elevation[at][None, :, None]
@@ -378,6 +392,7 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
                 terms.append(jnp.broadcast_to(part, ratio.shape))
             alike.append(same)
     ratio, level, angle, same = jnp.stack(ratios), jnp.stack(levels), jnp.stack(angles), jnp.stack(alike)
+    cosine = jnp.stack(cosines)
     # Slopes in units of the window's width, so that all terms are of one size.
     reach = half * jnp.abs(step)
     design = [jnp.stack(along), jnp.stack(left) / reach, jnp.stack(up) / reach]
@@ -391,18 +406,28 @@ def _smooth_frame(scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[A
         weight = same * jnp.where(jnp.abs(off) < 1, (1 - off**2) ** 2, 0.0)
     gram = _gram(design, weight)
     of_ratio = _solved(gram, _moments(design, weight, ratio))
-    of_level = _solved(gram, _moments(design, weight, level))
     of_angle = _solved(gram, _moments(design, weight, angle))
+    # Levels by the precision of each ray, which follows from its cosine: rays seen at grazing angles say little.
+    share2, constant2 = intensity_sd[1] ** 2, intensity_sd[0] ** 2
+    seen = weight * cosine**2
+    first = jnp.maximum((seen * level).sum(0) / jnp.maximum(seen.sum(0), 1e-9), FLOOR)
+    precision = weight * (cosine * first[None]) ** 2 / (constant2 + share2 * (cosine * first[None]) ** 2 + 1e-12)
+    gram = _gram(design, precision)
+    of_level = _solved(gram, _moments(design, precision, level))
     one = jnp.ones_like(own_q)
-    leverage = _solved(gram, [one, 0 * one, 0 * one])[0]
+    own_variance = share2 + constant2 / (first * own_cosine) ** 2 + 1e-12
+    leverage = _solved(gram, [one, 0 * one, 0 * one])[0] / own_variance
+    misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6)) * scale[0]
+    middle_weight = weight[len(columns) * ROWS + len(columns) // 2]
+    plane = (middle_weight > 0) & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
     trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
     slant = jnp.arctan(jnp.sqrt(u**2 + v**2))
     middle = jnp.where(trusted & (of_level[0] > FLOOR), of_level[0], jnp.maximum(own_level, FLOOR))
     return Smooth(
-        range_m=jnp.where(trusted, scan.range_m / of_ratio[0], scan.range_m),
-        plane_rad=jnp.where(trusted, slant, scan.incidence_rad),
+        range_m=jnp.where(trusted & plane, scan.range_m / of_ratio[0], scan.range_m),
+        plane_rad=jnp.where(trusted & plane, slant, scan.incidence_rad),
         incidence_rad=jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), scan.incidence_rad),
         detail=jnp.where(scan.hit, jnp.log(jnp.maximum(own_level, FLOOR)) - jnp.log(middle), 0.0),
         trusted=trusted,
