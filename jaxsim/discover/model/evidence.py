@@ -49,6 +49,8 @@ POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
 """Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
+OF_DETAIL = 3
+"""Features of a noisy simulator's detail: of bright surfaces, of dark ones, and of levels over their trend."""
 AFTER_CLASSES = 4
 """Features behind the classes: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
 
@@ -206,7 +208,10 @@ def _own(
     variance = noise.variance(np.exp(expected)) * np.asarray(simulator.leverage)[index]
     trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
     left = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
-    detail = np.stack([np.asarray(simulator.detail)[index], over_trend], axis=-1)
+    # How far noise hides what is meant differs between bright and dark surfaces.
+    dark = noise.constant_part(np.exp(expected))
+    own_detail = np.asarray(simulator.detail)[index]
+    detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
     return replace(
         own,
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
@@ -265,7 +270,7 @@ def _gather(
     ridge = _ridge(len(classes))
     if own.detail is not None:
         features = jnp.concatenate([features, own.detail], axis=-1)
-        ridge = np.append(ridge, np.full(2, 1 / DETAIL_SD**2, np.float32))
+        ridge = np.append(ridge, np.full(OF_DETAIL, 1 / DETAIL_SD**2, np.float32))
     return Evidence(
         rays=rays,
         returned=returned,
@@ -287,7 +292,7 @@ def _gather(
         known_variance=known_variance,
         own_step=own.step,
         units=units,
-        after_classes=AFTER_CLASSES + (0 if own.detail is None else 2),
+        after_classes=AFTER_CLASSES + (0 if own.detail is None else OF_DETAIL),
     )
 
 

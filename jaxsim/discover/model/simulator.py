@@ -53,6 +53,8 @@ FEWEST_BESIDE = 6.0
 """Rays of a surface in a window, by weight, that say what the simulator means ..."""
 MOST_LEVERAGE = 0.3
 """... unless they lie so that the level is as uncertain as that of three rays."""
+MOST_DETAIL = 1.0
+"""Intensities off their surface's are held within this share of it."""
 PLANE_MISFIT = 1.5
 """Scatter about a window's plane over that of noise, up to which it is a plane."""
 RIDGE = 1e-2
@@ -94,8 +96,12 @@ class Levels:
         return self.intensity > 0 or self.intensity_share > 0
 
     def variance(self, intensity: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Squared standard deviation of ln I at these intensities, nats^2."""
+        """Squared standard deviation at these intensities over the intensity."""
         return self.intensity_share**2 + (self.intensity / np.maximum(intensity, FLOOR)) ** 2
+
+    def constant_part(self, intensity: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Share of the variance that is the same for all intensities."""
+        return 1 - self.intensity_share**2 / np.maximum(self.variance(intensity), 1e-12)
 
 
 @dataclass(frozen=True)
@@ -106,7 +112,7 @@ class Meant:
     planes_rad: Float[Array, "f r c"] | None
     """Incidence on the planes of the ranges that are meant; None where ranges are not noisy."""
     detail: Float[Array, "f r c"] | None
-    """ln I of each ray over its surface's beside it, nats, as the simulator has it, noise and all; None where
+    """Intensity of each ray over its surface's beside it, less 1, as the simulator has it, noise and all; None where
     intensities are not noisy."""
     trusted: Bool[Array, "f r c"] | None
     """Where enough of the surface lies beside a ray to say what is meant."""
@@ -136,7 +142,6 @@ def meant(
         scan = filled(scan)
     if not (noise.range_m > 0 or noise.of_intensity):
         return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, None, noise, sensor)
-    given = _cosine(scan) if noise.follows_cosine else 1.0
     smooth = smooth_frames(
         scan,
         half=_half_width(scan),
@@ -144,7 +149,6 @@ def meant(
         range_sd_m=jnp.float32(noise.range_m),
         intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
     )
-    albedo = np.asarray(scan.intensity) / given * np.exp(-np.asarray(smooth.detail))
     if noise.incidence_rad > 0:
         scan = replace(scan, incidence_rad=smooth.incidence_rad)
     planes = None
@@ -154,7 +158,7 @@ def meant(
     if not noise.of_intensity:
         return Meant(_shaped(scan), planes, None, None, None, None, None, noise, sensor)
     detail = np.asarray(smooth.detail)
-    level = albedo * (_cosine(scan) if noise.follows_cosine else 1.0)
+    level = np.asarray(smooth.albedo) * (_cosine(scan) if noise.follows_cosine else 1.0)
     own = noise.variance(level)
     trusted = np.asarray(scan.hit & smooth.trusted)
     trust = reliability(detail, own, level, semantic=np.asarray(scan.semantic), where=trusted)
@@ -320,7 +324,9 @@ class Smooth:
     incidence_rad: Float[Array, "f r c"]
     """The simulator's own, made smooth."""
     detail: Float[Array, "f r c"]
-    """ln I over that of the surface beside the ray, nats."""
+    """Intensity over that of the surface beside the ray, less 1."""
+    albedo: Float[Array, "f r c"]
+    """Of the surface: intensity, over the cosine where it follows that."""
     trusted: Bool[Array, "f r c"]
     leverage: Float[Array, "f r c"]
     """Variance of the surface's level over that of one ray."""
@@ -429,7 +435,9 @@ def _smooth_frame(
         range_m=jnp.where(trusted & plane, scan.range_m / of_ratio[0], scan.range_m),
         plane_rad=jnp.where(trusted & plane, slant, scan.incidence_rad),
         incidence_rad=jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), scan.incidence_rad),
-        detail=jnp.where(scan.hit, jnp.log(jnp.maximum(own_level, FLOOR)) - jnp.log(middle), 0.0),
+        # Not of logarithms, in which noise on dark readings is skewed and larger than it is.
+        detail=jnp.where(scan.hit, jnp.clip(own_level / middle - 1, -MOST_DETAIL, MOST_DETAIL), 0.0),
+        albedo=middle,
         trusted=trusted,
         leverage=leverage,
     )
