@@ -10,6 +10,7 @@ import numpy as np
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.random_effects import gain_and_classes
+from jaxsim.discover.model.simulator import Levels
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, padded
 from jaxsim.discover.read import Comparison
@@ -118,3 +119,24 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
     if len(parts.judge) < RULES.few_judge_scenes:
         lines.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
     return tuple(lines)
+
+
+def own_noise(levels: Levels) -> tuple[str, ...]:
+    """What a reader must know of noise that the simulated frames carry themselves."""
+    found = [
+        f"{what} {value:.2g}{unit}"
+        for what, value, unit in (
+            ("range", 100 * levels.range_m, " cm"),
+            ("intensity", 100 * levels.intensity_share, " %"),
+            ("intensity, the same for all,", levels.intensity, ""),
+            ("rays lost", 100 * levels.loss, " %"),
+        )
+        if value > 0
+    ]
+    if not found:
+        return ()
+    return (
+        f"the simulated frames have noise of their own ({', '.join(found)}; read off neighbouring rays): surfaces were "
+        "made smooth, and compared is what the simulator means; effects count by what they explain between surfaces, "
+        "ranges and angles. Frames without noise tell more",
+    )

@@ -131,6 +131,16 @@ class Rules:
     shape_unlike: float = 0.6
     """Share of a free curve's variation, so counted, from which on no shape is near it."""
 
+    # Levels: what sensors usually have of noise; conventions, after data sheets of automotive LiDARs.
+    usual_range_noise_m: float = 0.03
+    """Range noise up to which a sensor is as usual, m, standard deviation ..."""
+    usual_intensity_noise: float = 0.25
+    """... and noise of intensities, as a share of them ..."""
+    usual_random_loss: float = 0.02
+    """... and rays lost within smooth surfaces."""
+    coarser_step: float = 1.5
+    """A sensor's lattice is missing if its step is this many times the simulator's."""
+
     # Add and show: parameters, and the gap on judge scenes.
     interval_widening: float = 1.4
     """Half widths of parameters' intervals are multiplied by this: the laws of a real sensor are not quite those of

@@ -115,6 +115,20 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class Level:
+    """Noise, losses or a lattice of both sides."""
+
+    name: str
+    """A name of `levels.MEASURES`."""
+    simulated: Interval
+    measured: Interval
+    missing: Interval
+    """What the simulator lacks: of noise, the root of the difference of variances."""
+    beyond_usual: bool
+    """Whether the simulator lacks more than sensors usually have (`Rules.usual_...`)."""
+
+
+@dataclass(frozen=True)
 class Rank:
     """A candidate of the first step, for the report."""
 
@@ -166,6 +180,8 @@ class Verdict:
     ranking: tuple[Rank, ...] = ()
     nulls: Nulls | None = None
     """Where the bar was set on nulls of these very data."""
+    levels: tuple[Level, ...] = ()
+    """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -188,6 +204,7 @@ class Verdict:
             "moved": _plain(self.moved),
             "ranking": [_plain(rank) for rank in self.ranking],
             "nulls": _plain(self.nulls),
+            "levels": [_plain(level) for level in self.levels],
             "notes": list(self.notes),
         }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,9 @@ from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.explain import named, notes, nuisance_changes, ranking, why_not
+from jaxsim.discover.explain import named, notes, nuisance_changes, own_noise, ranking, why_not
 from jaxsim.discover.find import Place, interactions, localise, reported, spelled
+from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
@@ -82,6 +83,7 @@ def discover(
     log("judging on unseen scenes")
     shown = show_gap(division, null, answer.choice, added=added, known=known)
 
+    levels = compare_levels(comparison)
     choice = answer.choice
     verdict = Verdict(
         verdict=answer.verdict,
@@ -98,10 +100,12 @@ def discover(
         moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
-        notes=notes(comparison, parts, choice, held=held),
+        levels=levels,
+        notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
     )
     grid = comparison.scan.grid
-    return Result(verdict, added.sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
+    sensor = replace(added.sensor, levels=missing(levels))
+    return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
 
 
 @one_blas_thread

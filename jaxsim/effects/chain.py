@@ -4,8 +4,9 @@ then reports; read from and written to sensor.json."""
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,22 @@ from jaxtyping import Float
 
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.clutter import clutter_range
+from jaxsim.effects.edits import lose
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
 from jaxsim.files import replacing
 from jaxsim.frame import PolarImage
 
+LEVELS = {
+    "range_noise": 10.0,
+    "intensity_noise": 1.0,
+    "intensity_noise_constant": 1.0,
+    "random_loss": 0.99,
+    "intensity_step": 0.5,
+    "range_step": 10.0,
+}
+"""Levels of a sensor, and the most that each may be: m, share, 0..1, probability, 0..1, m."""
 Value = float | tuple[float, ...]
 """Of a parameter: a number, or one a beam or class."""
 
@@ -43,14 +54,21 @@ def apply_law(law: Law, p: dict[str, Array], rays: Rays, *, scan: Scan) -> Rays:
 
 @partial(jax.jit, static_argnames="columns")
 def sample(
-    key: Array, rays: Rays, *, noise_m: float | Array = 0.0, noise: float | Array = 0.0, columns: int = 1
+    key: Array,
+    rays: Rays,
+    *,
+    noise_m: float | Array = 0.0,
+    noise: float | Array = 0.0,
+    constant: float | Array = 0.0,
+    columns: int = 1,
 ) -> PolarImage:
     """Draws what is reported of whole images (*b, rows, columns) of rays.
 
     In turn: a group of `columns` columns may be lost with all its returns. Else a ray may return early (clutter),
     else a bright target's glare (ghost), else, if it hits and its echo is kept, the surface; at an edge that reading
     may lie between two surfaces. Glare of rays that hit nothing has the intensity of clutter. Then noise, the
-    ceiling, rounding. `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity.
+    ceiling, rounding. `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity,
+    `constant` that of intensity noise that is the same for all.
     """
     keys = jax.random.split(key, 9)
     shape = rays.range_m.shape
@@ -76,7 +94,10 @@ def sample(
     false = early | (glare & ~rays.hit)
     log_intensity = jnp.where(false, rays.clutter_log_intensity, rays.log_intensity)
     log_intensity = log_intensity + jnp.asarray(noise, jnp.float32) * jax.random.normal(keys[7], shape)
-    intensity = _rounded(jnp.minimum(jnp.exp(log_intensity), rays.intensity_top), rays.intensity_step)
+    # The last key's other half, so that models without levels draw what they always drew.
+    constant_noise = constant * jax.random.normal(jax.random.fold_in(keys[7], 1), shape)
+    received = jnp.minimum(jnp.exp(log_intensity) + constant_noise, rays.intensity_top)
+    intensity = _rounded(received, rays.intensity_step)
     intensity = jnp.clip(intensity, 0.0, 1.0)
 
     groups = -(-shape[-1] // columns)
@@ -102,10 +123,17 @@ class SensorModel:
 
     effects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
     """Names and values by parameter; values are kept as floats and tuples."""
+    levels: Mapping[str, float] = field(default_factory=dict)
+    """Noise and losses of the sensor that no effect explains, by the names of LEVELS; drawn with all that is drawn."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
         order = list(EFFECTS)
+        for name, value in self.levels.items():
+            if name not in LEVELS:
+                raise ValueError(f"levels: {name!r} is not known; known are {', '.join(LEVELS)}")
+            if not 0 <= value <= LEVELS[name]:
+                raise ValueError(f"levels: {name} is {value:g}; it must lie within 0 and {LEVELS[name]:g}")
         object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
@@ -123,11 +151,27 @@ class SensorModel:
     def sample(self, key: Array, rays: Rays, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
         """Draws whole images (*b, rows, columns) of rays to which the effects were applied.
 
-        `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity.
+        `noise_m` is the sensor's own standard deviation of range, `noise` that of the log intensity; the model's levels
+        come on top.
         """
+        levels = {name: float(self.levels.get(name, 0.0)) for name in LEVELS}
+        if levels["random_loss"]:
+            rays = lose(rays, jnp.full_like(rays.log_keep, levels["random_loss"]))
+        rays = replace(
+            rays,
+            intensity_step=jnp.maximum(rays.intensity_step, levels["intensity_step"]),
+            range_step_m=jnp.maximum(rays.range_step_m, levels["range_step"]),
+        )
         default = get_effect("packet_loss").parameters["columns"].neutral
         groups = [np.asarray(p.get("columns", default)) for name, p in self.effects if name == "packet_loss"]
-        return sample(key, rays, noise_m=noise_m, noise=noise, columns=round(groups[0].item()) if groups else 1)
+        return sample(
+            key,
+            rays,
+            noise_m=math.hypot(noise_m, levels["range_noise"]),
+            noise=math.hypot(noise, levels["intensity_noise"]),
+            constant=levels["intensity_noise_constant"],
+            columns=round(groups[0].item()) if groups else 1,
+        )
 
     def simulate(self, scan: Scan, key: Array, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
         """All frames of a scan as the sensor reports them (host memory); frame k depends on the key and k alone."""
@@ -147,7 +191,8 @@ class SensorModel:
             for name, parameters in self.effects
         ]
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps({"effects": entries}, indent=1) + "\n")
+            content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
+            temporary.write_text(json.dumps(content, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path | str, rows: int | None = None) -> SensorModel:
@@ -161,12 +206,13 @@ class SensorModel:
         try:
             content = json.loads(path.read_text())
             entries = [(entry["name"], {**entry.get("parameters", {})}) for entry in content["effects"]]
-        except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+            levels = {name: float(value) for name, value in content.get("levels", {}).items()}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'
             ) from error
         try:
-            model = cls(tuple(entries))
+            model = cls(tuple(entries), levels)
             if rows is not None:
                 model.values(rows)
         except ValueError as error:

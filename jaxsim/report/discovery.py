@@ -11,7 +11,7 @@ from jaxsim.files import replacing
 from jaxsim.report.answer import named_effects, ranking, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas
 from jaxsim.report.charts import ticks, x_axis
-from jaxsim.report.evidence import curves, gap, maps, moved, where
+from jaxsim.report.evidence import curves, gap, levels, maps, moved, where
 from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
 from jaxsim.report.words import number, verdict_sentence
@@ -59,6 +59,7 @@ def write_report(folder: Path, result: Result) -> Path:
             ranking(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
             "" if outside else unexplained(verdict.unexplained, draw),
+            levels(verdict.levels),
             moved(verdict),
             _scenes(verdict),
         ],

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import CurveLine, Gained, Gap, Result, Verdict, Where
+from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
@@ -96,6 +96,43 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
         "makes readings scatter, also their spread over the one that each ray is expected to have."
     )
     return section("Along the effect's own covariates", intro + legend + "".join(parts))
+
+
+LEVELS = {
+    "range_noise": ("range noise", 100.0, "cm"),
+    "intensity_noise": ("intensity noise, in proportion", 100.0, "%"),
+    "intensity_noise_constant": ("intensity noise, the same for all", 1.0, ""),
+    "random_loss": ("rays lost within surfaces", 100.0, "%"),
+    "intensity_step": ("steps of the intensity", 1.0, ""),
+    "range_step": ("steps of the range", 100.0, "cm"),
+}
+"""Titles of levels, and the unit that they are shown in."""
+
+
+def levels(compared: Sequence[Level]) -> str:
+    """Noise, losses and lattices of both sides, and what the simulator lacks of them."""
+    rows = []
+    for one in compared:
+        title, factor, unit = LEVELS[one.name]
+        sides = [_level(side, factor, unit) for side in (one.simulated, one.measured, one.missing)]
+        rows.append([escape(title), *sides, "more than usual" if one.beyond_usual else ""])
+    if not rows:
+        return ""
+    words = (
+        "Told from neighbouring rays of one surface, each side by itself; with 90 % intervals over scenes. No "
+        "discovery: what is missing goes into sensor.json as levels, which simulations draw. A sensor's intensity "
+        "noise holds texture finer than its rays."
+    )
+    return section("Levels", paragraph(words) + table(["level", "simulated", "measured", "missing", ""], rows, text=1))
+
+
+def _level(side: Interval, factor: float, unit: str) -> str:
+    if side.value == 0 and not side.high > 0:
+        return "none"
+    value = f"{number(factor * side.value)} {unit}".strip()
+    if side.low == side.high:
+        return value
+    return f"{value}<br><small>{number(factor * side.low)} to {number(factor * side.high)}</small>"
 
 
 def gap(verdict: Verdict) -> str:

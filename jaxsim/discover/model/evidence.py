@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.model.simulator import Levels, Meant, own_steps, reliability, trend
+from jaxsim.discover.model.simulator import Meant, own_steps, reliability, trend
 from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan
@@ -177,7 +177,7 @@ class _Own:
 def _own(
     scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
 ) -> _Own:
-    noise = Levels(**own_steps(scan)) if simulator is None else simulator.noise
+    noise = own_steps(scan) if simulator is None else simulator.noise
     nothing = np.zeros((1, 1, 1), np.float32)
     own = _Own(
         detail=None,

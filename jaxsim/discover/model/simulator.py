@@ -192,8 +192,9 @@ def noise_levels(scan: Scan) -> Levels:
     """The levels of noise of frames, from differences between rays of one surface along a row."""
     inner, hole = _neighbourhoods(scan)
     inner, hole = np.asarray(inner), np.asarray(hole)
+    steps = own_steps(scan)
     if inner.sum() < FEWEST:
-        return Levels(**own_steps(scan))
+        return steps
     range_m = np.asarray(scan.range_m, np.float64)
     bend = _second_difference(1 / np.maximum(range_m, 0.1))
     range_sd = _sd_of(np.abs(bend * range_m**2)[inner])
@@ -207,19 +208,20 @@ def noise_levels(scan: Scan) -> Levels:
         intensity_share=share,
         follows_cosine=follows_cosine,
         loss=float(loss) if loss > LEAST_LOSS else 0.0,
-        **own_steps(scan),
+        intensity_step=steps.intensity_step,
+        range_step_m=steps.range_step_m,
     )
 
 
-def own_steps(scan: Scan) -> dict[str, float]:
-    """Lattices of simulated readings, by the names of `Levels`; 0 for none."""
+def own_steps(scan: Scan) -> Levels:
+    """The lattices of readings alone."""
     hit = np.flatnonzero(np.asarray(scan.hit))
     hit = hit[:: max(1, len(hit) // MOST_VALUES)]
     intensity, range_m = np.asarray(scan.intensity).ravel()[hit], np.asarray(scan.range_m).ravel()[hit]
-    return {
-        "intensity_step": lattice_step(intensity, finest=FINEST["intensity_quantization"]),
-        "range_step_m": lattice_step(range_m, finest=FINEST["range_quantization"]),
-    }
+    return Levels(
+        intensity_step=lattice_step(intensity, finest=FINEST["intensity_quantization"]),
+        range_step_m=lattice_step(range_m, finest=FINEST["range_quantization"]),
+    )
 
 
 def _second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:

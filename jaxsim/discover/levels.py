@@ -1,0 +1,110 @@
+"""Levels: noise, losses and lattices of both sides, and what of them the simulator lacks.
+
+No discovery: every sensor has noise, and a simulator may leave it out on purpose. Each level is told from the frames of
+its own side (`model.simulator.noise_levels`), scene by scene; the interval is that of the scatter between scenes.
+Differences are of variances: noise that both sides have is not missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.simulator import Levels, noise_levels
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import mean_interval
+from jaxsim.discover.verdict import Interval, Level
+from jaxsim.effects.rays import Scan
+
+MEASURES = {
+    "range_noise": ("range_m", "m"),
+    "intensity_noise": ("intensity_share", "share of the intensity"),
+    "intensity_noise_constant": ("intensity", ""),
+    "random_loss": ("loss", "share of the rays"),
+    "intensity_step": ("intensity_step", ""),
+    "range_step": ("range_step_m", "m"),
+}
+"""Levels by the name that a verdict gives them: field of `Levels`, and unit."""
+LATTICES = ("intensity_step", "range_step")
+USUAL = {
+    "range_noise": RULES.usual_range_noise_m,
+    "intensity_noise": RULES.usual_intensity_noise,
+    "random_loss": RULES.usual_random_loss,
+}
+
+
+def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
+    """The levels of both sides, and what the simulator lacks of them.
+
+    A sensor's intensity noise holds texture of surfaces that is finer than the rays, for no frame tells the two apart.
+    """
+    simulated = _by_scene(comparison, comparison.scan)
+    measured = _by_scene(comparison, _as_measured(comparison.scan, comparison.measured))
+    return tuple(
+        _compared(name, unit, [getattr(one, field) for one in simulated], [getattr(one, field) for one in measured])
+        for name, (field, unit) in MEASURES.items()
+    )
+
+
+def missing(levels: tuple[Level, ...]) -> dict[str, float]:
+    """What a sensor model adds to a simulation, by name: the levels that the simulator lacks for certain."""
+    return {one.name: one.missing.value for one in levels if one.missing.low > 0}
+
+
+def _as_measured(scan: Scan, measured: Measured) -> Scan:
+    """The sensor's readings with the simulator's surfaces."""
+    return replace(scan, range_m=measured.range_m, intensity=measured.intensity, hit=measured.valid)
+
+
+def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:
+    """Levels of each scene, or of each frame where all are of one."""
+    scenes = np.asarray(comparison.scenes)
+    groups = scenes if len(set(scenes)) > 1 else np.arange(len(scenes))
+    return [noise_levels(_frames(scan, groups == group)) for group in dict.fromkeys(groups)]
+
+
+def _frames(scan: Scan, keep: np.ndarray) -> Scan:
+    """Some frames of a scan."""
+    rasters = {f.name: getattr(scan, f.name) for f in fields(scan) if f.name != "grid"}
+    return replace(scan, **jax.tree.map(lambda raster: jnp.asarray(np.asarray(raster)[keep]), rasters))
+
+
+def _compared(name: str, unit: str, simulated: list[float], measured: list[float]) -> Level:
+    ours, theirs = np.array(simulated, float), np.array(measured, float)
+    if name in LATTICES:
+        # A lattice is one for all scenes, or none; where they disagree, there is none to speak of.
+        lattice = [_only(side) for side in (ours, theirs)]
+        lacking = lattice[1] if lattice[1] > RULES.coarser_step * lattice[0] else 0.0
+        sides = [Interval(v, v, v, unit) for v in (*lattice, lacking)]
+        return Level(name, simulated=sides[0], measured=sides[1], missing=sides[2], beyond_usual=False)
+    power = 1 if name == "random_loss" else 2
+    between = theirs**power - ours**power
+    low, high = mean_interval(between)
+    lacking = [max(v, 0.0) ** (1 / power) for v in (float(between.mean()), low, high)]
+    usual = USUAL.get(name, np.inf)
+    return Level(
+        name,
+        _mean(ours, power, unit),
+        _mean(theirs, power, unit),
+        Interval(lacking[0], lacking[1], lacking[2], unit),
+        beyond_usual=bool(lacking[1] > usual),
+    )
+
+
+def _mean(side: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
+    """Mean level; of noise, the root of the mean variance."""
+    low, high = mean_interval(side**power)
+    value, low, high = [max(v, 0.0) ** (1 / power) for v in (float((side**power).mean()), low, high)]
+    return Interval(value, low, high, unit)
+
+
+def _only(steps: Float[np.ndarray, " s"]) -> float:
+    """The step of most scenes; 0 where they differ by more than rounding."""
+    middle = float(np.median(steps))
+    return middle if np.mean(np.isclose(steps, middle, rtol=0.02)) > 0.5 else 0.0
