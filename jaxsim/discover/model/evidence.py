@@ -45,6 +45,9 @@ DARK = 0.2
 the mean of the logarithm is then off by half its square."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
+NORMAL = 0.86
+"""Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
+sum: 0.89 where the noise is weak, 0.83 where it is all."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
@@ -99,6 +102,8 @@ class Evidence:
     known_variance: Float[Array, "#b #c #r"]
     """Squared standard deviation of ln I that follows from levels read off the frames, nats^2: of what the simulator
     means, where noise of its own hides it; and of the sensor's readings by noise that is the same for all."""
+    known_range_variance: Float[Array, "#b #c #r"]
+    """The same of the range that the simulator means, m^2."""
     own_step: Float[Array, " 2"]
     """Lattices of the simulator's own intensities and ranges; 0 for none."""
     units: int = struct.field(pytree_node=False, default=0)
@@ -167,6 +172,7 @@ class _Own:
     over_trend: Float[Array, "#b #c #r"]
     """ln I, as it is then left, over the trend of the surface."""
     variance: Float[Array, "#b #c #r"]
+    range_variance: Float[Array, "#b #c #r"]
     trusted: Bool[Array, "#b #c #r"]
     log_kept: Float[Array, ""]
     step: Float[Array, " 2"]
@@ -184,6 +190,9 @@ def _own(
         excess=nothing,
         over_trend=nothing,
         variance=nothing,
+        range_variance=nothing
+        if simulator is None or simulator.range_variance is None
+        else NORMAL**2 * np.asarray(simulator.range_variance)[index],
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
@@ -290,6 +299,7 @@ def _gather(
         precision=surfaces.precision,
         unit=unit,
         known_variance=known_variance,
+        known_range_variance=own.range_variance,
         own_step=own.step,
         units=units,
         after_classes=AFTER_CLASSES + (0 if own.detail is None else OF_DETAIL),

@@ -11,7 +11,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Float
 
-from jaxsim.discover.model.evidence import Evidence
+from jaxsim.discover.model.evidence import NORMAL, Evidence
 from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
@@ -19,9 +19,6 @@ DEGREES = 4.0
 """Degrees of freedom of the Student-t of ln I and of the range: tails so heavy that no single ray decides."""
 STEEPEST_NOISE_RAD = 1.4
 """Incidence beyond which noise on the normals counts no more: its tangent would be without bound."""
-NORMAL = 0.86
-"""Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
-sum: 0.89 where the noise is weak, 0.83 where it is all."""
 
 
 @struct.dataclass
@@ -93,7 +90,8 @@ def range_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
     """Squared scale of the range, m^2: of the sensor, of a beam's aim through the derivatives in the pose's rotations,
     and of edges."""
     aim = jnp.exp(2 * noise.aim) * jnp.sum(ev.pose[..., 3:] ** 2, axis=-1)
-    return jnp.exp(2 * noise.range_) + aim + jnp.where(ev.edge, jnp.exp(2 * noise.edge), 0)
+    of_sensor = jnp.exp(2 * noise.range_) + aim + jnp.where(ev.edge, jnp.exp(2 * noise.edge), 0)
+    return of_sensor + ev.known_range_variance
 
 
 def reading_variance(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:

@@ -39,6 +39,8 @@ LEAST_RANGE_M = 0.004
 """Range noise below which a simulator counts as ideal: curved surfaces have as much."""
 LEAST_INTENSITY = 0.01
 """The same of intensity, as a share of it."""
+AS_WELL = 1.1
+"""Ratio of variances up to which intensities follow the cosine as well as they follow none."""
 LEAST_INCIDENCE_RAD = np.deg2rad(0.5)
 """The same of angles of incidence."""
 LEAST_LOSS = 0.001
@@ -109,6 +111,8 @@ class Meant:
     """A simulator's frames as it means them."""
 
     scan: Scan
+    range_variance: Float[Array, "f r c"] | None
+    """Squared standard deviation that noise leaves on the ranges that are meant, m^2; None where they are not noisy."""
     planes_rad: Float[Array, "f r c"] | None
     """Incidence on the planes of the ranges that are meant; None where ranges are not noisy."""
     detail: Float[Array, "f r c"] | None
@@ -141,7 +145,7 @@ def meant(
     if noise.loss > 0:
         scan = filled(scan)
     if not (noise.range_m > 0 or noise.of_intensity):
-        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, None, noise, sensor)
+        return Meant(_shaped(scan) if noise.loss > 0 else scan, None, None, None, None, None, None, None, noise, sensor)
     smooth = smooth_frames(
         scan,
         half=_half_width(scan),
@@ -151,12 +155,13 @@ def meant(
     )
     if noise.incidence_rad > 0:
         scan = replace(scan, incidence_rad=smooth.incidence_rad)
-    planes = None
+    planes, range_variance = None, None
     if noise.range_m > 0:
         scan = replace(scan, range_m=smooth.range_m)
         planes = smooth.plane_rad
+        range_variance = noise.range_m**2 * smooth.range_leverage
     if not noise.of_intensity:
-        return Meant(_shaped(scan), planes, None, None, None, None, None, noise, sensor)
+        return Meant(_shaped(scan), range_variance, planes, None, None, None, None, None, noise, sensor)
     detail = np.asarray(smooth.detail)
     level = np.asarray(smooth.albedo) * (_cosine(scan) if noise.follows_cosine else 1.0)
     own = noise.variance(level)
@@ -165,6 +170,7 @@ def meant(
     scan = replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32))
     return Meant(
         _shaped(scan),
+        range_variance,
         planes,
         smooth.detail,
         smooth.trusted,
@@ -272,7 +278,8 @@ def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[floa
         size = np.abs(_second_difference(intensity / given)) * given
         level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
         variances.append(_by_level(size[bright], level[bright]))
-    follows_cosine = bool(np.mean(variances[1][1]) < np.mean(variances[0][1]))
+    # In doubt it does: over the cosine, intensities bend less along a surface.
+    follows_cosine = bool(np.mean(variances[1][1]) < AS_WELL * np.mean(variances[0][1]))
     level, variance = variances[follows_cosine]
     # Weighted by the relative error: a line through variance / level^2 = share^2 + constant^2 / level^2.
     design = np.stack([np.ones_like(level), 1 / level**2], 1) * (level**2 / variance.clip(1e-12))[:, None]
@@ -321,6 +328,8 @@ class Smooth:
     """Frames made smooth within each surface."""
 
     range_m: Float[Array, "f r c"]
+    range_leverage: Float[Array, "f r c"]
+    """Variance of that range over a noisy one's."""
     plane_rad: Float[Array, "f r c"]
     """Incidence on the plane through the ranges."""
     incidence_rad: Float[Array, "f r c"]
@@ -415,6 +424,9 @@ def _smooth_frame(
     gram = _gram(design, weight)
     of_ratio = _solved(gram, _moments(design, weight, ratio))
     of_angle = _solved(gram, _moments(design, weight, angle))
+    one = jnp.ones_like(own_q)
+    first_row = [one, 0 * one, 0 * one]
+    of_range = _solved(gram, first_row)[0]
     # Levels by the precision of each ray, which follows from its cosine: rays seen at grazing angles say little.
     share2, constant2 = intensity_sd[1] ** 2, intensity_sd[0] ** 2
     seen = weight * cosine**2
@@ -422,9 +434,8 @@ def _smooth_frame(
     precision = weight * (cosine * first[None]) ** 2 / (constant2 + share2 * (cosine * first[None]) ** 2 + 1e-12)
     gram = _gram(design, precision)
     of_level = _solved(gram, _moments(design, precision, level))
-    one = jnp.ones_like(own_q)
     own_variance = share2 + constant2 / (first * own_cosine) ** 2 + 1e-12
-    leverage = _solved(gram, [one, 0 * one, 0 * one])[0] / own_variance
+    leverage = _solved(gram, first_row)[0] / own_variance
     misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6)) * scale[0]
     middle_weight = weight[len(columns) * ROWS + len(columns) // 2]
     plane = (middle_weight > 0) & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
@@ -435,6 +446,7 @@ def _smooth_frame(
     middle = jnp.where(trusted & (of_level[0] > FLOOR), of_level[0], jnp.maximum(own_level, FLOOR))
     return Smooth(
         range_m=jnp.where(trusted & plane, scan.range_m / of_ratio[0], scan.range_m),
+        range_leverage=jnp.where(trusted & plane, of_range, 1.0),
         plane_rad=jnp.where(trusted & plane, slant, scan.incidence_rad),
         incidence_rad=jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), scan.incidence_rad),
         # Not of logarithms, in which noise on dark readings is skewed and larger than it is.
