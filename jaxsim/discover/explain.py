@@ -9,8 +9,8 @@ import numpy as np
 
 from jaxsim.discover.add import parameters_of
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import gain_and_classes
-from jaxsim.discover.model.simulator import Levels
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, Selection, Step, padded
 from jaxsim.discover.read import Comparison

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.model.simulator import Levels, noise_levels
+from jaxsim.discover.model.noise_levels import Levels, noise_levels
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval

@@ -132,9 +132,9 @@ class Division:
             intensity=measured.intensity,
             valid=measured.valid,
         )
-        given, planes = simulator.scan, simulator.planes_rad
+        given, ranges = simulator.scan, simulator.ranges
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-        scan = with_planes(given) if planes is None else replace(given, incidence_rad=planes)
+        scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
         return cls(scan, given, simulator, measured, chosen, rays, split(chosen.unit))
 

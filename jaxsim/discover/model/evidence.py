@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
 from jaxsim.discover.model.lattice import FINEST, lattice_step
-from jaxsim.discover.model.simulator import Meant, own_steps, reliability, trend
+from jaxsim.discover.model.simulator import OF_DETAIL, AtRays, Meant, at_rays
 from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.rays import FLOOR, Rays, Scan
@@ -45,15 +45,10 @@ DARK = 0.2
 the mean of the logarithm is then off by half its square."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
-NORMAL = 0.86
-"""Scale that normal noise of standard deviation 1 adds, in squares, to a Student-t of 4 degrees that is fitted to the
-sum: 0.89 where the noise is weak, 0.83 where it is all."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
 """Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
-OF_DETAIL = 3
-"""Features of a noisy simulator's detail: of bright surfaces, of dark ones, and of levels over their trend."""
 AFTER_CLASSES = 4
 """Features behind the classes: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
 
@@ -155,79 +150,9 @@ def gather(
         unit=unit.astype(np.int32),
         darkest=np.float32(BLURRED * step),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
-        own=_own(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
+        own=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
         classes=tuple(int(c) for c in classes),
         units=int(unit.max()) + 1,
-    )
-
-
-@struct.dataclass
-class _Own:
-    """What is known of the simulator's own noise, at the chosen rays."""
-
-    detail: Float[Array, "b c r k"] | None
-    """ln I over the surface beside a ray, and of that surface over the trend of all its rays; None without noise."""
-    excess: Float[Array, "#b #c #r"]
-    """What noise adds to ln I, by the best guess."""
-    over_trend: Float[Array, "#b #c #r"]
-    """ln I, as it is then left, over the trend of the surface."""
-    variance: Float[Array, "#b #c #r"]
-    range_variance: Float[Array, "#b #c #r"]
-    trusted: Bool[Array, "#b #c #r"]
-    log_kept: Float[Array, ""]
-    step: Float[Array, " 2"]
-    constant: Float[Array, ""]
-    """Noise on the sensor's intensities that is the same for all."""
-
-
-def _own(
-    scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
-) -> _Own:
-    noise = own_steps(scan) if simulator is None else simulator.noise
-    nothing = np.zeros((1, 1, 1), np.float32)
-    own = _Own(
-        detail=None,
-        excess=nothing,
-        over_trend=nothing,
-        variance=nothing,
-        range_variance=nothing
-        if simulator is None or simulator.range_variance is None
-        else NORMAL**2 * np.asarray(simulator.range_variance)[index],
-        trusted=nothing == 0,
-        log_kept=np.float32(np.log1p(-noise.loss)),
-        step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
-        constant=np.float32(0.0 if simulator is None else simulator.sensor.intensity),
-    )
-    if simulator is None or simulator.detail is None:
-        return own
-    trusted = np.asarray(simulator.trusted)[index]
-    level = np.asarray(simulator.level)[index].astype(float)
-    semantic = np.asarray(scan.semantic)[index]
-    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
-    expected = level.copy()
-    expected[trusted] = trend(
-        level[trusted],
-        semantic=semantic[trusted],
-        surface=surface[trusted],
-        incidence_rad=np.asarray(given_rad)[index][trusted],
-        range_m=np.asarray(scan.range_m)[index][trusted],
-    )
-    over_trend = level - expected
-    # By what is expected, not by what is read, which would take the darker of the noisy levels for dark surfaces.
-    variance = noise.variance(np.exp(expected)) * np.asarray(simulator.leverage)[index]
-    trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
-    left = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
-    # How far noise hides what is meant differs between bright and dark surfaces.
-    dark = noise.constant_part(np.exp(expected))
-    own_detail = np.asarray(simulator.detail)[index]
-    detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
-    return replace(
-        own,
-        detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
-        excess=((1 - trust) * over_trend).astype(np.float32),
-        over_trend=left.astype(np.float32),
-        variance=(np.asarray(simulator.detail_variance)[index] + variance * trust).astype(np.float32),
-        trusted=trusted,
     )
 
 
@@ -243,7 +168,7 @@ def _gather(
     unit: Int[Array, " b"],
     darkest: Float[Array, ""],
     lowest: Float[Array, ""],
-    own: _Own,
+    own: AtRays,
     classes: tuple[int, ...],
     units: int,
 ) -> Evidence:

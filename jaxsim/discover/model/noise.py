@@ -11,7 +11,8 @@ import numpy as np
 from flax import struct
 from jaxtyping import Float
 
-from jaxsim.discover.model.evidence import NORMAL, Evidence
+from jaxsim.discover.model.evidence import Evidence
+from jaxsim.discover.model.simulator import NORMAL
 from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
