@@ -1,0 +1,189 @@
+"""Levels of noise of frames, told from differences between neighbouring rays of one surface.
+
+Second differences along a row, over sqrt 6, have the variance of independent noise and no slope; of ranges those of
+q = 1 / range are taken, which is linear on planes, and of intensities those over the cosine of the given incidence
+where they follow it. Texture and edges fill the upper end of their distribution, so a low quantile tells the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import nnls
+
+from jaxsim.discover.model.lattice import FINEST, lattice_step
+from jaxsim.effects.rays import FLOOR, Scan, spans_turn
+from jaxsim.frame import Array
+
+QUANTILE = 0.25
+"""Of absolute second differences, from which noise is told: texture and edges fill the upper ones."""
+NORMAL_QUANTILE = 0.31864
+"""The same quantile of |N(0, 1)|."""
+BINS = 12
+"""Of intensity, over which noise is told apart into a constant and a proportional part."""
+FEWEST = 400
+"""Second differences that a bin needs."""
+LEAST_RANGE_M = 0.004
+"""Range noise below which a simulator counts as ideal: curved surfaces have as much."""
+LEAST_INTENSITY = 0.01
+"""The same of intensity, as a share of it."""
+AS_WELL = 1.1
+"""Ratio of variances up to which intensities follow the cosine as well as they follow none."""
+LEAST_INCIDENCE_RAD = np.deg2rad(0.5)
+"""The same of angles of incidence."""
+LEAST_LOSS = 0.001
+"""Share of rays lost within smooth surfaces below which holes are the street's."""
+MOST_VALUES = 200_000
+"""Readings, evenly chosen, in which a lattice is looked for."""
+STEEPEST_COSINE = 0.1
+"""Cosines below this are held there: intensities are not divided by less."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Noise of frames, the simulator's or the sensor's, each level 0 where it is too small to matter."""
+
+    range_m: float = 0.0
+    """Standard deviation of the range."""
+    intensity: float = 0.0
+    """Of the intensity, the part that is the same for all; 0..1 scale."""
+    intensity_share: float = 0.0
+    """Of the intensity, the part in proportion to it."""
+    incidence_rad: float = 0.0
+    """Of the simulator's angles of incidence."""
+    loss: float = 0.0
+    """Probability that a ray within a smooth surface is lost."""
+    intensity_step: float = 0.0
+    """Lattice of the intensities; 0 for none."""
+    range_step_m: float = 0.0
+
+    follows_cosine: bool = False
+    """Intensities follow the cosine of the given incidence, its noise too."""
+
+    @property
+    def of_intensity(self) -> bool:
+        """Whether intensities are noisy."""
+        return self.intensity > 0 or self.intensity_share > 0
+
+    def variance(self, intensity: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Squared standard deviation at these intensities over the intensity."""
+        return self.intensity_share**2 + (self.intensity / np.maximum(intensity, FLOOR)) ** 2
+
+    def constant_part(self, intensity: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Share of the variance that is the same for all intensities."""
+        return 1 - self.intensity_share**2 / np.maximum(self.variance(intensity), 1e-12)
+
+
+def noise_levels(scan: Scan) -> Levels:
+    """The levels of noise of frames, from differences between rays of one surface along a row."""
+    inner, hole = neighbourhoods(scan)
+    inner, hole = np.asarray(inner), np.asarray(hole)
+    steps = own_steps(scan)
+    if inner.sum() < FEWEST:
+        return steps
+    range_m = np.asarray(scan.range_m, np.float64)
+    bend = _second_difference(1 / np.maximum(range_m, 0.1))
+    range_sd = _sd_of(np.abs(bend * range_m**2)[inner])
+    slant_sd = _sd_of(np.abs(_second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
+    loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
+    constant, share, follows_cosine = _intensity_noise(scan, inner)
+    return Levels(
+        range_m=range_sd if range_sd > LEAST_RANGE_M else 0.0,
+        incidence_rad=slant_sd if slant_sd > LEAST_INCIDENCE_RAD else 0.0,
+        intensity=constant,
+        intensity_share=share,
+        follows_cosine=follows_cosine,
+        loss=float(loss) if loss > LEAST_LOSS else 0.0,
+        intensity_step=steps.intensity_step,
+        range_step_m=steps.range_step_m,
+    )
+
+
+def own_steps(scan: Scan) -> Levels:
+    """The lattices of readings alone."""
+    hit = np.flatnonzero(np.asarray(scan.hit))
+    hit = hit[:: max(1, len(hit) // MOST_VALUES)]
+    intensity, range_m = np.asarray(scan.intensity).ravel()[hit], np.asarray(scan.range_m).ravel()[hit]
+    return Levels(
+        intensity_step=lattice_step(intensity, finest=FINEST["intensity_quantization"]),
+        range_step_m=lattice_step(range_m, finest=FINEST["range_quantization"]),
+    )
+
+
+def _second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:
+    """Of each ray with its neighbours along the row, over sqrt 6. Past the borders it means nothing."""
+    return (np.roll(x, 1, 2) - 2 * x + np.roll(x, -1, 2)) / np.sqrt(6)
+
+
+def _sd_of(size: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of normal noise of which these are absolute values, others among them that are larger."""
+    return float(np.quantile(size, QUANTILE) / NORMAL_QUANTILE)
+
+
+def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[float, float, bool]:
+    """The constant part of the noise on intensities, and the part in proportion to them, both 0 where they are small;
+    and whether intensities follow the cosine of the given incidence."""
+    intensity = np.asarray(scan.intensity, np.float64)
+    bright = inner & (np.roll(intensity, 1, 2) > FLOOR) & (np.roll(intensity, -1, 2) > FLOOR) & (intensity > FLOOR)
+    if bright.sum() < FEWEST:
+        return 0.0, 0.0, False
+    variances = []
+    # Intensities that follow the simulator's own normals follow their noise too; that is no noise on the intensity.
+    for given in (np.ones_like(intensity), cosine_of(scan)):
+        size = np.abs(_second_difference(intensity / given)) * given
+        level = (np.roll(intensity, 1, 2) + intensity + np.roll(intensity, -1, 2)) / 3
+        variances.append(_by_level(size[bright], level[bright]))
+    # In doubt it does: over the cosine, intensities bend less along a surface.
+    follows_cosine = bool(np.mean(variances[1][1]) < AS_WELL * np.mean(variances[0][1]))
+    level, variance = variances[follows_cosine]
+    # Weighted by the relative error: a line through variance / level^2 = share^2 + constant^2 / level^2.
+    design = np.stack([np.ones_like(level), 1 / level**2], 1) * (level**2 / variance.clip(1e-12))[:, None]
+    (share, constant), _ = nnls(design, np.ones_like(level))
+    if np.median(np.sqrt(variance) / level) < LEAST_INTENSITY:
+        return 0.0, 0.0, False
+    # A constant that even the darkest readings hardly show is none.
+    if constant < 4 * share * level[0] ** 2:
+        return 0.0, float(np.sqrt(np.median(variance / level**2))), follows_cosine
+    return float(np.sqrt(constant)), float(np.sqrt(share)), follows_cosine
+
+
+def _by_level(
+    size: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Median level of each bin of it, and the variance of the noise there."""
+    order = np.argsort(level)
+    bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
+    return np.array([np.median(level[b]) for b in bins]), np.array([_sd_of(size[b]) ** 2 for b in bins])
+
+
+def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
+    return np.maximum(np.cos(np.asarray(scan.incidence_rad, np.float64)), STEEPEST_COSINE)
+
+
+@jax.jit
+def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
+    """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
+    left, right = (beside(scan, k) for k in (1, -1))
+    alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
+    q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
+    middle = (q_left + q_right) / 2
+    alike = alike & (jnp.abs(q_left - q_right) < 0.1 * middle)
+    own = scan.hit & (scan.semantic == left.semantic) & (scan.instance == left.instance)
+    own = own & (jnp.abs(1 / jnp.maximum(scan.range_m, 0.1) - middle) < 0.03 * middle)
+    return alike & own, alike & ~scan.hit
+
+
+def beside(scan: Scan, shift: int) -> Scan:
+    """The scan turned by some columns; what comes in past a border hits nothing."""
+    column = jnp.arange(scan.range_m.shape[2])
+    inside = (column - shift >= 0) & (column - shift < len(column))
+    inside = inside | spans_turn(scan.grid)
+    turned = {
+        name: jnp.roll(getattr(scan, name), shift, axis=2)
+        for name in ("range_m", "hit", "intensity", "incidence_rad", "semantic", "instance", "rgb")
+    }
+    return replace(scan, **(turned | {"hit": turned["hit"] & inside[None, None]}))

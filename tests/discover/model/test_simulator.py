@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.simulator import filled, meant, reliability, trend
+from tests.discover.noisy_street import scan, sensed
+
+NOISY = {"share": 0.06, "constant": 0.008, "range_m": 0.015, "loss": 0.01, "step": 1 / 255}
+
+
+def as_meant(simulated, measured, frames=4):
+    frames_, truth = scan(simulated, frames)
+    other = sensed(truth, measured)
+    result = meant(frames_, range_m=other.range_m, intensity=other.intensity, valid=other.valid)
+    return frames_, result, {k: np.stack([t[k] for t in truth]) for k in truth[0]}
+
+
+def test_an_ideal_simulator_means_the_very_frames():
+    frames, result, _ = as_meant(None, NOISY)
+    assert result.scan is frames
+    assert result.ranges is None
+    assert result.intensities is None
+    assert result.sensor.range_m == pytest.approx(0.015, rel=0.1)
+
+
+def test_lost_rays_are_put_back_between_their_neighbours():
+    frames, truth = scan({"loss": 0.02}, 2)
+    hit = np.stack([t["hit"] for t in truth])
+    lost = hit & ~np.asarray(frames.hit)
+    back = filled(frames)
+    found = lost & np.asarray(back.hit)
+    assert found.sum() > 0.8 * lost.sum()
+    assert not (np.asarray(back.hit) & ~hit).any()
+    error = (np.asarray(back.range_m) - np.stack([t["range"] for t in truth]))[found]
+    assert np.median(np.abs(error)) < 0.02
+
+
+def test_the_measured_follows_what_is_meant_and_not_what_is_read():
+    """Errors in variables: the slope on the noisy reading shrinks, that on the meant one does not."""
+    frames, result, truth = as_meant(NOISY, {"share": 0.05})
+    wall = (truth["semantic"] == 11) & truth["hit"] & np.asarray(result.intensities.trusted)
+    wall &= truth["incidence"] < np.deg2rad(75)
+    true = np.log(truth["intensity"][wall])
+    read = np.log(np.maximum(np.asarray(frames.intensity)[wall], 1e-4))
+    told = np.log(np.asarray(result.scan.intensity)[wall])
+    # Within a window the cosine hardly changes: what is left is texture and noise.
+    cosine = np.log(np.cos(truth["incidence"][wall]))
+    detail = true - cosine
+    slope_read = np.polyfit(read - cosine, detail, 1)[0]
+    slope_told = np.polyfit(told - cosine, detail, 1)[0]
+    assert slope_read < 0.85
+    assert slope_told == pytest.approx(1, abs=0.1)
+    assert np.std(told - true) < 0.6 * np.std(read - true)
+
+
+def test_reliability_is_the_share_that_is_not_noise():
+    rng = np.random.default_rng(3)
+    true, noise = rng.normal(0, 0.2, 40_000), rng.normal(0, 0.1, 40_000)
+    kind = np.where(np.arange(40_000) % 2, 7, 11)
+    true[kind == 7] = 0
+    detail = true + noise
+    share = reliability(
+        detail, np.full(40_000, 0.01), rng.uniform(0.1, 0.4, 40_000), semantic=kind, where=np.ones(40_000, bool)
+    )
+    assert np.mean(share[kind == 11]) == pytest.approx(0.8, abs=0.02)
+    assert np.mean(share[kind == 7]) < 0.05
+
+
+def test_the_trend_is_the_law_of_class_angle_and_range():
+    rng = np.random.default_rng(4)
+    n = 5000
+    incidence, range_m = rng.uniform(0, 1.3, n), rng.uniform(3, 60, n)
+    kind, surface = rng.choice([7, 11], n), rng.integers(0, 50, n)
+    level = rng.normal(0, 0.2, 50)[surface] + np.log(np.cos(incidence)) - 2 * np.log(range_m) + 0.3 * (kind == 7)
+    noisy = level + rng.normal(0, 0.1, n)
+    told = trend(noisy, semantic=kind, surface=surface, incidence_rad=incidence, range_m=range_m)
+    assert np.std(told - level) < 0.03

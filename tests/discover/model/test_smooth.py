@@ -1,0 +1,70 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsim.discover.model.smooth import half_width, smooth_frames
+from tests.discover.noisy_street import scan
+
+RANGE_SD_M = 0.02
+
+
+def smoothed(noise, frames=2):
+    frames_, truth = scan(noise, frames)
+    sd = jnp.array([noise.get("constant", 0.0), noise.get("share", 0.0)], jnp.float32)
+    smooth = smooth_frames(
+        frames_,
+        half=half_width(frames_),
+        by_cosine=True,
+        range_sd_m=jnp.float32(noise.get("range_m", 0)),
+        intensity_sd=sd,
+    )
+    return frames_, jax.tree.map(np.asarray, smooth), {k: np.stack([t[k] for t in truth]) for k in truth[0]}
+
+
+def test_planes_halve_the_noise_of_ranges_without_bias():
+    _, smooth, truth = smoothed({"range_m": RANGE_SD_M})
+    there = smooth.trusted & truth["hit"]
+    moved = there & (smooth.range_leverage < 1)
+    assert moved.sum() > 0.6 * truth["hit"].sum()
+    error = (smooth.range_m - truth["range"])[moved]
+    assert np.abs(np.median(error)) < 1e-3
+    assert np.median(np.abs(error)) / 0.6745 < RANGE_SD_M / 2
+    for kind in (7, 11):
+        assert np.abs(np.mean(error[truth["semantic"][moved] == kind])) < 2e-3
+
+
+def test_the_leverage_is_the_variance_that_is_left():
+    _, smooth, truth = smoothed({"range_m": RANGE_SD_M}, frames=4)
+    moved = smooth.trusted & truth["hit"] & (smooth.range_leverage < 1)
+    claimed = RANGE_SD_M * np.sqrt(smooth.range_leverage[moved])
+    z = (smooth.range_m - truth["range"])[moved] / claimed
+    assert 0.7 < np.median(np.abs(z)) / 0.6745 < 1.3
+
+
+def test_planes_tell_the_incidence_better_than_a_degree():
+    _, smooth, truth = smoothed({"range_m": RANGE_SD_M})
+    moved = smooth.trusted & truth["hit"] & (smooth.range_leverage < 1) & (truth["range"] < 30)
+    error = (smooth.plane_rad - truth["incidence"])[moved]
+    assert np.median(np.abs(error)) < np.deg2rad(1.5)
+
+
+def test_albedo_is_that_of_the_surface_and_detail_what_is_over_it():
+    frames_, smooth, truth = smoothed({"share": 0.1})
+    there = smooth.trusted & truth["hit"] & (truth["semantic"] == 7) & (truth["incidence"] < np.deg2rad(80))
+    albedo = smooth.albedo[there]
+    assert abs(np.mean(albedo) - 0.15) < 0.003
+    assert np.std(albedo) < 0.05 * 0.15
+    shine = np.asarray(frames_.intensity)[there] / np.cos(np.asarray(frames_.incidence_rad)[there])
+    np.testing.assert_allclose(smooth.detail[there], np.clip(shine / albedo - 1, -1, 1), atol=2e-3)
+
+
+def test_a_ray_alone_is_not_trusted_and_stays():
+    frames_, _ = scan({"range_m": RANGE_SD_M}, 1)
+    lone = np.zeros(frames_.hit.shape, bool)
+    lone[0, ::6, ::40] = True
+    frames_ = frames_.replace(hit=frames_.hit & lone)
+    smooth = smooth_frames(
+        frames_, half=4, by_cosine=True, range_sd_m=jnp.float32(RANGE_SD_M), intensity_sd=jnp.zeros(2, jnp.float32)
+    )
+    assert not np.asarray(smooth.trusted).any()
+    np.testing.assert_array_equal(np.asarray(smooth.range_m)[lone], np.asarray(frames_.range_m)[lone])

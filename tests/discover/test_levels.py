@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from jaxsim.discover.levels import compare_levels, missing
+from tests.discover.noisy_street import comparison
+
+
+@pytest.fixture(scope="module")
+def by_name():
+    levels = compare_levels(
+        comparison({"range_m": 0.01, "loss": 0.005}, {"range_m": 0.05, "share": 0.08, "loss": 0.03})
+    )
+    return {one.name: one for one in levels}
+
+
+def test_noise_that_the_simulator_lacks_is_the_difference_of_variances(by_name):
+    noise = by_name["range_noise"]
+    assert noise.simulated.value == pytest.approx(0.01, rel=0.1)
+    assert noise.measured.value == pytest.approx(0.05, rel=0.1)
+    assert noise.missing.low <= np.sqrt(0.05**2 - 0.01**2) <= noise.missing.high * 1.05
+    assert noise.beyond_usual
+
+
+def test_losses_are_compared_as_rates(by_name):
+    assert by_name["random_loss"].missing.value == pytest.approx(0.025, rel=0.3)
+
+
+def test_what_is_missing_goes_into_the_sensor_model(by_name):
+    lacking = missing(tuple(by_name.values()))
+    assert {"range_noise", "intensity_noise", "random_loss"} <= set(lacking)
+    assert lacking["intensity_noise"] == pytest.approx(0.08, rel=0.3)
+
+
+def test_both_sides_alike_lack_nothing():
+    noise = {"range_m": 0.015, "share": 0.06, "step": 1 / 255}
+    lacking = missing(compare_levels(comparison(noise, noise)))
+    assert "intensity_step" not in lacking
+    assert lacking.get("range_noise", 0) < 0.005
+
+
+def test_a_lattice_of_the_sensor_alone_is_missing():
+    levels = {one.name: one for one in compare_levels(comparison(None, {"step": 1 / 255}))}
+    assert levels["intensity_step"].missing.value == pytest.approx(1 / 255, rel=1e-3)
