@@ -17,7 +17,7 @@ Intensity (`likelihood.intensity_terms`), over rays that are compared (`evidence
     p(y_i) = t4(e_i; v_i)                            Student-t, 4 degrees of freedom, squared scale v_i
              P(t4 below the weakest reading)         where the sensor reads 0
              sigmoid(1.6 e / sqrt v) / width         at a top that cuts readings off: all that is brighter piles up
-    v_i = s_intensity^2 + s_normals^2 tan^2(incidence) + step^2 / 12 I^2              sensor, normals, rounding
+    v_i = s_intensity^2 + s_normals^2 tan^2(incidence) + step^2 / 12 I^2 + known_i    sensor, normals, rounding, levels
 
 Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `of_columns`)
 
@@ -32,7 +32,7 @@ Return and range: one mixture a ray, columns whole (`likelihood.return_terms`, `
                + q_wide Cauchy(d - r_i - shift_i(u); 1 m)                              wide: far off
                + q_switch near(d)                                                      at edges: a neighbour's echo
     near(d)   = mean over 4 neighbours of N(d; range beside, 0.05 m + 2 %)
-    V_i       = s_range^2 + s_aim^2 |d r / d rotation|^2 + s_edge^2 [edge] + scatter and rounding of effects
+    V_i       = s_range^2 + s_aim^2 |d r / d rotation|^2 + s_edge^2 [edge] + known_i + scatter, rounding of effects
     ghost     = N(d; ghost range, s_range + 0.1 m);  clutter(d) ~ d^a exp(-d / scale) before the surface
     drop_b    = the same with every density of a range 1: which rays returned;  range_b = the rest - cost(pose_b)
 
@@ -41,7 +41,8 @@ g, C, G, M, keep, r, scatter come from effects (fields of `Rays`); without effec
 Random effects in closed form (`random_effects`; Laird & Ware 1982)
 
     level_i = x_i (beta + street_b) + surface_s(i) + strip_t(i)
-    x_i     = 1 (gain), class indicators, sec^2(incidence) / 2, three disagreements of normals (`Evidence.features`)
+    x_i     = 1 (gain), class indicators, sec^2(incidence) / 2, three disagreements of normals (`Evidence.features`);
+              of a noisy simulator its detail on bright and on dark surfaces, and levels over their trend (`simulator`)
     shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
@@ -65,6 +66,8 @@ Priors and bounds, and where they are set
     which columns of which frames                                                  cast.RAYS, SECTORS
     rounding                                                                       lattice.FINEST, SHARE, NEAR
 
-Order of imports: cast < surfaces, lattice < evidence < noise < random_effects < likelihood < gradients < fit < null,
+A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves there.
+
+Order of imports: cast < surfaces, lattice < noise_levels < smooth < simulator < evidence < noise < random_effects < likelihood < gradients < fit < null,
 residuals, rounding.
 """
