@@ -66,8 +66,8 @@ Priors and bounds, and where they are set
     which columns of which frames                                                  cast.RAYS, SECTORS
     rounding                                                                       lattice.FINEST, SHARE, NEAR
 
-A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves there.
+A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < surfaces, lattice < noise_levels < smooth < simulator < evidence < noise < random_effects < likelihood < gradients < fit < null,
-residuals, rounding.
+Order of imports: cast < surfaces, lattice < noise_levels < smooth < simulator < evidence < noise < random_effects <
+likelihood < gradients < fit < null, residuals, rounding.
 """
