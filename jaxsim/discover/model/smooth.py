@@ -37,6 +37,8 @@ JUMP = 0.03
 """... beside a step of this share of 1 / range."""
 PLANE_MISFIT = 1.5
 """Scatter about a window's plane over that of noise, up to which it is a plane."""
+MOST_RANGE_LEVERAGE = 0.6
+"""Variance of a smooth range over a ray's own, up to which it is taken instead."""
 RIDGE = 1e-2
 """Pull of a window's slopes to 0, in rays at its end."""
 ROUNDS = 3
@@ -106,6 +108,11 @@ class _Window:
         """Terms in which 1 / range of a plane is linear."""
         return [self.along, self.left, self.up]
 
+    @property
+    def bent(self) -> list[Array]:
+        """The same with squares, for cylinders and other surfaces that bend."""
+        return [*self.design, self.left**2, self.up**2]
+
 
 def _smooth_frame(
     scan: Scan, *, half: int, by_cosine: bool, range_sd_m: Float[Array, ""], intensity_sd: Float[Array, " 2"]
@@ -115,21 +122,23 @@ def _smooth_frame(
     middle = window.ratio.shape[0] // 2
     own_q = 1 / jnp.maximum(scan.range_m, 0.1)
     weight, off = _weights(window, noise=range_sd_m * own_q)
-    gram = _gram(window.design, weight)
-    of_ratio = _solved(gram, _moments(window.design, weight, window.ratio))
-    of_angle = _solved(gram, _moments(window.design, weight, window.angle))
+    gram = _gram(window.bent, weight)
+    of_ratio = _solved(gram, _moments(window.bent, weight, window.ratio))
+    of_angle = _solved(gram, _moments(window.bent, weight, window.angle))
+    range_leverage = _solved(gram, _unit(gram))[0]
     albedo, leverage = _levels(window, weight, intensity_sd)
 
     trusted = (weight.sum(0) > FEWEST_BESIDE) & (leverage < MOST_LEVERAGE) & (of_ratio[0] > 0.5)
     misfit = jnp.sqrt((weight * off**2).sum(0) / jnp.maximum(weight.sum(0), 1e-6))
-    plane = trusted & (weight[middle] > 0) & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
+    plane = trusted & (weight[middle] > 0) & (range_leverage < MOST_RANGE_LEVERAGE)
+    plane = plane & (misfit < PLANE_MISFIT * jnp.maximum(range_sd_m * own_q, 1e-4))
     # The plane's normal is (1, u, v) by middle ray, left and up (effects.scan).
     u, v = of_ratio[1] / of_ratio[0] / reach, of_ratio[2] / of_ratio[0] / reach
     own_level = window.level[middle]
     albedo = jnp.where(trusted & (albedo > FLOOR), albedo, jnp.maximum(own_level, FLOOR))
     return Smooth(
         range_m=jnp.where(plane, scan.range_m / of_ratio[0], scan.range_m),
-        range_leverage=jnp.where(plane, _solved(gram, _unit(gram))[0], 1.0),
+        range_leverage=jnp.where(plane, range_leverage, 1.0),
         plane_rad=jnp.where(plane, jnp.arctan(jnp.sqrt(u**2 + v**2)), scan.incidence_rad),
         incidence_rad=jnp.where(trusted, jnp.clip(of_angle[0], 0, jnp.pi / 2), scan.incidence_rad),
         # Not of logarithms, in which noise on dark readings is skewed and larger than it is.
@@ -191,8 +200,8 @@ def _weights(
     weight = window.same.astype(jnp.float32)
     off = jnp.zeros_like(weight)
     for _ in range(ROUNDS):
-        plane = _solved(_gram(window.design, weight), _moments(window.design, weight, window.ratio))
-        off = window.ratio - sum(term * c[None] for term, c in zip(window.design, plane, strict=True))
+        surface = _solved(_gram(window.bent, weight), _moments(window.bent, weight, window.ratio))
+        off = window.ratio - sum(term * c[None] for term, c in zip(window.bent, surface, strict=True))
         weight = jnp.where(window.same & (jnp.abs(off) < limit), (1 - (off / limit) ** 2) ** 2, 0.0)
     return weight, off
 
