@@ -66,7 +66,7 @@ def origin_of(name: str) -> dict[str, str] | None:
     return effect.origin.to_json() if isinstance(effect, OwnEffect) else None
 
 
-def check_origin(name: str, said: Mapping[str, Any] | None) -> None:
+def check_origin(name: str, said: Any) -> None:
     """Raises ValueError where the effect `name`, that comes from what a sensor.json has as `said`, is not there, or is
     there from elsewhere."""
     if said is None:
@@ -83,7 +83,7 @@ def check_origin(name: str, said: Mapping[str, Any] | None) -> None:
         )
 
 
-def _wanted(said: Mapping[str, Any]) -> str:
+def _wanted(said: Any) -> str:
     """What to give so that an effect is there. Raises ValueError for an origin that is none."""
     given = {str(key): str(value) for key, value in said.items()} if isinstance(said, Mapping) else {}
     if set(given) == {"file", "sha256"}:

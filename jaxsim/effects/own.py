@@ -123,9 +123,7 @@ def _line_of(path: Path, error: Exception) -> str:
 
 
 def _remedy(error: Exception) -> str:
-    if isinstance(error, TypeError) and "Effect" in str(error):
-        return "; `jaxsim effects new NAME` writes a file with every field"
-    return ""
+    return "; `jaxsim effects new NAME` writes a file with every field" if isinstance(error, TypeError) else ""
 
 
 TEMPLATE = '''"""An effect of one's own: `jaxsim effects check {name}.py` tells what is wrong with it.

@@ -9,9 +9,9 @@ LAW = 'brighten(rays, 4 * p["share"] * jnp.log(jnp.cos(rays.elevation_rad)))'
 PARAMETER = 'Parameter(0.0, 0.0, 1.0, "", "share of the natural fall-off that is left", scale=0.3)'
 
 
-def text_of(name="vignetting", **changes):
+def text_of(**changes):
     """The file that `jaxsim effects new` writes, with pieces of it replaced: law, parameter, or a field's line."""
-    text = TEMPLATE.format(name=name)
+    text = TEMPLATE.format(name="vignetting")
     for piece, new in changes.items():
         if piece in ("law", "parameter"):
             old = {"law": LAW, "parameter": PARAMETER}[piece]
@@ -23,9 +23,9 @@ def text_of(name="vignetting", **changes):
     return text
 
 
-def write(folder, name="vignetting", **changes):
-    path = folder / f"{name}.py"
-    path.write_text(text_of(name, **changes))
+def write(folder, **changes):
+    path = folder / "vignetting.py"
+    path.write_text(text_of(**changes))
     return path
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from jaxsim.effects.check import check_effect
 from jaxsim.effects.own import known_effects
 from tests.effects.own import forgetful, write  # noqa: F401  (a fixture)
 
@@ -9,7 +10,7 @@ pytestmark = pytest.mark.usefixtures("forgetful")
 SHARE = 'p["share"]'
 
 
-def parameter(neutral=0.0, low=0.0, high=1.0, scale=0.3, more=""):
+def parameter(neutral: object = 0.0, low: object = 0.0, high: object = 1.0, scale=0.3, more=""):
     return f'Parameter({neutral}, {low}, {high}, "", "a share", scale={scale}{more})'
 
 
@@ -24,7 +25,6 @@ def parameter(neutral=0.0, low=0.0, high=1.0, scale=0.3, more=""):
         ({"title": '""'}, "its title is empty"),
         ({"title": ""}, "TypeError: .*'title'"),
         ({"channels": '("colour",)'}, r"channels are \('colour',\); give a tuple of intensity, range, drop"),
-        ({"channels": '("intensity")'}, "channels are 'intensity'; give a tuple"),
         ({"channels": "()"}, r"channels are \(\)"),
         ({"covariates": '("weather",)'}, "covariates are .* give a tuple of range, incidence"),
         ({"parameters": "{}"}, "parameters must be a dict of one Parameter or more"),
@@ -32,7 +32,6 @@ def parameter(neutral=0.0, low=0.0, high=1.0, scale=0.3, more=""):
         ({"parameter": parameter(low=1.0, high=0.0)}, r"share has bounds 1\.\.0; the lower must come first"),
         ({"parameter": parameter(scale=0.0)}, "share has scale 0"),
         ({"parameter": parameter(high="float('inf')")}, "all must be finite"),
-        ({"parameter": parameter(more=', shape="beam"')}, "share has shape 'beam'"),
         ({"parameter": parameter(more=", fitted=False")}, "no parameter is fitted"),
         ({"apply": 'apply, starts=({"share": 2.0},)'}, r"share is 2 ; it must lie in 0\.\.1"),
     ],
@@ -43,13 +42,29 @@ def test_its_row_must_be_right(tmp_path, changes, words):
 
 
 @pytest.mark.parametrize(
+    ("of", "field", "value", "words"),
+    [
+        ("effect", "channels", "intensity", "channels are 'intensity'; give a tuple"),
+        ("effect", "covariates", "row", "covariates are 'row'; give a tuple"),
+        ("effect", "parameters", {"share": 0.0}, "a dict of one Parameter or more"),
+        ("parameter", "shape", "beam", "share has shape 'beam'"),
+    ],
+)
+def test_types_that_nothing_checks_outside_of_tests_are_told_too(tmp_path, of, field, value, words):
+    effect = known_effects([write(tmp_path)])["vignetting"]
+    object.__setattr__(effect if of == "effect" else effect.parameters["share"], field, value)
+    with pytest.raises(ValueError, match=words):
+        check_effect(effect)
+
+
+@pytest.mark.parametrize(
     ("law", "words"),
     [
         ("brighten(rays, 0.1 + 0 * rays.range_m)", "changes log_intensity by up to 0.1 at neutral parameters"),
         ("brighten(rays, p['size'])", r"apply raised KeyError at neutral parameters: 'size'"),
         ("None", "apply gives NoneType at neutral parameters; it must give Rays"),
         ("rays.replace(log_intensity=p['share'])", r"makes log_intensity \(\) float32 at .* keep shape and dtype"),
-        ("rays.replace(hit=rays.hit * 1.0)", "makes hit .* float32 at neutral"),
+        ("rays.replace(hit=rays.hit.astype('float32'))", "makes hit .* float32 at neutral"),
         ("brighten(rays, jnp.where(p['share'] > 0.9, jnp.nan, 0.0) + 0 * rays.range_m)", "NaN in .* share = 1"),
         ("brighten(rays, jnp.sqrt(p['share'] * (rays.range_m + 1)))", "derivative in share is not finite at neutral"),
         ("brighten(rays, float(p['share']) * rays.range_m)", "no derivative at neutral parameters: Concretization"),

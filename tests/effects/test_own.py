@@ -7,39 +7,32 @@ import sys
 
 import pytest
 
-from jaxsim.effects import EFFECTS, get_effect, own
+from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.origin import origin_of
 from jaxsim.effects.own import known_effects, write_template
 from jaxsim.effects.page import describe
-from tests.effects.own import forgetful, write  # noqa: F401  (a fixture)
+from tests.effects.own import forgetful, text_of, write  # noqa: F401  (a fixture)
 
 pytestmark = pytest.mark.usefixtures("forgetful")
 
 
-class Distribution:
-    name, version = "acme-lidar", "1.2"
-
-
-class Point:
-    """An entry point that gives an effect, or raises."""
-
-    name, value, dist = "vignetting", "acme:EFFECT", Distribution()
-
-    def __init__(self, effect):
-        self.effect = effect
-
-    def load(self):
-        if isinstance(self.effect, Exception):
-            raise self.effect
-        return self.effect
-
-
 @pytest.fixture
-def packages(monkeypatch):
-    """What installed packages offer."""
-    points = []
-    monkeypatch.setattr(own, "entry_points", lambda *, group: points if group == "jaxsim.effects" else [])
-    return points
+def install(tmp_path, monkeypatch):
+    """Installs a package whose module has this text, and which registers its EFFECT."""
+
+    def install(text):
+        site = tmp_path / "site"
+        about = site / "acme_lidar-1.2.dist-info"
+        about.mkdir(parents=True)
+        (about / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-lidar\nVersion: 1.2\n")
+        (about / "entry_points.txt").write_text("[jaxsim.effects]\nvignetting = acme_lidar:EFFECT\n")
+        (site / "acme_lidar.py").write_text(text)
+        monkeypatch.syspath_prepend(site)
+        monkeypatch.delitem(sys.modules, "acme_lidar", raising=False)
+
+    yield install
+    sys.modules.pop("acme_lidar", None)
 
 
 def test_the_file_that_is_written_to_begin_with_joins_at_the_end_of_its_stage(tmp_path):
@@ -48,13 +41,12 @@ def test_the_file_that_is_written_to_begin_with_joins_at_the_end_of_its_stage(tm
     assert list(EFFECTS) == known
     assert known[known.index("rain_on_lens") - 1] == "intensity_quantization"
     assert known[known.index("rain_on_lens") + 1] == "snr_dropout"
-    assert get_effect("rain_on_lens").origin.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert f"rain_on_lens.py, SHA-256 {get_effect('rain_on_lens').origin.sha256}" in describe(
-        get_effect("rain_on_lens")
-    )
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert origin_of("rain_on_lens") == {"file": "rain_on_lens.py", "sha256": sha256}
+    assert f"source: rain_on_lens.py, SHA-256 {sha256}" in describe(get_effect("rain_on_lens"))
 
 
-@pytest.mark.parametrize(("name", "why"), [("Rain", "no name"), ("two words", "no name"), ("beam_gain", "is taken")])
+@pytest.mark.parametrize(("name", "why"), [("Rain", "no name"), ("two words", "no name"), ("beam_gain", "taken")])
 def test_a_name_that_cannot_be_one_is_refused(tmp_path, name, why):
     with pytest.raises(ValueError, match=f"'{name}' is {why}"):
         write_template(name, tmp_path / "x.py")
@@ -105,25 +97,29 @@ def test_an_edited_file_is_another_effect_for_compiled_programs(tmp_path):
     assert get_effect("vignetting").covariates == ("row", "range")
 
 
-def test_a_package_registers_an_effect_by_an_entry_point(tmp_path, packages):
-    known_effects([write(tmp_path)])
-    packages.append(Point(EFFECTS.pop("vignetting")))
+def test_a_package_registers_an_effect_by_an_entry_point(tmp_path, install):
+    install(text_of())
     assert "vignetting" not in EFFECTS  # nobody asked yet
     known_effects()
-    assert str(get_effect("vignetting").origin) == "package acme-lidar 1.2"
-    assert get_effect("vignetting").origin.to_json() == {"package": "acme-lidar", "version": "1.2"}
+    assert "source: package acme-lidar 1.2" in describe(get_effect("vignetting"))
+    assert origin_of("vignetting") == {"package": "acme-lidar", "version": "1.2"}
     with pytest.raises(
         ValueError, match=r"two effects are named vignetting: from package acme-lidar 1.2, and from vig"
     ):
         known_effects([write(tmp_path)])
 
 
-def test_a_package_that_is_broken_is_named(packages):
-    packages.append(Point(ImportError("no module acme")))
-    with pytest.raises(ValueError, match=r"package acme-lidar 1.2 cannot be loaded \(ImportError: no module acme\)"):
-        known_effects()
-    packages[0] = Point("a text")
-    with pytest.raises(ValueError, match=r"package acme-lidar 1.2 gives str; it must be a jaxsim.effects.Effect"):
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import acme_lidar.more", r"cannot be loaded \(ModuleNotFoundError: .*mend or uninstall the package"),
+        ("EFFECT = 'a text'", "gives str; it must be a jaxsim.effects.Effect"),
+        (text_of(channels='("range",)'), "vignetting: apply changes the channel intensity"),
+    ],
+)
+def test_a_package_that_is_broken_is_named(install, text, words):
+    install(text)
+    with pytest.raises(ValueError, match=f"entry point vignetting of package acme-lidar 1.2.*{words}"):
         known_effects()
 
 
@@ -139,7 +135,7 @@ def test_a_package_that_is_broken_is_named(packages):
         (
             "a.py",
             "from jaxsim.effects import Effect\nEFFECT = Effect(name='a')",
-            "line 2: TypeError: .*'channels'.* new",
+            "line 2: TypeError: .* NAME` writes a file with",
         ),
     ],
 )
