@@ -45,7 +45,7 @@ def test_check_tells_in_one_line_what_is_wrong(tmp_path):
 @pytest.mark.parametrize("command", ["discover --measured m --simulated s", "simulate r"])
 def test_a_file_that_is_none_stops_discover_and_simulate_first(tmp_path, monkeypatch, command):
     monkeypatch.setattr("jaxsim.cli.simulate.load", lambda run: pytest.fail("read the run first"))
-    with pytest.raises(SystemExit, match="no Python file a.txt; --effects-from takes a FILE.py"):
+    with pytest.raises(SystemExit, match=r"no Python file a\.txt; --effects-from takes"):
         main([*command.split(), "--out", str(tmp_path / "out"), "--effects-from", "a.txt"])
 
 
