@@ -63,6 +63,12 @@ COMMANDS = {
 }
 """Every command by its name."""
 MODES = {
+    "effects new": Command(
+        "own_effects:New", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
+    ),
+    "effects check": Command(
+        "own_effects:Check", "what is wrong with such a file, and what it looks like", "jaxsim effects check my.py"
+    ),
     "eval generation": Command(
         "eval:Generation",
         "two folders of frames or clouds",
@@ -79,7 +85,8 @@ MODES = {
         "jaxsim eval ablation --train ablation --out runs/ablation",
     ),
 }
-"""Commands of two words: what `jaxsim eval` scores besides a run. Any other second word is a run's folder."""
+"""Commands of two words: of `jaxsim effects` what makes one's own, of `jaxsim eval` what is scored besides a run. Any
+other second word is an effect's name, or a run's folder."""
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from tyro.conf import UseAppendAction
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.sensor import load
@@ -21,6 +23,7 @@ say = partial(print, flush=True)
 NOT_UNPAIRED = {
     "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
     "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
+    "effects_from": "which tells effects of the catalogue alone; leave it out",
     "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
     "(`jaxsim simulate --effects`)",
 }
@@ -61,6 +64,10 @@ class Discover:
     effects: Path | None = None
     """Effects (sensor.json) that the simulation already has and its frames do not show, as an earlier answer's: what
     does it lack beside these? Feed an answer back, and "none" or the next effect comes out."""
+    effects_from: UseAppendAction[tuple[Path, ...]] = ()
+    """A Python file with an effect of your own (`jaxsim effects new NAME` writes one), to be a candidate beside the
+    catalogue; may be given several times. Its code is run: give only files that you have read. Effects of installed
+    packages (entry points of the group jaxsim.effects) join by themselves."""
     nulls: int = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
     what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
@@ -73,8 +80,9 @@ class Discover:
     def __call__(self) -> None:
         for flag, why in NOT_UNPAIRED.items():
             if self.unpaired and getattr(self, flag):
-                name = "a run" if flag == "run" else f"--{flag}"
+                name = "a run" if flag == "run" else f"--{flag.replace('_', '-')}"
                 raise ValueError(f"discover: {name} came with --unpaired, {why}")
+        known_effects(self.effects_from)
         simulated, measured = self.sides()
         say(f"reading {simulated} and {measured}")
         if self.unpaired:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tyro.conf import UseAppendAction
+
 from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.own import known_effects
 from jaxsim.simulate.sensor import load
 from jaxsim.simulate.trees import LabelRules, Occlusion, TreePlan, choose_frames, export_trees
 
@@ -38,6 +41,9 @@ class Export:
     effects: Path | None = None
     """Effects (sensor.json) that the learned sensor lacks, for `--recipe.projection grid`; `jaxsim discover` writes
     one."""
+    effects_from: UseAppendAction[tuple[Path, ...]] = ()
+    """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
+    only files that you have read."""
     occlusion: Occlusion = "levels"
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
@@ -68,6 +74,7 @@ class Export:
 
     def plan(self, dataset: Dataset) -> TreePlan:
         """The tree to make of the data set's frames. Raises ValueError for flags that name what is not there."""
+        known_effects(self.effects_from)
         learned = load(self.run) if self.run else None
         rows = len(learned.window[0].elevation_rad) if learned else None
         positions, validation = choose_frames(dataset, frames=self.frames, validation=self.validation)

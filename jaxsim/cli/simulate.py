@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+from tyro.conf import UseAppendAction
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.own import known_effects
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate.folder import Speed, simulate_folder
@@ -44,11 +46,15 @@ class Simulate:
     """Frames to draw."""
     effects: Path | None = None
     """Effects (sensor.json) that the learned sensor lacks; `jaxsim discover` writes one."""
+    effects_from: UseAppendAction[tuple[Path, ...]] = ()
+    """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
+    only files that you have read."""
     seed: int = 0
     """Of what the effects leave to chance; a frame depends on it and on its place in the data set."""
 
     def __call__(self) -> None:
         # Sensor and frames.
+        known_effects(self.effects_from)
         learned = load(self.run)
         own = learned.run.experiment.data
         source = self.data.config(own)

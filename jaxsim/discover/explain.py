@@ -16,8 +16,9 @@ from jaxsim.discover.name.select import Choice, Selection, Step, padded
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
-from jaxsim.discover.verdict import Interval, Named, Rank
+from jaxsim.discover.verdict import Interval, Named, OwnCandidate, Rank
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.origin import OwnEffect
 
 
 def named(
@@ -31,13 +32,15 @@ def named(
     where the catalogue does not say."""
     effect = step.chosen.effect
     alike = list(dict.fromkeys([*(one.effect.name for one in step.alike), *more_alike]))
-    told = EFFECTS[effect.name].look_alikes
+    # Look-alikes of one's own effect are those of these frames, which the candidates carry.
+    known = {**EFFECTS, **{one.effect.name: one.effect for one in (step.chosen, *step.alike)}}
+    told = known[effect.name].look_alikes
     # No scene decides alone.
     gain = clipped(step.chosen.by_scene)
     return Named(
         name=effect.name,
         look_alikes=tuple(alike),
-        tell_apart={one: told.get(one) or EFFECTS[one].look_alikes.get(effect.name) or remedy for one in alike},
+        tell_apart={one: told.get(one) or known[one].look_alikes.get(effect.name) or remedy for one in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
         gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
@@ -51,6 +54,22 @@ def ranking(choice: Selection[Any], why_not: Callable[[Any, Any], str], *, bar: 
     return tuple(
         Rank(one.effect.name, one.total / len(one.by_scene), one.chance, bar / len(one.by_scene), why_not(one, choice))
         for one in choice.first_ranking[: RULES.candidates_listed]
+    )
+
+
+def own_candidates(choice: Choice) -> tuple[OwnCandidate, ...]:
+    """The candidates of the first step that are no part of the catalogue, best first."""
+    return tuple(
+        OwnCandidate(
+            name=one.effect.name,
+            origin=one.effect.origin.to_json(),
+            gain=one.total / len(one.by_scene),
+            p_value=one.chance,
+            why_not=why_not(one, choice),
+            look_alikes=one.effect.alike,
+        )
+        for one in choice.first_ranking
+        if isinstance(one.effect, OwnEffect)
     )
 
 

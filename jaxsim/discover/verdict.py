@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.origin import LookAlike
 from jaxsim.files import replacing
 from jaxsim.frame import PolarGrid
 
@@ -158,6 +159,22 @@ class Nulls:
 
 
 @dataclass(frozen=True)
+class OwnCandidate:
+    """An effect of one's own among the candidates."""
+
+    name: str
+    origin: dict[str, str]
+    """`file` and `sha256`, or `package` and `version`."""
+    gain: float
+    """At the first step, held-out nats per scene."""
+    p_value: float
+    why_not: str
+    """Empty for what was named."""
+    look_alikes: tuple[LookAlike, ...]
+    """Effects of the catalogue that reproduce most of its expectation on these frames, nearest first."""
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What `discover` answers."""
 
@@ -182,6 +199,8 @@ class Verdict:
     """Where the bar was set on nulls of these very data."""
     levels: tuple[Level, ...] = ()
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
+    own: tuple[OwnCandidate, ...] = ()
+    """Candidates that are no part of the catalogue."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -205,6 +224,7 @@ class Verdict:
             "ranking": [_plain(rank) for rank in self.ranking],
             "nulls": _plain(self.nulls),
             "levels": [_plain(level) for level in self.levels],
+            "own": [_plain(one) for one in self.own],
             "notes": list(self.notes),
         }
 

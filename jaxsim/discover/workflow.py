@@ -12,9 +12,10 @@ from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects
-from jaxsim.discover.explain import named, notes, nuisance_changes, own_noise, ranking, why_not
+from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
 from jaxsim.discover.find import Place, interactions, localise, reported, spelled
 from jaxsim.discover.levels import compare_levels, missing
+from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
@@ -31,7 +32,7 @@ def discover_folders(
     *,
     simulated: Path,
     measured: Path,
-    effects: Iterable[str] = tuple(EFFECTS),
+    effects: Iterable[str] | None = None,
     known: SensorModel = NOTHING_YET,
     nulls: int = 0,
     log: Log = lambda line: None,
@@ -44,14 +45,15 @@ def discover_folders(
 def discover(
     comparison: Comparison,
     *,
-    effects: Iterable[str] = tuple(EFFECTS),
+    effects: Iterable[str] | None = None,
     known: SensorModel = NOTHING_YET,
     nulls: int = 0,
     log: Log = lambda line: None,
 ) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
 
-    `effects` are the candidates, by default the whole catalogue. `known` is what the sensor model already has and the
+    `effects` are the candidates, by default the whole catalogue and the effects of one's own that are known
+    (`jaxsim.effects.own.known_effects`). `known` is what the sensor model already has and the
     simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
     back. `nulls` asks to set the bar on so many measurements drawn from these very data, in which nothing is missing:
     what is named must gain more than anything did on any of them. `log` is given lines on the progress.
@@ -62,7 +64,7 @@ def discover(
     if nulls < 0:
         raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
     held = [name for name, _ in known.effects]
-    catalogue = [get_effect(name) for name in effects if name not in held]
+    catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in held]
     division = Division.of(comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
@@ -72,6 +74,7 @@ def discover(
     null = dependences.null
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
+    catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     answer = name_effects(null, catalogue, dependences.places, scene=dependences.scene, nulls=nulls, log=log)
 
@@ -101,6 +104,7 @@ def discover(
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
         levels=levels,
+        own=own_candidates(choice),
         notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
     )
     grid = comparison.scan.grid

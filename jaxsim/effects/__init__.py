@@ -8,6 +8,9 @@ In the order of reading:
     edits.py        the few ways in which laws change rays (clutter.py: early false returns)
     recast.py       what rays meet that a law turned or moved
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
+    origin.py       effects of one's own, and where they come from
+    own.py          `known_effects`: the catalogue with those of packages and files (check.py: what they must keep to;
+                    street.py: what they are checked on)
     scan.py         a `Scan` of frames as they are read from files, with the surfaces of their range images
     page.py         the catalogue in words, docs/effects.md
 

@@ -20,6 +20,7 @@ from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.clutter import clutter_range
 from jaxsim.effects.edits import lose
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
+from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
 from jaxsim.files import replacing
@@ -188,6 +189,7 @@ class SensorModel:
         """Writes sensor.json."""
         entries = [
             {"name": name, "parameters": {p: list(v) if isinstance(v, tuple) else v for p, v in parameters.items()}}
+            | ({"from": origin} if (origin := origin_of(name)) else {})
             for name, parameters in self.effects
         ]
         with replacing(path) as temporary:
@@ -198,7 +200,8 @@ class SensorModel:
     def load(cls, path: Path | str, rows: int | None = None) -> SensorModel:
         """The sensor model of a sensor.json; `rows` are the beams of the sensor that it is to fit.
 
-        Raises ValueError where the file is none, names what is not known or does not fit.
+        Loads no code: an effect of one's own must be known by then (`own.known_effects`). Raises ValueError where the
+        file is none, names what is not known, or comes from elsewhere, or does not fit.
         """
         path = Path(path)
         if not path.is_file():
@@ -207,11 +210,14 @@ class SensorModel:
             content = json.loads(path.read_text())
             entries = [(entry["name"], {**entry.get("parameters", {})}) for entry in content["effects"]]
             levels = {name: float(value) for name, value in content.get("levels", {}).items()}
+            origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'
             ) from error
         try:
+            for name, origin in origins.items():
+                check_origin(name, origin)
             model = cls(tuple(entries), levels)
             if rows is not None:
                 model.values(rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -98,12 +98,12 @@ class Effect(Law):
     """Of `STAGES`."""
     title: str
     formula: str
-    signature: str
-    """How its covariates show it, in words."""
-    look_alikes: dict[str, str]
-    """Other effects by name, and what measurement tells them apart."""
-    source: str
-    """Where the formula, or the observation behind it, is published."""
+    signature: str = ""
+    """How its covariates show it, in words; an effect of one's own need not say."""
+    look_alikes: dict[str, str] = field(default_factory=dict)
+    """Other effects by name, and what measurement tells them apart; computed for an effect of one's own."""
+    source: str = ""
+    """Where the formula, or the observation behind it, is published; an effect of one's own need not say."""
 
 
 def check_names(law: Law, given: Mapping[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from jaxsim.effects import EFFECTS, STAGES, Effect, Parameter
+from jaxsim.effects.origin import OwnEffect
 
 INTRO = """# Catalogue of effects
 
@@ -48,10 +49,14 @@ def describe(effect: Effect) -> str:
     lines += [f"  {effect.formula}", "", "parameters"]
     width = max(map(len, effect.parameters))
     lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
-    lines += ["", "signature", f"  {effect.signature}", f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    said = [f"  {effect.signature}"] if effect.signature else []
+    lines += ["", "signature", *said, f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    alike = effect.alike if isinstance(effect, OwnEffect) else ()
+    shares = {one.name: f" ({one.share:.0%} of it)" for one in alike}
     lines += ["", "look-alikes, and what tells them apart"]
-    lines += [f"  {other}: {how}" for other, how in effect.look_alikes.items()]
-    return "\n".join([*lines, "", f"source: {effect.source}"])
+    lines += [f"  {other}{shares.get(other, '')}: {how}" for other, how in effect.look_alikes.items()]
+    sources = [effect.source, str(effect.origin) if isinstance(effect, OwnEffect) else ""]
+    return "\n".join([*lines, "", f"source: {'; '.join(filter(None, sources))}"])
 
 
 def in_words(p: Parameter) -> str:

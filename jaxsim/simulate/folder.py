@@ -22,6 +22,7 @@ from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim
 from jaxsim.frame import Cloud, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points, same_grid
@@ -173,4 +174,6 @@ def _has_frames(out: Path) -> bool:
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
     effects = effects_model.effects if effects_model else ()
-    return {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
+    own = {name: origin for name, _ in effects if (origin := origin_of(name))}
+    plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
+    return plain | ({"own": own} if own else {})

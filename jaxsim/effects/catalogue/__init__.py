@@ -93,11 +93,15 @@ EFFECTS: dict[str, Effect] = {
     "mixed_pixels": mixed_pixels.EFFECT,
     "range_quantization": range_quantization.EFFECT,
 }
-"""Every effect by name. Within a stage, too, the order is that of the light and the signal."""
+"""Every effect by name. Within a stage, too, the order is that of the light and the signal. Effects of one's own join
+it, each at the end of its stage (`own.known_effects`)."""
 
 
 def get_effect(name: str) -> Effect:
     """The effect of that name. Raises ValueError that lists the known names."""
     if name not in EFFECTS:
-        raise ValueError(f"no effect named {name!r}; known: {', '.join(EFFECTS)}")
+        raise ValueError(
+            f"no effect named {name!r}; known: {', '.join(EFFECTS)}; one of your own needs --effects-from FILE.py, or "
+            "its package installed"
+        )
     return EFFECTS[name]

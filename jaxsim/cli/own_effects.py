@@ -1,0 +1,51 @@
+"""`jaxsim effects new` and `jaxsim effects check`: effects of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from jaxsim.discover.look_alikes import described
+from jaxsim.effects import all_rays
+from jaxsim.effects.own import known_effects, load_file, write_template
+from jaxsim.effects.page import describe
+from jaxsim.effects.street import small_street
+
+
+@dataclass(frozen=True)
+class New:
+    """Writes a commented Python file with an effect to begin with: an example that works, to be made your own.
+
+    Then `jaxsim effects check FILE.py`, and `jaxsim discover ... --effects-from FILE.py`.
+    """
+
+    name: Annotated[str, tyro.conf.Positional]
+    """Name of the effect, lower-case words like rain_on_lens."""
+    out: Path | None = None
+    """File to write; by default NAME.py here."""
+
+    def __call__(self) -> None:
+        path = write_template(self.name, self.out or Path(f"{self.name}.py"))
+        print(f"{path}: edit it, then jaxsim effects check {path}")
+
+
+@dataclass(frozen=True)
+class Check:
+    """Runs a Python file, checks its effect, and prints its formula, parameters and look-alikes.
+
+    Checked are its fields, and its `apply` on rays of a small street: nothing at neutral, shapes kept, no NaN, finite
+    derivatives, no channel changed but its own. Look-alikes are the effects of the catalogue that, fitted to its
+    expectation on that street, reproduce most of it; `jaxsim discover` computes them on the frames at hand.
+    """
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """A Python file that ends in EFFECT. Its code is run: give only files that you have read."""
+
+    def __call__(self) -> None:
+        known_effects()
+        scan = small_street()
+        print(describe(described(load_file(self.file), all_rays(scan), scan)))
+        print(f"\n{self.file}: all checks passed; jaxsim discover ... --effects-from {self.file}")
