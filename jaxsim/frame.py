@@ -17,7 +17,11 @@ from typing import Any
 from flax import struct
 from jaxtyping import Bool, Float, Int, UInt8
 
-Array = Any  # numpy on the host, jax on the device: the kernels take both.
+Array = Any
+"""NumPy's on the host, JAX's on the device: one struct travels on both sides, and kernels take either. `Any`, because
+no protocol that both satisfy has the arithmetic that kernels use; shapes and types are checked by jaxtyping at run time
+in the tests, for which `Float[Array, ...]` with `Any` accepts both. Where only one may come, write jax.Array or
+np.ndarray."""
 
 
 @struct.dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -52,10 +52,7 @@ class Detect:
         for name in ("images", "labels"):
             if getattr(self, name) and not self.calib:
                 raise ValueError(f"detect: --{name} needs --calib, which says where the camera is on the LiDAR")
-        learned = load_detector(self.detector, step=self.step)
-        if self.max_voxels:
-            voxels = replace(learned.experiment.voxels, max_voxels=self.max_voxels)
-            learned = replace(learned, experiment=replace(learned.experiment, voxels=voxels))
+        learned = load_detector(self.detector, step=self.step).capped(self.max_voxels)
         experiment = learned.experiment
         kind = experiment.detector.anchors.kind
         files = cloud_files(self.clouds)

@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 from tyro.conf import UseAppendAction
 
-from jaxsim.cli.source import SAME, Source
+from jaxsim.cli.source import SAME, Source, frames_folder
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
@@ -114,15 +114,4 @@ class Discover:
         of_runs = [f"data.{field.name}" for field in fields(Source) if getattr(self.data, field.name) != field.default]
         for flag in [*of_runs, *["frames"] * bool(self.frames)]:
             raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
-        return _folder("--simulated", self.simulated), _folder("--measured", self.measured)
-
-
-def _folder(flag: str, folder: Path | None) -> Path:
-    if folder is None:
-        raise ValueError(f"discover: {flag} is missing; give --measured and --simulated, or a trained run")
-    if not folder.is_dir():
-        raise ValueError(
-            f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
-            "(jaxsim discover --help)"
-        )
-    return folder
+        return frames_folder("--simulated", self.simulated), frames_folder("--measured", self.measured)

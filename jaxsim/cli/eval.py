@@ -1,7 +1,4 @@
-"""`jaxsim eval RUN`: a learned sensor's scores beside baselines, or a detector's on its validation frames.
-
-`jaxsim eval generation`: LiDAR generation metrics between two folders.
-"""
+"""`jaxsim eval RUN`: a learned sensor's scores beside baselines, or a detector's; and `jaxsim eval generation`."""
 
 from __future__ import annotations
 
@@ -18,10 +15,9 @@ from jaxsim.cli.source import SAME, Source
 from jaxsim.evaluate.generation import generation_scores, open_folder
 from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
-from jaxsim.metrics import Score
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.metrics.rangenet import load_rangenet
-from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_list, write_scores
+from jaxsim.report import list_scores, pair_picture, save_picture, score_table, write_frechet, write_list, write_scores
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 
@@ -61,23 +57,20 @@ class Evaluation:
         # Scores: the network and the baselines on the same cells, and the Fréchet distance.
         sensor = load(self.run)
         own = sensor.run.experiment.data
-        data = self.data.config(own)
+        data, validation = self.data.config(own), self.data.validation(own)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
-        validation = self.data.validation(own)
         judged = score_sensor(sensor, data, frames=self.frames, validation=validation, extractor=extractor)
 
         # Tables and pictures.
         pairs = judged.pairs
-        frechet = judged.frechet
         write_scores(out, judged.scores, frames=pairs.names)
         for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
             predicted = np.asarray(judged.predict(sensor.params, pair))
             save_picture(out / f"{name}.png", pair_picture(pair, predicted, title=name))
         print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores)}\n")
-        if extractor and frechet:
-            about = {"extractor": extractor.name, "images": frechet.counts, "from_half_the_images": frechet.half}
-            write_list(out, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)
-            print(f"{frechet_line(frechet)}\n")
+        if extractor and judged.frechet:
+            write_frechet(out, judged.frechet, extractor=extractor.name)
+            print(f"{frechet_line(judged.frechet)}\n")
         print(f"scores and pictures: {out}")
 
 
@@ -101,8 +94,7 @@ class Generation:
 
     def __call__(self) -> None:
         simulated, measured = open_folder(self.simulated), open_folder(self.measured)
-        rangenet = load_rangenet(self.rangenet) if self.rangenet else None
-        scores = generation_scores(simulated, measured, rangenet=rangenet)
+        scores = generation_scores(simulated, measured, rangenet=self.rangenet and load_rangenet(self.rangenet))
         frames = [len(simulated.names), len(measured.names)]
         print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
         if self.out:

@@ -99,6 +99,7 @@ def decode_with_direction(
 ) -> Float[Array, "*b 7"]:
     """Boxes whose heading's half turn comes from the direction bin of the larger logit."""
     boxes = decode(deltas, anchors)
+    # The encoded heading is learned through a sine, which half turns do not change: the bin says which half.
     half = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, np.pi) + DIRECTION_OFFSET
     heading = half + np.pi * jnp.argmax(direction, axis=-1).astype(boxes.dtype)
     return boxes.at[..., 6].set(heading)
@@ -108,6 +109,7 @@ def nearest_bev(boxes: Float[Array, "*b 7"]) -> Float[Array, "*b 4"]:
     """Rectangles (x0, y0, x1, y1) from above, each heading snapped to the nearer axis."""
     turn = jnp.abs(limit_period(boxes[..., 6], 0.5, np.pi))
     along = (turn < np.pi / 4)[..., None]
+    # 4:2:-1 is width, then length: the box lies across.
     half = jnp.where(along, boxes[..., 3:5], boxes[..., 4:2:-1]) / 2
     return jnp.concatenate([boxes[..., :2] - half, boxes[..., :2] + half], axis=-1)
 

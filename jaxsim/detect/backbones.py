@@ -18,6 +18,7 @@ from jaxsim.frame import Array
 DOWN = {
     "conv2": Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
     "conv3": Window(CUBE, stride=(2, 2, 2), padding=(1, 1, 1)),
+    # As published, without padding along z: 41 planes become 21, 11, 5 and, by `out`, 2.
     "conv4": Window(CUBE, stride=(2, 2, 2), padding=(0, 1, 1)),
     "out": Window((3, 1, 1), stride=(2, 1, 1), padding=(0, 0, 0)),
 }
@@ -93,6 +94,7 @@ def height_compression(sites: Sites, features: Float[Array, "b n c"]) -> Float[A
     planes, rows, columns = sites.shape
     b, _, c = features.shape
     volume = jnp.zeros((b, planes * rows * columns, c), features.dtype)
+    # Unused places have a key past the last cell, which `drop` leaves out.
     volume = jax.vmap(lambda v, key, f: v.at[key].set(f, mode="drop"))(volume, sites.key, features)
     return volume.reshape(b, planes, rows, columns, c).transpose(0, 2, 3, 4, 1).reshape(b, rows, columns, c * planes)
 
@@ -133,6 +135,7 @@ class AnchorHead(nnx.Module):
         self.cls = Linear(in_channels, anchors, rngs=rngs)
         self.box = Linear(in_channels, anchors * BOX, rngs=rngs)
         self.direction = Linear(in_channels, anchors * DIRECTIONS, rngs=rngs)
+        # The logit of FIRST_SCORE (Lin et al. 2017): else the many background anchors rule the first steps.
         first = -log((1 - FIRST_SCORE) / FIRST_SCORE)
         self.cls.bias[...] = jnp.full(anchors, first, jnp.float32)  # a weak type would compile the step twice
         self.box.kernel[...] = 0.001 * jax.random.normal(rngs.params(), (in_channels, anchors * BOX))

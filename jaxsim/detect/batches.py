@@ -79,6 +79,7 @@ class SceneBatches:
     def _item(self, place: int) -> Batch:
         """The scene at a place of the endless sequence; one that lost all its objects gives way to another, drawn."""
         n = len(self.scenes)
+        # One permutation an epoch, and a generator a place: no state runs from batch to batch.
         order = np.random.default_rng([self.seed, 0, place // n]).permutation(n)
         rng = np.random.default_rng([self.seed, 1, place])
         i = int(order[place % n])
@@ -116,6 +117,7 @@ def pad_scene(
 ) -> Batch:
     """Points inside the range in random order, and the objects, each with a mask."""
     points = points[in_range(points, voxels)]
+    # In random order, the cap takes a fair sample, and voxels are opened all over the scene.
     kept = rng.permutation(points)[: voxels.max_points]
     padded, boxes = np.zeros((voxels.max_points, 4), np.float32), np.zeros((room, 7), np.float32)
     padded[: len(kept)], boxes[: len(objects)] = kept, objects
@@ -159,6 +161,7 @@ def _parted(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"
     off = b[None, :, :2] - a[:, None, :2]
     cos, sin = np.cos(a[:, None, 6]), np.sin(a[:, None, 6])
     along, aside = cos * off[..., 0] + sin * off[..., 1], cos * off[..., 1] - sin * off[..., 0]
+    # Half the extent of `b` along the sides of `a`: |cos| l / 2 + |sin| w / 2, and the other way round.
     turn = b[None, :, 6] - a[:, None, 6]
     cos, sin = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     length, width = b[None, :, 3], b[None, :, 4]
@@ -184,6 +187,7 @@ def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, 
     scale = np.float32(rng.uniform(*config.scaling))
     points[:, :3] *= scale
     boxes[:, :6] *= scale
+    # Back into [-pi, pi).
     boxes[:, 6] -= 2 * np.pi * np.floor(boxes[:, 6] / (2 * np.pi) + 0.5)
     return replace(scene, points=points, boxes=boxes)
 
@@ -208,6 +212,7 @@ def paste(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rn
                 f"augment: {scene.name} has no road plane; put planes/NNNNNN.txt beside label_2/, or pass "
                 "--augment.no-on-ground"
             )
+        # Up to where the box's bottom face stands on the road.
         lift = heights_on(scene.ground, boxes, scene.view) - (boxes[:, 2] - boxes[:, 5] / 2)
         boxes = boxes + lift[:, None] * np.array([0, 0, 1, 0, 0, 0, 0], np.float32)
     points = scene.points

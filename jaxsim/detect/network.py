@@ -95,6 +95,7 @@ class VoxelRcnn(nnx.Module):
         score = jax.nn.sigmoid(logit)
         final = self.config.final
         keep = min(final.after, rois.shape[1])
+        # Places that no proposal fills hold boxes of size 0, which have a score like any other.
         good = taken & (score >= self.config.score)
         index, kept = nms_bev(boxes, score, final.overlap, keep=keep, consider=final.before, valid=good)
         boxes = jnp.take_along_axis(boxes, index[..., None], axis=1)

@@ -17,6 +17,7 @@ from jaxsim.files import replacing
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import camera_boxes, wrapped
 
+# Corners nearer than this, or behind the camera, have no pixel that says anything.
 NEAR_M = 0.1
 
 
@@ -55,6 +56,7 @@ def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "
 def result_lines(found: Found, kind: str, view: View) -> list[str]:
     """The lines of a result file."""
     centre, size, yaw = camera_boxes(found.boxes, view.rect_from_velo)
+    # KITTI's alpha: heading less the direction of sight; in `velo` -y is right and x ahead.
     alpha = wrapped(yaw - np.arctan2(-found.boxes[:, 1], found.boxes[:, 0]))
     rectangle = outlines(found.boxes.astype(np.float64), view)
     return [

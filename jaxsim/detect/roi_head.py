@@ -59,6 +59,7 @@ def _rows_in_reach(reach: int, radius_m: float, cell_m: tuple[float, float, floa
         (dz, dy)
         for dz, dy in product(range(-reach, reach + 1), repeat=2)
         if (max(abs(dz) - 0.5, 0) * cell_m[2]) ** 2 + (max(abs(dy) - 0.5, 0) * cell_m[1]) ** 2
+        # A thousandth more: rounding must not lose a cell that the query itself would call near.
         <= (1.001 * radius_m) ** 2
     ]
     return np.array(near, np.int32)
@@ -84,6 +85,7 @@ def voxel_query(
         z, y = cell[:, 0] + offset[0], cell[:, 1] + offset[1]
         inside = (z >= 0) & (z < planes) & (y >= 0) & (y < rows) & (left <= right)
         start = jnp.where(inside, (z * rows + y) * columns, 0)
+        # Keys rise along x, so that a row of cells is one stretch of the sites, found by one search.
         at = jnp.searchsorted(sites.key, start + left).astype(jnp.int32)
         for k in range(2 * reach + 1):  # a row's sites follow one another
             key = sites.key.at[at + k].get(mode="fill", fill_value=-1)
@@ -91,6 +93,7 @@ def voxel_query(
             place = jnp.stack([z, y, column], axis=-1)
             off = xyz - cell_centres(place, voxels, stride)
             near = inside & (column >= left) & (column <= right) & ((off * off).sum(axis=-1) <= radius_m**2)
+            # Into the next free slot; once all are taken, `taken` names none.
             found = jnp.where(near[:, None] & (slots == taken[:, None]), (at + k)[:, None], found)
             taken = taken + near.astype(jnp.int32)
         return (found, taken), None

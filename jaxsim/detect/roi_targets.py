@@ -47,6 +47,7 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
     """
     count, r = config.rois, len(overlap)
     keys = jax.random.split(key, 4)
+    # Good enough for either loss, as published: for the box's, or for a full score.
     foreground = overlap >= min(config.matched, config.score_range[1])
     easy = overlap < config.easy
     hard = (overlap < config.matched) & ~easy

@@ -75,6 +75,7 @@ def levels(labels: Boxes) -> Int[np.ndarray, " g"]:
     """Difficulty of each label as OpenPCDet has it: the height counts both of its rows."""
     height = np.asarray(labels.bbox_px)[:, 3] - np.asarray(labels.bbox_px)[:, 1] + 1
     level = np.full(len(labels.kind), -1)
+    # From hard to easy: the easiest level that fits is written last.
     for k in reversed(range(len(LEVELS))):
         least, occluded, truncated = LEVELS[k]
         fits = (height >= least) & (np.asarray(labels.occluded) <= occluded)

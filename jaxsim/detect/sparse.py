@@ -91,6 +91,7 @@ def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[
     """The different keys among these, rising, and how many did not fit: those beyond `capacity` are left out."""
     outside = cells(shape)
     keys = jnp.sort(jnp.minimum(keys, outside))
+    # Sorted, equal keys stand together: a key is new where it differs from the one before.
     new = (keys < outside) & jnp.concatenate([jnp.ones(1, bool), keys[1:] != keys[:-1]])
     place = jnp.cumsum(new, dtype=jnp.int32) - 1
     kept = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, place, capacity)].set(keys, mode="drop")

@@ -45,6 +45,7 @@ def make_train_step(
     definition, adam = definition_of(experiment), optimiser(experiment.optim, steps)
 
     def train_step(state: TrainState, batch: dict[str, Array], seed: Array) -> tuple[TrainState, Metrics]:
+        # Of the step alone: a resumed run draws what an unstopped one would have drawn.
         key = jax.random.fold_in(jax.random.wrap_key_data(seed), state.step)
         network = state.network
         given = {name: batch[name] for name in ("points", "valid", "objects", "is_object")}
@@ -65,6 +66,7 @@ def make_train_step(
         trained = Network(optax.apply_updates(network.parameters, updates), statistics)
         state = TrainState(state.step + 1, trained, optim)
         if mesh is not None:
+            # Whole on every device, as it came in: in another layout the next step would be compiled anew.
             state = jax.lax.with_sharding_constraint(state, NamedSharding(mesh, WHOLE))
         return state, metrics
 

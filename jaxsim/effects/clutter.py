@@ -49,6 +49,7 @@ def clutter_range(chance: Float[Array, "*n"], rays: Rays, end_m: Float[Array, "*
     mass = jnp.cumsum((density[1:] + density[:-1]) / 2, axis=0)
     mass = jnp.concatenate([jnp.zeros_like(mass[:1]), mass], axis=0)
     wanted = chance * mass[-1]
+    # The last node that the wanted mass has passed; between it and the next the mass grows evenly.
     below = jnp.clip(jnp.sum(mass <= wanted[None], axis=0) - 1, 0, _NODES - 2)
 
     def at(table: Array, index: Array) -> Array:

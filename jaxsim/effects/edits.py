@@ -13,6 +13,7 @@ from jaxtyping import Float
 from jaxsim.effects.rays import Array, Rays
 
 LEAST_COSINE = 0.02
+# ln(1 - p) and its slope stay finite.
 MOST_PROBABLE = 0.999
 
 

@@ -207,11 +207,14 @@ def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r
         value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
         rough = ratio[beyond] - even[beyond] - value * odd[beyond]
         rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])
+        # Jiang and Shu 1996: the inverse square of how rough the surface is on this side.
         weight = jnp.where(valid[near], 1 / jnp.square(rough * rough + _SAME**2), 0.0)
+        # One more vote, for slope 0: it wins only where every neighbour is rougher than _ROUGH.
         flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
         return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + flat)
 
     v = slope(slice(1, 3), slice(5, 7), even=jnp.cos(de), odd=jnp.sin(de))
+    # 1 - cos(da), without cancellation.
     versine = 2 * jnp.square(jnp.sin(da / 2))
     even = 1 - versine * jnp.cos(e) * (jnp.cos(e) - v[None] * jnp.sin(e))
     u = slope(slice(3, 5), slice(7, 9), even=even, odd=jnp.cos(e) * jnp.sin(da))

@@ -171,6 +171,13 @@ class LearnedDetector:
     experiment: DetectorExperiment
     network: Network
 
+    def capped(self, max_voxels: int | None) -> LearnedDetector:
+        """With another cap on voxels than its own, where one is given."""
+        if not max_voxels:
+            return self
+        voxels = replace(self.experiment.voxels, max_voxels=max_voxels)
+        return replace(self, experiment=replace(self.experiment, voxels=voxels))
+
 
 def load_detector(path: Path | str, *, step: int | None = None) -> LearnedDetector:
     """The detector of a run's folder at its latest checkpoint, or at `step`; or published weights (.npz).

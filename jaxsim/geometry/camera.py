@@ -122,6 +122,7 @@ def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple
     if np.ndim(camera.intrinsics) != 2:
         raise ValueError(f"camera_rows takes one camera, got a batch {np.shape(camera.intrinsics)[:-2]}; take one out")
     left, right = _azimuth_extent(camera, size)
+    # 360 places within the extent; on its very ends rounding would decide what is inside.
     azimuth = np.linspace(left, right, 362)[1:-1]
     fractions = _inside(camera, size, _road_points(spec, azimuth)).mean(axis=1)
     seen = np.flatnonzero(fractions >= SHARE)
@@ -136,14 +137,17 @@ def camera_rows(camera: Camera, size: tuple[int, int], spec: LidarSpec) -> tuple
 def _azimuth_extent(camera: Camera, size: tuple[int, int]) -> tuple[float, float]:
     intrinsics = np.asarray(camera.intrinsics, np.float64)
     rotation = np.asarray(camera.cam_from_velo[:3, :3], np.float64)
+    # Outer edges of the first and the last column, level with the principal point.
     edges = np.array([[u, intrinsics[1, 2], 1.0] for u in (-0.5, size[1] - 0.5)])
     rays = np.linalg.solve(intrinsics, edges.T).T @ rotation
     left, right = np.arctan2(rays[:, 1], rays[:, 0])
+    # A camera that looks backwards sees across the azimuth's cut at pi.
     return (float(left + 2 * np.pi) if left < right else float(left)), float(right)
 
 
 def _road_points(spec: LidarSpec, azimuth: Float[np.ndarray, " a"]) -> Float[np.ndarray, "rows a 3"]:
     elevation, origin = spec.elevation_rad[:, None], np.asarray(spec.origin_m)[:, None]
+    # A beam that does not fall never meets the road: its points stand at the farthest range.
     fall = np.maximum(-np.sin(elevation), 1e-9)
     range_m = np.clip((spec.mount_m + origin) / fall, spec.min_range_m, spec.max_range_m)
     rho = range_m * np.cos(elevation)

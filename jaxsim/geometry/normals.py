@@ -32,6 +32,7 @@ def _tangent(
         near = jnp.roll(valid, shift, axis) & valid & ((place != border) | wraps)
         step = (points - jnp.roll(points, shift, axis - 1)) * shift
         jump = jnp.where(near, range_m - jnp.roll(range_m, shift, axis), jnp.zeros_like(range_m))
+        # Inverse squares: a step across an edge of 1 m weighs 1e-4 of one on a smooth surface.
         weight = jnp.where(near, 1 / (jump * jump + _NOISE_M**2), jnp.zeros_like(range_m))
         total = total + jnp.where(near[..., None], step, jnp.zeros_like(step)) * weight[..., None]
         known = known | near
@@ -52,12 +53,14 @@ def normals(
     rise = jnp.stack([jnp.zeros_like(grid.origin_m)] * 2 + [grid.origin_m], axis=-1).reshape(*lead, -1, 1, 3)
     points = ray * range_m[..., None] + rise
     columns = range_m.shape[-1]
+    # From centre to centre of the outermost columns, and one column more.
     turn = jnp.abs(grid.azimuth_rad[0] - grid.azimuth_rad[-1]) * columns / (columns - 1)
     along, along_known = _tangent(points, range_m, valid, axis=-1, wraps=turn > 2 * jnp.pi - 1e-3)
     down, down_known = _tangent(points, range_m, valid, axis=-2, wraps=jnp.zeros((), bool))
     normal = jnp.cross(along, down)
     length = jnp.sqrt(jnp.sum(normal * normal, axis=-1))
     known = along_known & down_known & (length > 0) & jnp.isfinite(length)
+    # The cross product's sign depends on how range runs; a surface that is hit faces the sensor.
     outward = jnp.where(jnp.sum(normal * ray, axis=-1) > 0, -1.0, 1.0).astype(normal.dtype)
     scale = outward / jnp.where(known, length, jnp.ones_like(length))
     return jnp.where(known[..., None], normal * scale[..., None], jnp.zeros_like(normal)), known

@@ -85,6 +85,7 @@ def _line_starts(azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, 
     starts = np.zeros(len(azimuth), bool)
     starts[0] = True
     start, back = 0, -1
+    # A jump back, or one of nearly a turn forward: a point right of the seam among those left of it.
     for i in np.flatnonzero((step < -_JUMP_DEG) | (step > 360 - 2 * _JUMP_DEG)) + 1:
         if step[i - 1] > 0:
             back = i if i - start <= _SEAM_POINTS else -1
@@ -132,10 +133,12 @@ def _rows_by_beams(
     """
     jumps = starts | (np.diff(_azimuth_deg(xyz), prepend=0) > _JUMP_DEG)
     piece = np.cumsum(jumps) - 1
+    # Whether a piece begins with a jump back, where a new line must start.
     firm = starts[np.searchsorted(piece, np.arange(piece[-1] + 1))]
     votes = np.zeros((len(firm), spec.rows))
     np.add.at(votes, (piece, rows_by_elevation(xyz, spec)), 1)
     rows = np.arange(spec.rows)
+    # Cost of a piece in each row: how many beams its points lie off, summed.
     misses = votes @ np.minimum(np.abs(rows[:, None] - rows), _WIDE_MISS)
 
     # Dynamic programming over the pieces: the least cost so far with the last piece in each row, and whence.
@@ -143,6 +146,7 @@ def _rows_by_beams(
     for cost, new_line in zip(misses[1:], firm[1:], strict=True):
         best = np.minimum.accumulate(total)
         above = np.maximum.accumulate(np.where(total == best, rows, 0))
+        # A new line lies below the one before: its row is reached from any row above.
         onward = np.concatenate([[np.inf], best[:-1]])
         source = np.concatenate([[0], above[:-1]])
         if not new_line:
@@ -212,6 +216,7 @@ def fit_beams(
         slope = np.where(enough, (tz * hh - hz * ht) / determinant, slope)
         miss = z - origin[row] - rho * slope[row]
         scale = max(float(np.median(np.abs(miss))), _LEAST_MISS_M)
+        # Cauchy's weight: what lies far off its cone, a stray or a wrong row, decides nothing.
         weight = 1 / (1 + (miss / scale) ** 2)
     off_deg = np.rad2deg(np.median(np.abs(miss) / np.maximum(rho, 1e-3))) if len(z) else 0.0
     if off_deg > _FITS_DEG:

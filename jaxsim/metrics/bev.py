@@ -49,6 +49,7 @@ def spherical_image(
     range_m = jnp.sqrt(x * x + y * y + z * z)
     seen = valid & jnp.isfinite(range_m) & (range_m > 0)
     pitch = jnp.arcsin(jnp.where(seen, z / jnp.where(seen, range_m, 1.0), 0.0))
+    # Columns begin behind the sensor, at an azimuth of pi, and turn right; rows begin at UP_RAD.
     column = jnp.floor(0.5 * (1.0 - jnp.arctan2(y, x) / jnp.pi) * SCAN_COLUMNS)
     row = jnp.floor((1.0 - (pitch + DOWN_RAD) / (UP_RAD + DOWN_RAD)) * SCAN_ROWS)
     row = jnp.where(seen, jnp.clip(row, 0, SCAN_ROWS - 1), 0.0).astype(jnp.int32)
@@ -67,6 +68,7 @@ def lidargen_points(
     # The program's own constants: its images hold log2(range + 1) / 6, so 63 m is 1.
     log = jnp.clip(jnp.log2(range_m + 0.0001 + 1.0) / 6, 0.0, 1.0)
     depth = jnp.exp2(6 * log) - 1
+    # This yaw grows to the right, against `velo`'s azimuth: hence the minus of y.
     yaw = np.pi * (np.arange(SCAN_COLUMNS) / SCAN_COLUMNS * 2 - 1)
     pitch = (1 - np.arange(SCAN_ROWS) / SCAN_ROWS) * (UP_RAD + DOWN_RAD) - DOWN_RAD
     rays = np.stack(
@@ -119,7 +121,9 @@ def jensen_shannon(p: Float[np.ndarray, "*shape"], q: Float[np.ndarray, "*shape"
     p = np.asarray(p, np.float64).ravel() / np.sum(p, dtype=np.float64)
     q = np.asarray(q, np.float64).ravel() / np.sum(q, dtype=np.float64)
     middle = (p + q) / 2
+    # 0 ln 0 is 0: empty cells add nothing.
     parts = (np.sum(h[h > 0] * np.log(h[h > 0] / middle[h > 0])) for h in (p, q))
+    # Of two equal histograms rounding may leave less than 0.
     return float(np.sqrt(max(sum(parts) / 2, 0.0)))
 
 
@@ -148,6 +152,7 @@ def _spectral(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _euclidean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     x = a.reshape(len(a), -1).astype(np.float64)
     y = b.reshape(len(b), -1).astype(np.float64)
+    # |x - y|^2 = |x|^2 + |y|^2 - 2 x'y: a matrix product instead of n m differences of 10 000 cells.
     return (x * x).sum(1)[:, None] + (y * y).sum(1)[None] - 2 * x @ y.T
 
 
@@ -163,8 +168,10 @@ def mmd(a: Float[np.ndarray, "n r c"], b: Float[np.ndarray, "m r c"], *, definit
     a, b = _scaled(np.asarray(a, np.float64)), _scaled(np.asarray(b, np.float64))
 
     def lost(x: np.ndarray, y: np.ndarray) -> float:
+        # 1 - exp(-d^2 / 2 sigma^2) without the loss of digits: the kernel itself is nearly 1.
         return float(np.mean(-np.expm1(-np.maximum(squares(x, y), 0) / (2 * SIGMA**2))))
 
+    # mean k(a, a) + mean k(b, b) - 2 mean k(a, b), where k = 1 - lost.
     return 2 * lost(a, b) - lost(a, a) - lost(b, b)
 
 
@@ -174,6 +181,8 @@ def lidm_occupancy(clouds: Iterable[Float[np.ndarray, "_n 3"]]) -> Float[np.ndar
     total = np.zeros((2 * half) ** 2, np.float32)
     for cloud in clouds:
         place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
+        # Just below 50 m the quotient may round up, in float32, to a cell that is not there.
         cells = np.clip(np.floor(place / np.float32(LIDM_CELL_M)).astype(int) + half, 0, 2 * half - 1)
+        # Occupied or not: of many points in a cell one counts.
         total[np.unique(cells[:, 0] * 2 * half + cells[:, 1])] += 1
     return total.reshape(2 * half, 2 * half)

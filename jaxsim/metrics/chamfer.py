@@ -47,6 +47,7 @@ def chamfer(a: Points, b: Points) -> Chamfer:
         square = distance**2
         # n(y): how many points of this cloud have the same nearest point in the other.
         shared = np.bincount(nearest, minlength=there.n)[nearest]
+        # s = here.n / there.n is what n(y) is where this cloud is spread evenly over the other.
         density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (here.n / there.n))
         means.append((np.sqrt(square).mean(), square.mean(), density))
     return Chamfer(*(float(one + other) / 2 for one, other in zip(*means, strict=True)))

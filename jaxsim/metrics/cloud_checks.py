@@ -74,6 +74,7 @@ class CloudCounts:
         for kind in {*names.tolist()}:
             mine = names[owner.astype(int)] == kind
             table = self.histograms.setdefault(kind, {name: np.zeros(len(edges) - 1) for name, edges in EDGES.items()})
+            # Beyond the edges counts for the outermost bins: nothing is lost from a distribution.
             for name, edges in EDGES.items():
                 table[name] += np.histogram(np.clip(values[name][mine], edges[0], edges[-1]), edges)[0]
         elevation = np.degrees(np.arctan2(points[:, 2], np.linalg.norm(points[:, :2], axis=1)))
@@ -85,6 +86,7 @@ class CloudCounts:
 
 def _inside(points: np.ndarray, boxes: np.ndarray) -> np.ndarray:
     """(n, g); filled up to few sizes, for each size is compiled once."""
+    # What fills up lies 1000 km away; boxes that fill up have no size, and hold nothing.
     xyz = np.full((-(-max(len(points), 1) // 8192) * 8192, 3), 1e6, np.float32)
     room = np.zeros((-(-max(len(boxes), 1) // 32) * 32, 7), np.float32)
     xyz[: len(points)], room[: len(boxes)] = points[:, :3], boxes

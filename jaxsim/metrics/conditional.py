@@ -29,6 +29,7 @@ AXES = {"class": (0,), "range": (1,), "incidence": (2,), "all": (0, 1, 2)}
 
 
 def _bin(values: Array, edges: tuple[float, ...]) -> Array:
+    # As many edges as a value has passed: bin 0 lies below the first.
     return sum((values >= edge).astype(jnp.int32) for edge in edges)
 
 
@@ -71,10 +72,12 @@ def _compared(a: Float[np.ndarray, "k levels"], b: Float[np.ndarray, "k levels"]
     if not kept.any():
         return Conditional(float("nan"), float("nan"), 0.0, 0)
     weight = m[kept] / m[kept].sum()
+    # On a line the Wasserstein-1 distance is the area between both distribution functions.
     first = np.cumsum(a[kept], 1) / a[kept].sum(1, keepdims=True)
     second = np.cumsum(b[kept], 1) / b[kept].sum(1, keepdims=True)
     step = 1 / (LEVELS - 1)
     distance = np.abs(first - second).sum(1) * step
+    # Of two draws of one law, the pooled counts are the best guess of that law.
     both = (a[kept] + b[kept]).cumsum(1) / (n + m)[kept][:, None]
     # Mean absolute value of a Gaussian difference of two empirical distribution functions.
     spread = np.sqrt(both * (1 - both) * (1 / n[kept] + 1 / m[kept])[:, None])

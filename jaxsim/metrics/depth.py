@@ -66,6 +66,7 @@ def interpolate_background(
     h, w = valid.shape
     rows = np.arange(h)
     columns = np.arange(w)
+    # Column of the nearest valid depth at or before each pixel (-1: none), and at or behind it (w: none).
     before = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     behind = np.minimum.accumulate(np.where(valid, columns, w)[:, ::-1], axis=1)[:, ::-1]
     beside = [

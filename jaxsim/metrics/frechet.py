@@ -44,6 +44,7 @@ class Moments:
         count = self.count + other.count
         step = other.mean - self.mean
         share = other.count / count
+        # Beside the two scatters that of the two means: n1 n2 / (n1 + n2) times their difference squared.
         scatter = self.scatter + other.scatter + np.outer(step, step) * (self.count * share)
         return Moments(count, self.mean + step * share, scatter)
 
@@ -58,6 +59,7 @@ class Moments:
 def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]:
     """A with A A' = C, without the directions in which C is nothing but rounding."""
     values, vectors = scipy.linalg.eigh(covariance)
+    # The usual bound of a numerical rank: the largest eigenvalue times d eps.
     kept = values > values[-1] * len(values) * np.finfo(np.float64).eps
     return vectors[:, kept] * np.sqrt(values[kept])
 
@@ -147,6 +149,7 @@ def frechet_score(a: Halves, b: Halves, *, name: str) -> FrechetScore:
             "(--fid-features 64, which is another score)"
         )
     half = None
+    # The bias falls as 1 / n, so halves have about twice that of the whole.
     if min(part.count for part in (*a, *b)) > 1:
         half = float(np.mean([frechet_distance(x, y) for x, y in zip(a, b, strict=True)]))
     return FrechetScore(name, frechet_distance(first, second), half, (first.count, second.count), features)

@@ -113,8 +113,10 @@ def paired_scores(sums: dict[str, Array]) -> dict[str, Score]:
     n, seen = int(s["cells"]), int(s["seen"])
     if n == 0:
         raise ValueError("paired: no cell is both seen by the camera and returned; check calibration and range limits")
+    # Means over all cells of all frames, not means of the frames' means: a frame with few returns weighs little.
     mse = s["squared"] / n
     drops = s["drop_guesses"] + s["drop_truths"]
+    # |A or B| = |A| + |B| - |A and B|.
     union = drops - s["drop_hits"]
     nothing = float("nan")
     return {

@@ -162,6 +162,7 @@ def network_image(
 @cache
 def _chosen() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows, columns and channels of the 4096 values: LiDARGen's draw from the map flattened channel by channel."""
+    # Python's own generator with seed 0, as the program has it: any other draws other values.
     places = np.array(random.Random(0).sample(range(WIDTH * SCAN_ROWS * SCAN_COLUMNS), FEATURES))
     channel, row, column = np.unravel_index(places, (WIDTH, SCAN_ROWS, SCAN_COLUMNS))
     return row, column, channel

@@ -21,6 +21,7 @@ PLACES = 128
 REPEATS = 4
 BATCH = 128
 DIRECTIONS = 128
+# Binomial taps, which approach a Gaussian (Burt and Adelson 1983).
 KERNEL = np.array([1, 4, 6, 4, 1]) / 16
 
 
@@ -117,6 +118,7 @@ def sliced_wasserstein(a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray,
         y = _standardised(jnp.concatenate(sides[1]))
         distances = []
         for repeat in range(REPEATS):
+            # 2^30 keeps the keys of directions apart from those of places, level n + first.
             fold = jax.random.fold_in(jax.random.fold_in(key, 2**30 + level), repeat)
             directions = jax.random.normal(fold, (x.shape[1], DIRECTIONS))
             # By their deviation, not their length, as the program has it: values are sqrt(49 c) times larger.

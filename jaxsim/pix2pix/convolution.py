@@ -65,6 +65,7 @@ def transposed_conv2d(
     """
     if on_cpu():
         return convolution_cpu.transposed_convolve(x, kernel)
+    # PyTorch's padding of 1 seen from the other side is 3 - 1 - 1 = 1; its output padding adds one behind.
     around = ((1, 2), (1, 2))
     return lax.conv_general_dilated(
         x, kernel, (1, 1), around, lhs_dilation=(2, 2), dimension_numbers=("NHWC", "HWIO", "NHWC")

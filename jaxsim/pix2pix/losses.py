@@ -95,7 +95,9 @@ def reconstruction(
 BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))
 """Places of the convolutions in torchvision's `features`; a 2 x 2 max-pool between the blocks. The ReLU after
 the first convolution of each block is a feature of the loss: relu_1_1 ... relu_5_1."""
+# Wang et al. 2018: deep features, which say what is there, count more than edges and spots.
 LAYER_WEIGHTS = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1.0)
+# Of ImageNet's colours, red first, as torchvision gives them.
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 

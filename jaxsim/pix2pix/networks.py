@@ -50,10 +50,12 @@ class EncoderDecoder(nnx.Module):
     ):
         block = partial(ConvBlock, form=form, rngs=rngs)
         steps = list(pairwise(widths))
+        # c7s1 - d - ... - R - ... - u - c7s1 of the paper's appendix.
         self.stem = block(in_channels, widths[0], size=7)
         self.down = nnx.List([block(narrow, wide, stride=2, padding=form.strided) for narrow, wide in steps])
         self.blocks = nnx.List([ResidualBlock(widths[-1], form=form, rngs=rngs) for _ in range(blocks)])
         self.up = nnx.List([block(wide, narrow, upsample=form.upsample) for narrow, wide in reversed(steps)])
+        # The head has no spectral norm in either program.
         plain = form._replace(spectral=False)
         head = partial(ConvBlock, size=7, norm=False, activation=jnp.tanh, form=plain, rngs=rngs)
         self.head = None if out_channels is None else head(widths[0], out_channels)
@@ -64,6 +66,7 @@ class EncoderDecoder(nnx.Module):
         x = self.stem(x, train=train)
         for block in self.down:
             x = block(x, train=train)
+        # The enhancer's own features at half size and the coarser part's last ones, added (Wang et al. 2018, 3.1).
         if coarse is not None:
             x = x + coarse
         for block in self.blocks:

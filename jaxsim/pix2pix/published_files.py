@@ -127,6 +127,7 @@ def _imaginaire(arrays: Arrays) -> dict[str, np.ndarray]:
     kept = {}
     for name, array in arrays.items():
         prefix = next((p for p in IMAGINAIRE_PREFIXES if name.startswith(p)), None)
+        # How many updates an average has seen is no weight.
         if prefix and not name.endswith("num_updates_tracked"):
             kept[IMAGINAIRE_PREFIXES[prefix] + name[len(prefix) :]] = np.asarray(array, np.float32)
     _, channels, _ = published_generator(part(kept, GENERATOR), "imaginaire")
@@ -134,6 +135,7 @@ def _imaginaire(arrays: Arrays) -> dict[str, np.ndarray]:
         published_generator(averaged, "imaginaire", averaged=True)
     if judges := part(kept, DISCRIMINATOR):
         _, seen, _ = published_discriminator(judges, "imaginaire")
+        # A discriminator sees the inputs and, beside them, an image of one channel at least.
         if seen <= channels:
             raise ValueError(f"its discriminator sees {seen} channels, its generator alone {channels}")
     return kept
@@ -184,6 +186,7 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
                 raise ValueError(f"start: {path} is of the {form} form; pass --{prefix}form {form}")
         if values := part(arrays, GENERATOR):
             generator = _on_device(from_published(values, state.generator, form))
+            # A file without averaged weights starts the average at the weights themselves.
             ema = fold_spectral_norm(generator.parameters, generator.vectors)
             if averaged := part(arrays, AVERAGED):
                 ema = _on_device(from_published(averaged, Network(state.ema, {}), form)).parameters
@@ -209,4 +212,5 @@ def _layers(arrays: Arrays, prefix: str) -> list[tuple[bool, tuple[int, ...]]]:
 
 def _cap(widest: int, uncapped: int, usual: int) -> int:
     """The setting `max_filters` of a network whose widest layer would be `uncapped` without one."""
+    # A cap that no layer reaches may have been any: the usual one is taken.
     return widest if widest < uncapped else max(widest, usual)

@@ -85,6 +85,7 @@ def make_train_step(
         terms = {}
         if judges is not None:
             on_fake, judges = judge(judges, inputs, image)
+            # Every pass moves the spectral norms' vectors on, so that the order, fake and then real, counts.
             on_real, judges = judge(judges, inputs, target)
             terms |= generator_terms(on_fake, on_real, weights.form)
             if not weights.feature_matching:

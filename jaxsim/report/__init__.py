@@ -19,7 +19,7 @@ from jaxsim.report.pictures import (
     simulated_picture,
     strip,
 )
-from jaxsim.report.results import list_scores, score_table, write_list, write_scores
+from jaxsim.report.results import list_scores, score_table, write_frechet, write_list, write_scores
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "strip",
     "verdict_sentence",
     "write_detection",
+    "write_frechet",
     "write_list",
     "write_report",
     "write_scores",

@@ -10,6 +10,7 @@ from typing import Any
 
 from jaxsim.files import replacing
 from jaxsim.metrics import Score
+from jaxsim.metrics.frechet import FrechetScore
 
 Scores = Mapping[str, Mapping[str, Score]]
 """Predictor -> score's name -> score."""
@@ -83,3 +84,9 @@ def write_list(folder: Path, name: str, scores: Mapping[str, Score], *, about: d
     """Writes NAME.json and NAME.md; `about` says what was compared."""
     facts = "\n".join(f"{key}: {value}" for key, value in about.items())
     write_results(folder, name, about | {"scores": plain_scores(scores)}, text=f"{facts}\n\n{list_scores(scores)}")
+
+
+def write_frechet(folder: Path, frechet: FrechetScore, *, extractor: str) -> None:
+    """Writes frechet.json and frechet.md: the distance, by which network's features, and that of half the images."""
+    about = {"extractor": extractor, "images": frechet.counts, "from_half_the_images": frechet.half}
+    write_list(folder, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)

@@ -158,6 +158,7 @@ class Objective:
     def __call__(self, x: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         """Value and gradient with the normal priors: what the fit lowers."""
         value, gradient = self.data(x)
+        # The priors' share: half a square of the distance, and its derivative.
         away = (x - self.centre) / self.sd
         value = value + 0.5 * float(away @ away)
         gradient = gradient + away / self.sd
@@ -233,6 +234,7 @@ def _between(before: Stage, after: Stage, share: Float[Array, ""]) -> Stage:
     """Rays and noise at `share` of the way; rays that hit where they did not before, or the reverse, stay."""
     fields_before, constant_before, noise_before = before
     fields_after, constant_after, noise_after = after
+    # Between a surface and the sky there is no halfway.
     same = constant_before["hit"] == constant_after["hit"]
 
     def mix(a: Array, b: Array) -> Array:

@@ -53,6 +53,7 @@ def log_student(d: Float[Array, "*n"], sd: Float[Array, "*n"]) -> Float[Array, "
 def log_below(t: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Logarithm of the probability that a Student-t of 4 degrees of freedom and scale 1 lies below t."""
     square = t**2 / DEGREES
+    # With 4 degrees of freedom the distribution function has a closed form.
     share = 0.5 + 0.375 * t / jnp.sqrt(1 + square) * (1 - t**2 / 12 / (1 + square))
     # Far below 0 the sum cancels; the tail falls with the fourth power.
     return jnp.log(jnp.where(t < -6, 3 / 16 / (1 + square) ** 2, jnp.maximum(share, 1e-4)))
@@ -135,6 +136,7 @@ def log_reported(rays: Rays, ev: Evidence, noise: Noise) -> Float[Array, "b c r"
 
 def log_lost(rays: Rays, ev: Evidence, noise: Noise, *, clutter: bool = True) -> Float[Array, "b c r"]:
     """Logarithm of the probability that a ray that is not lost with its column does not return."""
+    # A ray may return in three independent ways, an echo, a ghost or clutter: lost is what none of them brings back.
     lost = jnp.log(-jnp.expm1(log_reported(rays, ev, noise))) + jnp.log1p(-jnp.clip(rays.ghost, 0, MOST_LIKELY))
     return lost + jnp.log1p(-jnp.clip(rays.clutter, 0, MOST_LIKELY)) if clutter else lost
 
@@ -185,6 +187,7 @@ def _log_surface(
     core = log_student(off, sd)
     wide = log_cauchy(off, _WIDE_M)
     switch, rate = log_stray(ev, noise)
+    # What neither strays nor switches is core: 2 % of it stay, whatever rates a step of the fit tries.
     usual = jnp.log1p(-jnp.clip(jnp.exp(rate) + jnp.exp(switch), 0, 0.98))
     return jax.nn.logsumexp(jnp.stack([usual + core, rate + wide, switch + near], axis=-1), axis=-1)
 
@@ -193,6 +196,7 @@ def _log_between(rays: Rays, ev: Evidence) -> Float[Array, "b c r"]:
     """A mixed pixel: even between the surface and the one beside it, with soft ends."""
     low, high = jnp.minimum(rays.reading_m, rays.between_m), jnp.maximum(rays.reading_m, rays.between_m)
     inside = jax.nn.sigmoid((ev.range_m - low) / _EDGE_SD_M) * jax.nn.sigmoid((high - ev.range_m) / _EDGE_SD_M)
+    # Uniform: 1 over the width of the gap, to which the soft ends add.
     return jnp.log(inside + 1e-9) - jnp.log(high - low + _EDGE_SD_M)
 
 
@@ -204,6 +208,7 @@ def of_columns(
     # Rays of a column have the same probability; the mean keeps derivatives of each.
     gone = jnp.clip(rays.column_loss.mean(-1), 0, MOST_LIKELY)
     empty = ~ev.returned.any(-1)
+    # Lost whole, or ray by ray; where anything returned, only the latter.
     return jnp.logaddexp(jnp.log1p(-gone) + terms, jnp.where(empty, jnp.log(gone + 1e-9), NEVER * 10))
 
 

@@ -48,6 +48,7 @@ class Groups:
 
     def gram_of_levels(self, blocks: int) -> Float[Array, "{blocks} p p"]:
         """What the levels take out of each block's Gram matrix."""
+        # Schur complement of a scalar: f f' / (weight + precision).
         outer = jnp.einsum("sp,sq->spq", self.features, self.features * self.variance[:, None])
         return jax.ops.segment_sum(outer, self.block, blocks)
 
@@ -196,6 +197,7 @@ def _shared(
     ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, right: Float[Array, "b p"]
 ) -> Float[Array, " p"]:
     """Coefficients of the features in the `fitted` blocks together, streets' levels taken out."""
+    # A Schur complement again: what a street's own level would explain says nothing of the shared one.
     gram = eq.gram - eq.gram @ eq.street @ eq.gram
     shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
     shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
@@ -220,6 +222,7 @@ def poses(
     1 / range is linear in the motion on planes, also far away on the road, where the range is not.
     """
     measured = jnp.where(on, ev.range_m, predicted_m)
+    # r0^2 (1 / r0 - 1 / r) = (r - r0) r0 / r: the change of 1 / range, in metres at the predicted range r0.
     residual = (measured - predicted_m) * predicted_m / jnp.maximum(measured, 0.1)
     return jnp.einsum("bij,bj->bi", eq.pose, jnp.einsum("bcri,bcr->bi", ev.pose, residual * eq.range_))
 

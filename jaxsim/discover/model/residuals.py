@@ -25,6 +25,7 @@ CLIP = 4.0
 def spread(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, MOST_LIKELY)
+    # Lost with its column, or else alone.
     p = jnp.clip(gone + (1 - gone) * jnp.exp(log_lost(ev.rays, ev, noise)), 1e-4, 1 - 1e-4)
     return jnp.sqrt(intensity_variance(ev, noise)), jnp.sqrt(reading_variance(ev.rays, ev, noise)), p
 

@@ -45,6 +45,7 @@ def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray,
 
 def _readings(ev: Evidence) -> dict[str, Float[np.ndarray, "b c r"]]:
     """What the sensor read, by the effect that rounds it; an intensity of nothing is 0."""
+    # FLOOR stands for a reading of 0, whose logarithm could not be kept.
     intensity = np.exp(np.asarray(ev.log_intensity))
     return {
         "intensity_quantization": np.where(intensity > FLOOR * 1.001, intensity, 0),

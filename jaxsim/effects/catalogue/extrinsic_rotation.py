@@ -26,7 +26,9 @@ def apply(p: dict[str, Array], rays: Rays) -> Rays:
     dz = -sp * x + cp * sr * y + (cp * cr - 1) * z
     rho = jnp.maximum(jnp.sqrt(x * x + y * y), 1e-3)
     rho_new = jnp.maximum(jnp.sqrt((x + dx) ** 2 + (y + dy) ** 2), 1e-3)
+    # rho_new - rho, by the difference of their squares.
     longer = (dx * (2 * x + dx) + dy * (2 * y + dy)) / (rho + rho_new)
+    # The angle between two directions is the arctangent of their cross and their dot product.
     azimuth = jnp.arctan2(x * dy - y * dx, x * (x + dx) + y * (y + dy))
     elevation = jnp.arctan2(rho * dz - z * longer, rho * rho_new + z * (z + dz))
     return displace(rays, turn_rad=(azimuth, elevation))

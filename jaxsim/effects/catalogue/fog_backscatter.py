@@ -12,6 +12,7 @@ from jaxsim.effects.rays import Array, Rays
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds early returns at a range that is typical of the fog's density."""
     probability = jnp.where(rays.hit, p["probability"], jnp.zeros_like(rays.clutter))
+    # r^2 exp(-r / scale) has a mean of 3 scales.
     return add_clutter(rays, probability, power=2.0, scale_m=p["scale_m"], from_m=0.5, intensity=p["intensity"])
 
 

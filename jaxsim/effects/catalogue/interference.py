@@ -8,6 +8,7 @@ from jaxsim.effects.clutter import add_clutter
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
+# A decay over 1000 km is none within reach: what is left is uniform.
 _UNIFORM_M = 1e6
 
 

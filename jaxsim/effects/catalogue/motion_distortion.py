@@ -14,6 +14,7 @@ SCAN_S = 0.1
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Moves the origin along x by share * speed * 0.1 s * (place within the scan - 1/2)."""
+    # In the middle of the turn, of which the frame is, nothing is displaced.
     forward = p["share"] * rays.speed_mps * SCAN_S * (rays.phase - 0.5)
     return displace(rays, move_m=(forward, jnp.zeros_like(forward), jnp.zeros_like(forward)))
 

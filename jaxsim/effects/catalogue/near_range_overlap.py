@@ -8,6 +8,7 @@ from jaxsim.effects.edits import brighten
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
+# (r / distance)^2 is kept between these: ln(1 - exp(-square)) and its slope are finite there in float32.
 _LEAST = 1e-4
 _MOST = 60.0
 

@@ -12,6 +12,7 @@ from jaxsim.effects.rays import Array, Rays
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Multiplies power and intensity by Oren and Nayar's factor for light that returns to its source."""
     square = jnp.square(p["roughness_rad"])
+    # A and B of their qualitative model. Light and sight are one ray: both angles are θ, on one side.
     a = 1 - 0.5 * square / (square + 0.33)
     b = 0.45 * square / (square + 0.09)
     return brighten(rays, jnp.log(a + b * jnp.sin(rays.incidence_rad) * tangent(rays)))

@@ -9,7 +9,9 @@ import jax.numpy as jnp
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
+# Of an intensity of exp(-2) = 0.14 at 10 m, where power and intensity are one.
 LOG_REFERENCE_POWER = -2.0
+# Times sd that noise grows to at most: of an echo without power it would have no bound.
 _MOST = 50.0
 
 

@@ -11,6 +11,7 @@ from jaxsim.effects.rays import Array, Rays
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Adds amplitude * exp(-I / intensity) to the reading."""
+    # Bounded: the derivative of exp(-exp(x)) would be 0 times infinity far up.
     weak = jnp.exp(-jnp.exp(jnp.minimum(rays.log_intensity, 3.0)) / p["intensity"])
     return misread(rays, p["amplitude_m"] * weak)
 

@@ -8,6 +8,7 @@ from jaxsim.effects.edits import brighten, cosine, is_one_of
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
+# Cityscapes ids of traffic lights and signs.
 RETROREFLECTORS = (19, 20)
 _SOFT = 4.0
 """A gain of 1/4 is where the cosine begins to give way; only then is the effect nothing at gain 0."""
@@ -16,6 +17,7 @@ _SOFT = 4.0
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
     """Gives signs and lights the light of normal incidence times exp(gain exp(-(θ / tolerance)²))."""
     lobe = p["gain"] * jnp.exp(-jnp.square(rays.incidence_rad / p["tolerance_rad"]))
+    # Takes Lambert's cosine back: a retroreflector is bright at any angle within its tolerance.
     facing = -(1 - jnp.exp(-_SOFT * p["gain"])) * jnp.log(cosine(rays))
     return brighten(rays, is_one_of(rays, RETROREFLECTORS) * (facing + lobe))
 

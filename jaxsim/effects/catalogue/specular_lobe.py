@@ -8,6 +8,7 @@ from jaxsim.effects.edits import brighten, cosine, is_one_of, lose
 from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
+# Cityscapes ids, car to motorcycle.
 VEHICLES = (26, 27, 28, 29, 30, 31, 32)
 
 

@@ -121,6 +121,7 @@ def evaluate(
     regions = dont_care(truth, rules)
     pairs = pairs_of(truth, detections, ~regions)
     overlap = overlaps(truth, detections, pairs)
+    # A match needs an overlap above 0: pairs without any, which are most, can be forgotten.
     meet = np.max(list(overlap.values()), axis=0) > 0
     pairs = pairs.at(meet)
     overlap = {name: shared[meet] for name, shared in overlap.items()}
@@ -131,6 +132,7 @@ def evaluate(
         pairs,
         overlap,
         dont_care=in_dont_care(truth, detections, pairs_of(truth, detections, regions)),
+        # Geiger et al. 2012: 1 for the same heading, 0 for the opposite one.
         similarity=(1 + np.cos(alpha)) / 2,
     )
     oriented = has_orientation(detections, rules)
@@ -139,6 +141,7 @@ def evaluate(
         for name, difficulty in DIFFICULTIES.items():
             flags = truth_flags(truth, kind, difficulty, rules=rules), detection_flags(detections, kind, difficulty)
             for k, metric in enumerate(METRICS):
+                # Where both sets ask for the same overlap, one count serves both.
                 known: dict[float, _Counted] = {}
                 for overlap_set, least in OVERLAP_SETS.items():
                     minimum = least[kind][k]
@@ -189,6 +192,7 @@ def _count(
     takes = assign(lists, score, at)
     counts = (of_truth[lists.truth] == 0) & countable[lists.detection]
     costs = countable & ~((frames.dont_care > minimum) if metric == "bbox" else np.zeros(len(score), bool))
+    # Of sorted scores those from the threshold's place on reach it.
     reaching = costs.sum() - np.searchsorted(np.sort(score[costs]), at)
     return _Counted(
         at,
@@ -219,6 +223,7 @@ def _curve(
         overlap_set,
         metric,
         min_overlap,
+        # Interpolated: the best precision at this recall or a higher one.
         precision=np.maximum.accumulate(precision[::-1])[::-1],
         recall=counted.tp / np.maximum(counted.tp + counted.fn, 1),
         threshold=counted.threshold,

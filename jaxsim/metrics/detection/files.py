@@ -105,6 +105,7 @@ def _read(folder: Path, names: Sequence[str], what: str) -> Objects:
         frame=np.repeat(np.arange(len(paths)), counts),
         kind=np.array(kinds, str),
         bbox_px=numbers[:, 3:7],
+        # Files have height, width, length.
         size_m=numbers[:, [9, 8, 7]],
         centre_m=numbers[:, 10:13],
         yaw_rad=numbers[:, 13],
@@ -124,6 +125,7 @@ def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]
         numbers = [float(value) for value in row[1:]]
     except ValueError as error:
         raise ValueError(f"detection: {path}, line {line}: {error}; columns 2 to {wanted} are numbers") from None
+    # One sum tells of any value that is not finite; which one it is, is asked only then.
     if not np.isfinite(sum(numbers)):
         bad = next(k for k, number in enumerate(numbers) if not np.isfinite(number))
         raise ValueError(

@@ -18,6 +18,7 @@ from jaxsim.geometry.boxes import pair_overlap
 from jaxsim.metrics.detection.files import Objects
 from jaxsim.metrics.detection.rules import SLOTS
 
+# Pairs clipped at once: fewer are filled up, more are cut, so that few sizes are compiled and memory is bounded.
 _LEAST_PAIRS = 1024
 _MOST_PAIRS = 1 << 18
 
@@ -96,8 +97,10 @@ def _turned(
     room = max(_LEAST_PAIRS, 1 << (count - 1).bit_length() if count else 0)
     boxes = np.zeros((2, room, 7), np.float32)
     for k, (objects, index) in enumerate(((truth, pairs.truth), (detections, pairs.detection))):
+        # The camera's y points down: a box's middle lies half a height above its bottom face.
         middle = objects.centre_m[index] - np.array([0, 0.5, 0]) * objects.size_m[index][:, [2, 2, 2]]
         other = detections.centre_m[pairs.detection]
+        # Right and forward span the plane; y, the height, comes third.
         boxes[k, :count, :3] = (middle - other)[:, [0, 2, 1]]
         boxes[k, :count, 3:6] = objects.size_m[index]
         boxes[k, :count, 6] = -objects.yaw_rad[index]
@@ -165,5 +168,6 @@ def thresholds(score: Float[np.ndarray, " p"], truths: int) -> Float[np.ndarray,
         if i < last and right - recall < recall - left:
             continue
         found.append(value)
+        # Added up, as the devkit does: its rounding decides which scores are taken.
         recall += 1 / (SLOTS - 1)
     return np.array(found, np.float64)

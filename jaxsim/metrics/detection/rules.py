@@ -14,6 +14,7 @@ from jaxsim.metrics.detection.files import Objects
 
 Rules = Literal["official", "openpcdet"]
 METRICS = ("bbox", "bev", "3d")
+# Recalls 0, 1/40, ..., 1: N_SAMPLE_PTS of the devkit.
 SLOTS = 41
 
 
@@ -26,6 +27,7 @@ class Difficulty(NamedTuple):
 
 
 DIFFICULTIES = {
+    # MIN_HEIGHT, MAX_OCCLUSION and MAX_TRUNCATION of the devkit.
     "easy": Difficulty(40, 0, 0.15),
     "moderate": Difficulty(25, 1, 0.30),
     "hard": Difficulty(25, 2, 0.50),

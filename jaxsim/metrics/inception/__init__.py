@@ -135,6 +135,7 @@ class Extractor:
                 yield np.asarray(self(np.stack(waiting)))
                 waiting = []
         if waiting:
+            # Filled up with its last image, the last batch needs no program of its own.
             yield np.asarray(self(np.stack(waiting + [waiting[-1]] * (size - len(waiting)))))[: len(waiting)]
 
 
@@ -175,6 +176,7 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
     arrays: Arrays = {}
     for name, shape in sorted(published_shapes("torchvision", classifier=False).items()):
         if len(shape) == 4:
+            # Published kernels are (out, in, rows, columns): all but the first are the fan in.
             draw = generator.standard_normal(shape) * np.sqrt(2 / np.prod(shape[1:]))
             arrays[name] = draw.astype(np.float32)
         else:

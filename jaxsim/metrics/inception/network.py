@@ -51,8 +51,10 @@ class Conv(nnx.Conv):
 def _pool(x: Features, form: Form, *, last: bool = False) -> Features:
     """The pooling branch: 3 x 3 at every cell."""
     around = ((1, 1), (1, 1))
+    # The graph of 2015 takes a maximum in its last block alone; the published weights were trained so.
     if last and form == "pytorch_fid":
         return nnx.pool(x, -jnp.inf, jax.lax.max, (3, 3), (1, 1), around)
+    # torchvision's mean counts the padding, always nine cells; the other counts the cells that are there.
     cells = jnp.full((1, *x.shape[1:3], 1), 9, x.dtype)
     if form == "pytorch_fid":
         cells = nnx.pool(jnp.ones_like(cells), 0.0, jax.lax.add, (3, 3), (1, 1), around)

@@ -27,6 +27,7 @@ def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray,
 @cache
 def bilinear(new: int, old: int) -> Matrix:
     """Between the two nearest centres, `align_corners=False`, no antialiasing (pytorch-fid)."""
+    # Centres lie half a cell in; PyTorch takes what lies before the first old centre to be there.
     at = np.maximum((np.arange(new) + 0.5) * old / new - 0.5, 0)
     low = np.floor(at)
     return _gathered(np.stack([low, low + 1], 1), np.stack([1 - (at - low), at - low], 1), old)
@@ -40,6 +41,7 @@ def bicubic(new: int, old: int) -> Matrix:
     low = np.floor(at)
     places = low[:, None] + np.arange(-1, 3)
     t = np.abs(at[:, None] - places)
+    # Keys's two cubics: up to one cell away, and from one to two.
     near = ((a + 2) * t - (a + 3)) * t * t + 1
     far = ((a * t - 5 * a) * t + 8 * a) * t - 4 * a
     return _gathered(places, np.where(t <= 1, near, far), old)
