@@ -173,4 +173,6 @@ def _has_frames(out: Path) -> bool:
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     """Names and parameters of the effects, as in sensor.json but each by itself."""
     effects = effects_model.effects if effects_model else ()
-    return {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
+    plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
+    learned = effects_model.learned if effects_model else ()
+    return plain | ({"learned": [law.to_json() for law in learned]} if learned else {})
