@@ -98,9 +98,8 @@ def read_law(path: Path | str) -> ClosedLaw:
 
 
 def write_effect(law: ClosedLaw, path: Path | str) -> Path:
-    """Writes a formula as a Python file that ends in `EFFECT`, an effect named like the file, for
-    `jaxsim/effects/catalogue/` or a folder of one's own. Variables stay within what was seen; fits begin at the formula's
-    numbers.
+    """Writes a formula as a Python file that ends in `EFFECT`, an effect named like the file, as those of
+    `jaxsim/effects/catalogue/`. Variables stay within what was seen; fits begin at the formula's numbers.
 
     Raises ValueError where the file's name is no name for a new effect, or the file is there.
     """

@@ -3,7 +3,7 @@
     y = level + size · shape        shape, of at most three nodes:  x 1,  f(x) 2,  f(g(x)) 3,  x1 · x2 3
 
 f and g are powers (halves), exp, ln, a step and a sine; a power whose exponent is free costs a node more. Letters: n
-knots (of a product all pairs), g groups of scenes, t curves, m columns.
+knots (of a product all pairs), g groups of scenes, t curves, m columns, c values of a constant.
 
 Every formula is fitted to the knots by least squares, weighted by their sd: level and size in closed form, the one
 constant inside the shape on a grid and then by golden section. It is chosen by what it gains over a level alone on
@@ -27,7 +27,8 @@ from jaxsim.discover.scenes import jackknife_sd, student_reach
 from jaxsim.discover.verdict import ClosedLaw, Interval
 
 Curves = Float[np.ndarray, "t n"]
-Columns = Float[np.ndarray, "n m"]
+Constants = Float[np.ndarray, " c"]
+Columns = Float[np.ndarray, "c n m"]
 HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
 """Exponents: a physical law's are seldom others."""
 FREE = np.linspace(-4, 4, 33)
@@ -51,8 +52,8 @@ class Shape:
     nodes: int
     expression: str
     """In Python, of `level`, `size`, the constant's name, `phase` and the variables."""
-    columns: Callable[[float], Columns]
-    """What is linear: one column, or the sine and cosine of a wave, at a value of the constant."""
+    columns: Callable[[Constants], Columns]
+    """What is linear: one column, or the sine and cosine of a wave, at each value of the constant."""
     unit: str
     """What the unit of `size` is divided by."""
     constant: str = ""
@@ -133,8 +134,8 @@ def shapes_of(variables: Sequence[Variable]) -> list[Shape]:
     shapes = [shape for one in variables if len(np.unique(one.x)) >= FEWEST_KNOTS for shape in _of_one(one)]
     if len(variables) == 2:
         a, b = variables
-        product, unit = (a.x * b.x)[:, None], " · ".join(filter(None, (a.unit, b.unit)))
-        shapes.append(Shape(3, f"level + size * {a.name} * {b.name}", lambda _: product, unit))
+        unit = " · ".join(filter(None, (a.unit, b.unit)))
+        shapes.append(Shape(3, f"level + size * {a.name} * {b.name}", _alone(a.x * b.x), unit))
     return shapes
 
 
@@ -143,20 +144,20 @@ def _of_one(variable: Variable) -> list[Shape]:
     values = np.unique(x)
     middles = tuple(((values[1:] + values[:-1]) / 2)[1:-1].tolist())
     shapes = [
-        Shape(1, f"level + size * {name}", lambda _: x[:, None], unit),
-        Shape(2, f"level + size * ({name} >= edge)", lambda c: (x >= c)[:, None] * 1.0, "", "edge", unit, middles),
+        Shape(1, f"level + size * {name}", _alone(x), unit),
+        Shape(2, f"level + size * ({name} >= edge)", lambda c: _one(x >= c[:, None]), "", "edge", unit, middles),
         *_bends(name, x, unit, nodes=2),
     ]
     inner = [(f"{name}**2", x**2, f"{unit}²" if unit else "")]
     if x.min() > 0:
         at = f"({name} / {_reference(x):.6g})"
         u = x / float(f"{_reference(x):.6g}")
-        shapes.append(Shape(2, f"level + size * log{at}", lambda _: np.log(u)[:, None], ""))
+        shapes.append(Shape(2, f"level + size * log{at}", _alone(np.log(u)), ""))
         power = f"level + size * {at}**exponent"
-        shapes.append(Shape(2, power, lambda p: (u**p)[:, None], "", "exponent", "", HALVES))
+        shapes.append(Shape(2, power, lambda p: _one(u ** p[:, None]), "", "exponent", "", HALVES))
         freely = tuple(FREE.tolist())
-        shapes.append(Shape(3, power, lambda p: _box_cox(u, p), "", "exponent", "", freely, refined=True))
-        shapes.append(Shape(3, f"level + size * log{at}**2", lambda _: (np.log(u) ** 2)[:, None], ""))
+        shapes.append(Shape(3, power, lambda p: _power(u, p), "", "exponent", "", freely, refined=True))
+        shapes.append(Shape(3, f"level + size * log{at}**2", _alone(np.log(u) ** 2), ""))
         inner += [(f"log{at}", np.log(u), ""), (f"{at}**-1", 1 / u, "")]
     for text, t, of in inner:
         shapes += _bends(text, t, of, nodes=3)
@@ -180,7 +181,7 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
             Shape(
                 nodes,
                 f"level + size * exp(({text} - {start:.6g}) / scale)".replace("- -", "+ "),
-                lambda s, start=start: np.exp((t - start) / s)[:, None],
+                lambda s, start=start: _one(np.exp((t - start) / s[:, None])),
                 "",
                 "scale",
                 unit,
@@ -190,16 +191,26 @@ def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> l
         )
     wave = f"level + size * sin(2 * pi * {text} / period + phase)"
 
-    def waves(period: float) -> Columns:
-        angle = 2 * np.pi * t / period
+    def waves(period: Constants) -> Columns:
+        angle = 2 * np.pi * t / period[:, None]
         return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
 
     return [*shapes, Shape(nodes, wave, waves, "", "period", unit, periods, refined=True)]
 
 
-def _box_cox(u: Float[np.ndarray, " n"], p: float) -> Columns:
+def _alone(x: Float[np.ndarray, " n"]) -> Callable[[Constants], Columns]:
+    """One column, whatever the constant."""
+    return lambda c: np.repeat(x[None, :, None], len(c), axis=0)
+
+
+def _one(x: np.ndarray) -> Columns:
+    """One column for each constant."""
+    return x[..., None].astype(np.float64)
+
+
+def _power(u: Float[np.ndarray, " n"], p: Constants) -> Columns:
     """The power, kept away from exponent 0, where it is a level."""
-    return (u ** (p if abs(p) > 0.05 else 0.05))[:, None]
+    return _one(u ** np.where(np.abs(p) > 0.05, p, 0.05)[:, None])
 
 
 def _reference(x: Float[np.ndarray, " n"]) -> float:
@@ -208,51 +219,41 @@ def _reference(x: Float[np.ndarray, " n"]) -> float:
 
 def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Fitted:
     """Weighted least squares (`root` of the weights) of every curve by itself."""
-    losses = np.stack([_residual(shape.columns(c), curves, root) for c in shape.grid])
-    pick = losses.argmin(0)
     grid = np.asarray(shape.grid, float)
+    y = curves * root
+    # The part of each curve that the columns reach, by the grid's constants.
+    reached = np.einsum("tn,cnm->ctm", y, _orthogonal(shape.columns(grid), root))
+    pick = (reached**2).sum(-1).argmax(0)
     constant = grid[pick]
     if shape.refined:
-        ends = np.stack([grid[np.maximum(pick - 1, 0)], grid[np.minimum(pick + 1, len(grid) - 1)]])
-        constant = np.array([_golden(shape, curves[k], root, *ends[:, k]) for k in range(len(curves))])
-    linear, values = [], []
-    for c, curve in zip(constant, curves, strict=True):
-        design = _with_level(shape.columns(float(c)))
-        beta = np.linalg.lstsq(design * root[:, None], curve * root, rcond=None)[0]
-        linear.append(beta)
-        values.append(design @ beta)
-    return Fitted(constant, np.stack(linear), np.stack(values))
+        constant = _golden(shape, y, root, grid[np.maximum(pick - 1, 0)], grid[np.minimum(pick + 1, len(grid) - 1)])
+    design = _with_level(shape.columns(constant))
+    linear = np.stack([
+        np.linalg.lstsq(one * root[:, None], curve, rcond=None)[0] for one, curve in zip(design, y, strict=True)
+    ])  # fmt: skip
+    return Fitted(constant, linear, np.einsum("tnm,tm->tn", design, linear))
 
 
-def _golden(shape: Shape, curve: Float[np.ndarray, " n"], root: Float[np.ndarray, " n"], a: float, b: float) -> float:
-    """The constant of least loss between a and b."""
+def _golden(shape: Shape, y: Curves, root: Float[np.ndarray, " n"], a: Constants, b: Constants) -> Constants:
+    """The constant between a and b at which the columns reach most of each weighted curve."""
 
-    def at(c: float) -> float:
-        return float(_residual(shape.columns(c), curve[None], root)[0])
+    def at(constant: Constants) -> Constants:
+        return (np.einsum("tn,tnm->tm", y, _orthogonal(shape.columns(constant), root)) ** 2).sum(-1)
 
-    c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-    below, above = at(c), at(d)
     for _ in range(SECTIONS):
-        if below <= above:
-            b, d, above = d, c, below
-            c = b - GOLDEN * (b - a)
-            below = at(c)
-        else:
-            a, c, below = c, d, above
-            d = a + GOLDEN * (b - a)
-            above = at(d)
+        c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
+        lower = at(c) >= at(d)
+        a, b = np.where(lower, a, c), np.where(lower, d, b)
     return (a + b) / 2
 
 
-def _residual(columns: Columns, curves: Curves, root: Float[np.ndarray, " n"]) -> Float[np.ndarray, " t"]:
-    """Weighted sum of squares of each curve that a level and the columns leave."""
-    q = np.linalg.qr(_with_level(columns) * root[:, None])[0]
-    y = curves * root
-    return np.maximum((y**2).sum(1) - ((y @ q) ** 2).sum(1), 0)
+def _orthogonal(columns: Columns, root: Float[np.ndarray, " n"]) -> Float[np.ndarray, "c n m+1"]:
+    """Orthonormal columns that span the level and the weighted columns."""
+    return np.linalg.qr(_with_level(columns) * root[:, None])[0]
 
 
-def _with_level(columns: Columns) -> Columns:
-    return np.concatenate([np.ones((len(columns), 1)), columns], axis=1)
+def _with_level(columns: Columns) -> Float[np.ndarray, "c n m+1"]:
+    return np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=-1)
 
 
 def parameters_of(shape: Shape, fitted: Fitted, *, unit: str) -> dict[str, Interval]:
