@@ -128,19 +128,19 @@ class Learned:
     def height(self, rays: Rays, values: Float[Array, " k"] | None = None) -> Float[Array, "*n"]:
         """The law's height at each ray, 0 where it hits nothing; differentiable in the `values` at the knots, which may
         stand in for its own."""
-        values = jnp.asarray(self.values, jnp.float32) if values is None else values
+        heights = jnp.asarray(self.values, jnp.float32) if values is None else values
         x = [READ[name](rays).astype(jnp.float32) for name in self.covariates]
         knots = [jnp.asarray(one, jnp.float32) for one in self.knots]
         if self.kind == "table":
             # A beam or class that was not seen is left as it is.
             at = jnp.clip(jnp.searchsorted(knots[0], x[0]), 0, len(self.knots[0]) - 1)
-            height = jnp.where(knots[0][at] == x[0], values[at], 0.0)
+            height = jnp.where(knots[0][at] == x[0], heights[at], 0.0)
         elif self.kind == "product":
             first, second = (_hats(one, of) for one, of in zip(x, knots, strict=True))
-            grid = values.reshape(len(self.knots[0]), len(self.knots[1]))
+            grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
             height = jnp.einsum("...i,ij,...j->...", first, grid, second)
         else:
-            height = jnp.interp(x[0], knots[0], values, period=TURN if self.kind == "periodic" else None)
+            height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)
         return jnp.where(rays.hit, height, 0.0)
 
     def apply(self, rays: Rays) -> Rays:

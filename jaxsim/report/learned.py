@@ -38,13 +38,13 @@ def _law(law: Learned, verdict: Verdict, draw: Draw) -> str:
             f" With all that was added the judge scenes' {law.channel} gains {number(gained.value)} {gained.unit} "
             f"(90 % interval {number(gained.low)} to {number(gained.high)})."
         )
-    if len(law.covariates) > 1:
+    name, *others = law.covariates
+    if others:
         return paragraph(words)
-    name = law.covariates[0]
     # Finer looks at a covariate have no axis of their own.
     axis = AXES.get(name, Axis(name))
     chart = curve_chart(
-        axis.shown(np.array(law.knots[0])),
+        axis.shown(np.array(law.knots).ravel()),
         [("learned", np.array(law.values), AFTER)],
         BAND * np.array(law.sd),
         x_label=axis.label,

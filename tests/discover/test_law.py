@@ -29,7 +29,9 @@ def law_of(channel):
     curve, without = learned(TRUTH[channel](np.exp(KNOTS)), sd=0.005)
     values = tuple(np.clip(curve, 0, 0.95).tolist() if channel == "drop" else curve.tolist())
     law = Learned(channel, "curve", ("range",), (KNOTS,), values, (0.005,) * 20)
-    return closed_law(LearnedFit(law, without, 20))
+    found = closed_law(LearnedFit(law, without, 20))
+    assert found
+    return found
 
 
 @pytest.mark.parametrize("channel", TRUTH)

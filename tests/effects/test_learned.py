@@ -45,7 +45,7 @@ def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):
     change = np.asarray(after.log_intensity - rays.log_intensity)
     assert x.min() < -0.5
     assert x.max() > 0.4
-    np.testing.assert_allclose(change[hit], np.interp(x, *WAVE.knots, WAVE.values)[hit], atol=1e-5)
+    np.testing.assert_allclose(change[hit], np.interp(x, WAVE.knots[0], WAVE.values)[hit], atol=1e-5)
     assert not change[~hit].any()
     # Light is lost before it is measured: the power falls with it.
     np.testing.assert_allclose(np.asarray(after.log_power - rays.log_power), change, atol=1e-5)
@@ -71,7 +71,7 @@ def test_a_periodic_law_goes_on_across_the_end_of_the_turn(rays):
 
 def test_a_product_is_bilinear_in_its_two_covariates(rays):
     hit = np.asarray(rays.hit)
-    x = np.clip(np.log(np.maximum(np.asarray(rays.range_m, float), 0.5)), *PRODUCT.knots[0])
+    x = np.clip(np.log(np.maximum(np.asarray(rays.range_m, float), 0.5)), 1.0, 3.0)
     y = np.asarray(rays.incidence_rad, float)
     table = np.reshape(PRODUCT.values, (2, 3))
     low, high = (np.interp(y, PRODUCT.knots[1], row) for row in table)
