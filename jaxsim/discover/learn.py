@@ -1,12 +1,14 @@
 """Learn: what no effect describes, as a law of knots and heights that enters the sensor model with its uncertainty.
 
 The free curve that won (`name.unexplained`) becomes a `Learned` law: the same basis written down at its knots, so that
-rays between them and beyond them have a height too. Letters: k knots, m numbers that are fitted, g groups of scenes.
+rays between them and beyond them have a height too. Where a pair of covariates clearly says more than the
+curve's alone, the law is a product of the two. Letters: k knots, m numbers that are fitted, g groups of scenes.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -14,16 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COVARIATES, CURVES, Heights, fixed_basis, values_of
+from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, values_of
 from jaxsim.discover.find import Place
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.name.candidates import THREADS, Candidate
-from jaxsim.discover.name.unexplained import written_at
+from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
+from jaxsim.discover.name.unexplained import agreed, written_at
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import folds, jackknife_sd
+from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.learned import CHANGE, LIMITS, Learned, Numbers, kind_of
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, kind_of
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,45 @@ class LearnedFit:
     """Its heights with each group of the find scenes left out."""
     free: int
     """How many numbers were fitted."""
+
+
+def form_of(
+    problem: Problem, place: Place, curve: Candidate, *, pairs: Sequence[Place] = (), bar: float = RULES.bar_nats
+) -> Form:
+    """The form of a free curve, or of the product with another covariate (`pairs` of its channel, `A x B`) that clearly
+    gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
+    form = Form.of(problem, place, curve)
+    least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
+    for pair in pairs:
+        names = tuple(pair.covariate.split(" x "))
+        if pair.channel != place.channel or place.covariate not in names or set(names) & set(TABLES):
+            continue
+        bare, candidate = _product(problem, place.channel, names)
+        better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
+        if agreed(candidate, bar) and candidate.total > least and better:
+            size = len(bare.values)
+            heights = [np.asarray(to_values(candidate.effect, one.z)["height"])[:size] for one in candidate.fits]
+            form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
+    return form
+
+
+def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
+    """The product of two covariates' hat functions, fitted and judged like a free curve."""
+    rays = problem.ev.rays
+    hit = np.asarray(rays.hit)
+    x = [values_of(name, rays, hit).astype(np.float64) for name in names]
+    knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
+    first, second = (
+        np.stack([np.interp(one, at, row) for row in np.eye(len(at))], axis=-1)
+        for one, at in zip(x, knots, strict=True)
+    )
+    size = len(knots[0]) * len(knots[1])
+    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis[hit, :size] = (first[:, :, None] * second[:, None, :]).reshape(-1, size)
+    tried = replace(problem, basis=jnp.asarray(basis))
+    [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
+    nothing = (0.0,) * size
+    return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate
 
 
 def learn(form: Form, problem: Problem, fitted: Fit) -> LearnedFit:

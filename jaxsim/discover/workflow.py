@@ -15,7 +15,7 @@ from jaxsim.discover.add import add_effects, in_place
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_noise, ranking, why_not
 from jaxsim.discover.find import Place, interactions, localise, reported, spelled
 from jaxsim.discover.law import closed_law
-from jaxsim.discover.learn import Form
+from jaxsim.discover.learn import form_of
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
@@ -80,7 +80,9 @@ def discover(
     # Add: every effect fitted again with the others in place.
     log("fitting what was named together")
     choice = answer.choice
-    form = Form.of(choice.problem, *answer.curve) if answer.curve else None
+    form = None
+    if answer.curve:
+        form = form_of(choice.problem, *answer.curve, pairs=dependences.pairs, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
@@ -134,6 +136,8 @@ class Dependences:
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
     """Those that a verdict lists, pairs of covariates among them."""
+    pairs: tuple[Place, ...]
+    """Pairs of covariates that are sure enough for it, `A x B`."""
 
 
 def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
@@ -147,6 +151,7 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     null, _ = fit_null(division.scan, ev, all_blocks, clutter=clutter)
     rays, residuals = standardised(null, all_blocks)
     places = localise(rays, residuals, scene)
-    listed = reported([*places, *interactions(rays, residuals, scene)])
+    pairs = interactions(rays, residuals, scene)
+    listed = reported([*places, *pairs])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, places, where)
+    return Dependences(null, scene, places, where, tuple(reported(pairs)))

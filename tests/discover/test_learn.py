@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import add_effects, in_place
+from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Place
 from jaxsim.discover.law import closed_law
-from jaxsim.discover.learn import Form
+from jaxsim.discover.learn import Form, form_of
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
@@ -51,7 +51,7 @@ def form(null):
 
 
 @pytest.fixture(scope="module")
-def added(null, form):
+def added(null, form) -> Added:
     return add_effects(null, [], known=NOTHING_YET, form=form)
 
 
@@ -131,3 +131,26 @@ def test_a_drop_law_begins_where_its_curve_ended(null):
     after = law.apply({"height": jnp.asarray([0.1, 0.3], jnp.float32)}, null.ev.rays)
     lost = 1 - np.exp(np.asarray(after.log_keep))[np.asarray(null.ev.rays.hit)]
     assert 0.1 - 1e-5 <= lost.min() <= lost.max() <= 0.3 + 1e-5
+
+
+def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
+    scan, measured = toy(FRAMES)
+    # Along the azimuth alone only the mean of the speeds shows.
+    shape = np.sin(np.asarray(scan.grid.azimuth_rad)) * np.asarray(scan.speed_mps)[:, None, None]
+    light = np.clip(measured.intensity * np.exp(0.03 * shape), 0, 1).astype(np.float32)
+    names = tuple(f"frame {k}" for k in range(FRAMES))
+    null = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).null
+    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    assert form_of(null, place, curve).bare.kind == "periodic"
+    form = form_of(null, place, curve, pairs=[pair])
+    assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
+    law = add_effects(null, [], known=NOTHING_YET, form=form).learned.learned
+    truth = 0.03 * np.sin(law.knots[0])[:, None] * np.asarray(law.knots[1])
+    assert np.corrcoef(np.ravel(truth), law.values)[0, 1] > 0.95
+
+
+def test_a_pair_that_says_no_more_stays_a_curve(null):
+    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    assert form_of(null, place, curve, pairs=[pair]).bare.kind == "periodic"
