@@ -145,7 +145,9 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     assert form_of(null, place, curve).bare.kind == "periodic"
     form = form_of(null, place, curve, pairs=[pair])
     assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
-    law = add_effects(null, [], known=NOTHING_YET, form=form).learned.learned
+    fitted = add_effects(null, [], known=NOTHING_YET, form=form).learned
+    assert fitted
+    law = fitted.learned
     truth = 0.03 * np.sin(law.knots[0])[:, None] * np.asarray(law.knots[1])
     assert np.corrcoef(np.ravel(truth), law.values)[0, 1] > 0.95
 
