@@ -1,4 +1,5 @@
-"""Add: the named effects fitted together, as they enter the sensor model, with intervals of their parameters."""
+"""Add: the named effects fitted together, as they enter the sensor model, with intervals of their parameters; and
+with them the law that was learned of what no effect describes."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import as_implied
-from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values
+from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep, refitted
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
@@ -52,28 +54,43 @@ class Added:
     parameters: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
     """Of each effect."""
     sensor: SensorModel
+    more: tuple[Refit, ...] = ()
+    """The learned law, fitted with them."""
+    learned: LearnedFit | None = None
 
     @property
     def chain(self) -> Chain:
-        """The effects and their z."""
-        return [(refit.effect, refit.fit.z) for refit in self.refits]
+        """The effects and the learned law, and their z."""
+        return [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.more)]
 
 
-def add_effects(null: Problem, steps: Sequence[FittedStep], *, known: SensorModel) -> Added:
-    """The effects of `steps` fitted again with one another in place, after the `known` ones of the sensor model."""
-    refits = refit(null, [step.chosen.effect for step in steps], [step.fitted.z for step in steps])
+def add_effects(null: Problem, steps: Sequence[FittedStep], *, known: SensorModel, form: Form | None = None) -> Added:
+    """The effects of `steps`, and the law of a `form`, fitted again with one another in place, after what is `known` of
+    the sensor model."""
+    laws: list[Law] = [step.chosen.effect for step in steps]
+    z = [step.fitted.z for step in steps]
+    if form:
+        laws.append(form.law)
+        z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
+    fitted = refit(null, laws, z)
+    refits, more = fitted[: len(steps)], fitted[len(steps) :]
     named = [(one.effect.name, parameters_of(one.effect, one.fit.z)) for one in refits]
+    learned = learn(form, more[0].problem, more[0].fit) if form else None
+    laws_learned = (*known.learned, *((learned.learned,) if learned else ()))
     return Added(
         refits,
         tuple(intervals(one.effect, one.problem, one.fit) for one in refits),
-        SensorModel((*known.effects, *named)),
+        SensorModel((*known.effects, *named), learned=laws_learned),
+        more,
+        learned,
     )
 
 
 def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
-    """The null with these effects on top, in physical order; its nuisances are not refitted."""
+    """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
     problem = null
-    for effect, z in sorted(effects, key=lambda pair: list(EFFECTS).index(pair[0].name)):
+    order = {name: k for k, name in enumerate(EFFECTS)}
+    for effect, z in sorted(effects, key=lambda pair: order.get(pair[0].name, len(order))):
         problem = on_top(effect, problem, z, simulated=simulated)
     return problem
 

@@ -96,9 +96,11 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
 class Heights(Parameter):
     """A curve's coefficients: its height at each column of a basis."""
 
+    columns: int = COLUMNS
+
     def dims(self, rows: int) -> tuple[int, ...]:
         """One number a column, whatever the sensor."""
-        return (COLUMNS,)
+        return (self.columns,)
 
 
 def _curve(p: dict[str, Array], rays: Rays) -> Float[Array, "*n"]:

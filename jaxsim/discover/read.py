@@ -158,7 +158,7 @@ class Division:
             rays=self.rays.part(keep),
             simulator=self.simulator,
         )
-        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects else ev), scene
+        return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
 
     def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:
         """That of find and judge scenes, in this order."""

@@ -126,6 +126,14 @@ class Rules:
     curve_margin_nats: float = 10.0
     """... and so much more."""
 
+    learned_groups: int = 12
+    """Groups of find scenes, at most, each left out once to see how sure a learned law is."""
+
+    law_price_nats: float = 2.0
+    """Held-out nats that each node of a closed formula must gain."""
+    law_least_share: float = 0.5
+    """Share of a learned curve's variation that a closed formula must tell."""
+
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""
     shape_unlike: float = 0.6

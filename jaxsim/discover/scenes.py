@@ -177,3 +177,8 @@ def fold_half_width(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:
     again, by whose factor fits are farther apart than they look, since any two share scenes."""
     groups = len(fits)
     return student_reach(groups) * (groups - 1) / np.sqrt(groups) * fits.std(0, ddof=1)
+
+
+def jackknife_sd(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:
+    """Standard deviation of a fit to all scenes, from fits each of which left out one of g groups."""
+    return fold_half_width(fits) / student_reach(len(fits))

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import LookAlike
 from jaxsim.files import replacing
 from jaxsim.frame import PolarGrid
@@ -175,6 +176,27 @@ class OwnCandidate:
 
 
 @dataclass(frozen=True)
+class ClosedLaw:
+    """A closed formula for a learned law (`symbolic`)."""
+
+    channel: str
+    covariates: tuple[str, ...]
+    """Variables of the formula, by the names and in the units of `variables`."""
+    formula: str
+    """With its numbers, for people."""
+    expression: str
+    """With the names of its parameters, for programs."""
+    parameters: dict[str, Interval]
+    limits: dict[str, tuple[float, float]]
+    """Least and most of each variable that was seen; the formula holds between them."""
+    nodes: int
+    held_out_nats: float
+    """What it gains over a level alone on groups of scenes that its fit has not seen."""
+    share: float
+    """Of the learned curve's variation that it tells."""
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What `discover` answers."""
 
@@ -201,6 +223,10 @@ class Verdict:
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
     own: tuple[OwnCandidate, ...] = ()
     """Candidates that are no part of the catalogue."""
+    learned: tuple[Learned, ...] = ()
+    """What no effect describes, as it was added to the sensor model."""
+    law: ClosedLaw | None = None
+    """A formula for it."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -225,6 +251,8 @@ class Verdict:
             "nulls": _plain(self.nulls),
             "levels": [_plain(level) for level in self.levels],
             "own": [_plain(one) for one in self.own],
+            "learned": [_plain(law) for law in self.learned],
+            "law": _plain(self.law),
             "notes": list(self.notes),
         }
 

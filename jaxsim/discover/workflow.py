@@ -11,16 +11,18 @@ import numpy as np
 from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import add_effects
+from jaxsim.discover.add import add_effects, in_place
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
 from jaxsim.discover.find import Place, interactions, localise, reported, spelled
+from jaxsim.discover.law import closed_law
+from jaxsim.discover.learn import form_of
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.answer import name_effects
-from jaxsim.discover.name.select import Log
+from jaxsim.discover.name.select import Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
@@ -63,7 +65,7 @@ def discover(
     begun = time.monotonic()
     if nulls < 0:
         raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
-    held = [name for name, _ in known.effects]
+    held = [*(name for name, _ in known.effects), *(law.name for law in known.learned)]
     catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in held]
     division = Division.of(comparison)
     parts = division.parts
@@ -80,14 +82,20 @@ def discover(
 
     # Add: every effect fitted again with the others in place.
     log("fitting what was named together")
-    added = add_effects(null, answer.choice.steps, known=known)
+    choice = answer.choice
+    form = None
+    if answer.curve:
+        form = form_of(choice.problem, *answer.curve, pairs=dependences.pairs, bar=choice.bars.free)
+    added = add_effects(null, choice.steps, known=known, form=form)
+    if added.learned:
+        log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
+        choice = replace(choice, problem=refitted(in_place(null, added.chain)))
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
-    shown = show_gap(division, null, answer.choice, added=added, known=known)
+    shown = show_gap(division, null, choice, added=added, known=known)
 
     levels = compare_levels(comparison)
-    choice = answer.choice
     verdict = Verdict(
         verdict=answer.verdict,
         effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
@@ -105,6 +113,8 @@ def discover(
         nulls=answer.nulls,
         levels=levels,
         own=own_candidates(choice),
+        learned=(added.learned.learned,) if added.learned else (),
+        law=closed_law(added.learned) if added.learned else None,
         notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
     )
     grid = comparison.scan.grid
@@ -130,16 +140,22 @@ class Dependences:
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
     """Those that a verdict lists, pairs of covariates among them."""
+    pairs: tuple[Place, ...]
+    """Pairs of covariates that are sure enough for it, `A x B`."""
 
 
 def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
-    """The null model of the find scenes with the `known` effects in place, and what its residuals depend on."""
+    """The null model of the find scenes with the `known` effects in place, and what its residuals depend on. Raises
+    ValueError for a learned law of what the frames do not hold."""
+    for law in known.learned:
+        law.check(division.scan)
     ev, scene = division.evidence(division.parts.find, known)
     all_blocks = np.ones(len(scene), np.float32)
     clutter = any(name in CLUTTER for name, _ in known.effects)
     null, _ = fit_null(division.scan, ev, all_blocks, clutter=clutter)
     rays, residuals = standardised(null, all_blocks)
     places = localise(rays, residuals, scene)
-    listed = reported([*places, *interactions(rays, residuals, scene)])
+    pairs = interactions(rays, residuals, scene)
+    listed = reported([*places, *pairs])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, places, where)
+    return Dependences(null, scene, places, where, tuple(reported(pairs)))

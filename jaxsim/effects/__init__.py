@@ -7,6 +7,7 @@ In the order of reading:
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays (clutter.py: early false returns)
     recast.py       what rays meet that a law turned or moved
+    learned.py      what no effect describes, as numbers along covariates
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
     origin.py       effects of one's own, and where they come from
     own.py          `known_effects`: the catalogue with those of packages and files (check.py: what they must keep to;

@@ -20,6 +20,7 @@ from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.clutter import clutter_range
 from jaxsim.effects.edits import lose
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
+from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
@@ -126,6 +127,8 @@ class SensorModel:
     """Names and values by parameter; values are kept as floats and tuples."""
     levels: Mapping[str, float] = field(default_factory=dict)
     """Noise and losses of the sensor that no effect explains, by the names of LEVELS; drawn with all that is drawn."""
+    learned: tuple[Learned, ...] = ()
+    """What no effect describes; acts after all effects, in this order."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
@@ -147,7 +150,10 @@ class SensorModel:
     def apply(self, rays: Rays, scan: Scan) -> Rays:
         """What becomes of rays of this scan: expectations and probabilities, nothing drawn yet."""
         chain = tuple(get_effect(name) for name, _ in self.effects)
-        return apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan=scan)
+        rays = apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan=scan)
+        for law in self.learned:
+            rays = law.apply(rays)
+        return rays
 
     def sample(self, key: Array, rays: Rays, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:
         """Draws whole images (*b, rows, columns) of rays to which the effects were applied.
@@ -194,6 +200,7 @@ class SensorModel:
         ]
         with replacing(path) as temporary:
             content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
+            content |= {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
             temporary.write_text(json.dumps(content, indent=1) + "\n")
 
     @classmethod
@@ -211,6 +218,7 @@ class SensorModel:
             entries = [(entry["name"], {**entry.get("parameters", {})}) for entry in content["effects"]]
             levels = {name: float(value) for name, value in content.get("levels", {}).items()}
             origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
+            given = [dict(entry) for entry in content.get("learned", [])]
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'
@@ -218,9 +226,13 @@ class SensorModel:
         try:
             for name, origin in origins.items():
                 check_origin(name, origin)
-            model = cls(tuple(entries), levels)
+            model = cls(tuple(entries), levels, tuple(map(Learned.from_json, given)))
             if rows is not None:
                 model.values(rows)
+                for law in model.learned:
+                    law.check_rows(rows)
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"sensor: {path}: `learned` holds an entry that is no law ({error!r})") from error
         except ValueError as error:
             raise ValueError(f"sensor: {path}: {error}") from error
         return model

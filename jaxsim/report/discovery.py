@@ -12,12 +12,13 @@ from jaxsim.report.answer import named_effects, ranking, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, levels, maps, moved, where
+from jaxsim.report.learned import learned
 from jaxsim.report.own import own_effects
 from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
 from jaxsim.report.words import number, verdict_sentence
 
-FIGURES = r"chance|(map|curve|parameter|unexplained)_.*"
+FIGURES = r"chance|(map|curve|parameter|unexplained|learned)_.*"
 """Names of a report's figures."""
 LEFT, RIGHT = 96, 700
 BOTTOM = 112
@@ -54,6 +55,7 @@ def write_report(folder: Path, result: Result) -> Path:
             unexplained(verdict.unexplained, draw, missing=True) if outside else "",
             named_effects(verdict.effects, draw),
             own_effects(verdict.own),
+            learned(verdict, draw),
             where(verdict.where),
             maps(result, draw),
             curves(result.curves, draw),

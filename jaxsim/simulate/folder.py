@@ -176,4 +176,6 @@ def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     effects = effects_model.effects if effects_model else ()
     own = {name: origin for name, _ in effects if (origin := origin_of(name))}
     plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
-    return plain | ({"own": own} if own else {})
+    learned = effects_model.learned if effects_model else ()
+    more = ({"own": own} if own else {}) | ({"learned": [law.to_json() for law in learned]} if learned else {})
+    return plain | more

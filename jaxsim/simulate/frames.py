@@ -111,9 +111,11 @@ def check_motion(
     """Warns of effects that do nothing because a frame does not say how the car moves, or when it was taken.
 
     Raises ValueError for an effect that acts in a direction of the world on a frame that does not say where the car
-    heads: it would act in the wrong one.
+    heads: it would act in the wrong one; and for a learned law along what a frame does not say.
     """
     known = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
+    for law in model.learned:
+        law.check_known({what: value is not None for what, value in known.items()})
     for name, _ in model.effects:
         what = NEEDS.get(name)
         if what is None or known[what] is not None:

@@ -89,6 +89,8 @@ class TreePlan:
             "sensor": self.learned and self.learned.fingerprint,
             "effects": self.effects_model and self.effects_model.effects,
         }
+        if self.effects_model and self.effects_model.learned:
+            made["learned"] = [law.to_json() for law in self.effects_model.learned]
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
 

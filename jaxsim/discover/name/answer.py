@@ -34,6 +34,8 @@ class Answer:
     """What a free curve still finds."""
     nulls: Nulls | None = None
     """Where the bar was set on nulls of these very data."""
+    curve: tuple[Place, Candidate] | None = None
+    """The free curve behind `unexplained`, fitted on top of what is chosen."""
 
 
 def name_effects(
@@ -75,7 +77,7 @@ def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int
         steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
         if not steps:
             nothing = Choice((), choice.first_ranking, null, choice.bars)
-            return Answer("not_in_catalogue", nothing, describe(null, *outside))
+            return Answer("not_in_catalogue", nothing, describe(null, *outside), curve=outside)
         if len(steps) < len(choice.steps):
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
@@ -83,7 +85,9 @@ def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int
     all_blocks = np.ones(len(scene), np.float32)
     after = localise(*standardised(choice.problem, all_blocks), scene)
     rest = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve, choice.bars.free)]
-    return Answer("named", choice, describe(choice.problem, *rest[0]) if rest else None)
+    if not rest:
+        return Answer("named", choice, None)
+    return Answer("named", choice, describe(choice.problem, *rest[0]), curve=rest[0])
 
 
 def outdone(choice: Choice, place: Place, curve: Candidate) -> bool:

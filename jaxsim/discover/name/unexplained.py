@@ -74,7 +74,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     hit = np.asarray(rays.hit)
     x = values_of(place.covariate, rays, hit).astype(np.float64)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = _grid(x, place.covariate)
+    grid = written_at(x, place.covariate)
     basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
@@ -94,7 +94,7 @@ def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplaine
     )
 
 
-def _grid(x: np.ndarray, covariate: str) -> np.ndarray:
+def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
     """The values of a covariate at which its curve is written down."""
     values = np.unique(x)
     few = covariate in CATEGORICAL or len(values) <= RULES.few_values

@@ -1,0 +1,206 @@
+"""A learned law's closed formula, and the file of an effect of one's own that it makes.
+
+`closed_law` searches over the knots in the units of VARIABLES; `read_law` takes the formula from a verdict.json;
+`write_effect` writes it as a file like those of `jaxsim/effects/catalogue/`.
+"""
+
+from __future__ import annotations
+
+import json
+import keyword
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.learn import LearnedFit
+from jaxsim.discover.symbolic import Variable, search
+from jaxsim.discover.verdict import ClosedLaw, Interval
+from jaxsim.effects import EFFECTS
+from jaxsim.effects.learned import LIMITS, UNITS
+from jaxsim.files import replacing
+
+VARIABLES = {
+    "range": ("range_m", "m"),
+    "incidence": ("incidence_rad", "rad"),
+    "row": ("row", ""),
+    "azimuth": ("azimuth_rad", "rad"),
+    "power": ("power", ""),
+    "intensity": ("intensity", ""),
+    "step": ("depth_step", ""),
+    "step side": ("side_step", ""),
+    "frame": ("time_s", "s"),
+    "time": ("scan_time", ""),
+    "speed": ("speed_mps", "m/s"),
+    "speed x time": ("way_mps", "m/s"),
+    "heading": ("heading_rad", "rad"),
+    "rgb": ("brightness", ""),
+    "hue": ("red_minus_blue", ""),
+}
+"""What a covariate is called in a formula, and its unit; classes and banks have no formula."""
+LOGARITHMS = ("range", "power", "intensity")
+"""Covariates that are compared as logarithms; a formula takes what they are logarithms of."""
+STAGES = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
+EDITS = {"intensity": "brighten", "range": "misread", "drop": "lose"}
+WORDS = {"intensity": "ln I, ln P += change", "range": "reading += change", "drop": "keep *= 1 - change"}
+
+
+def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
+    """The formula of a learned law; None where none is near, or a covariate has no order."""
+    learned = fitted.learned
+    if not all(name in VARIABLES for name in learned.covariates):
+        return None
+    grids = np.meshgrid(*(np.asarray(knots) for knots in learned.knots), indexing="ij")
+    variables = [
+        Variable(*VARIABLES[name], np.exp(grid.ravel()) if name in LOGARITHMS else grid.ravel())
+        for name, grid in zip(learned.covariates, grids, strict=True)
+    ]
+    law = search(
+        variables,
+        np.asarray(learned.values),
+        fitted.without,
+        channel=learned.channel,
+        unit=UNITS[learned.channel],
+        free=fitted.free,
+    )
+    if law is None:
+        return None
+    by_variable = {VARIABLES[name][0]: name for name in learned.covariates}
+    return replace(law, covariates=tuple(by_variable[name] for name in law.covariates))
+
+
+def read_law(path: Path | str) -> ClosedLaw:
+    """The `law` of a verdict.json. Raises ValueError where the file is none, or holds no law."""
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"law: no file {path}; `jaxsim discover` writes one as OUT/verdict.json")
+    try:
+        entry = json.loads(path.read_text())["law"]
+        if entry is None:
+            raise ValueError(
+                f"law: {path} holds no formula: nothing was learned there that is near one; take `learned` of the "
+                "sensor.json beside it as it is (`jaxsim simulate --effects`)"
+            )
+        return ClosedLaw(
+            **{
+                **entry,
+                "covariates": tuple(entry["covariates"]),
+                "parameters": {name: Interval(**one) for name, one in entry["parameters"].items()},
+                "limits": {name: (float(low), float(high)) for name, (low, high) in entry["limits"].items()},
+            }
+        )
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise ValueError(
+            f"law: {path} is no verdict.json with a `law` ({error!r}); run `jaxsim discover` again"
+        ) from error
+
+
+def write_effect(law: ClosedLaw, path: Path | str) -> Path:
+    """Writes a formula as a Python file that ends in `EFFECT`, an effect named like the file, as those of
+    `jaxsim/effects/catalogue/`. Variables stay within what was seen; fits begin at the formula's numbers.
+
+    Raises ValueError where the file's name is no name for a new effect, or the file is there.
+    """
+    path = Path(path)
+    name = path.stem
+    if path.suffix != ".py" or not name.isidentifier() or keyword.iskeyword(name) or name in EFFECTS:
+        raise ValueError(
+            f"law: {path.name} is no name for an effect's file; give NAME.py, where NAME is a Python name that the "
+            "catalogue does not hold"
+        )
+    if path.exists():
+        raise ValueError(f"law: {path} is there already; give another name, or remove it")
+    with replacing(path) as temporary:
+        temporary.write_text(_source(law, name))
+    return path
+
+
+def _source(law: ClosedLaw, name: str) -> str:
+    low, high = LIMITS[law.channel]
+    edit = EDITS[law.channel]
+    lines = [_variable(covariate, law) for covariate in law.covariates]
+    parameters = [_parameter(law, key) for key in law.parameters]
+    starts = {key: float(f"{one.value:.6g}") for key, one in law.parameters.items()}
+    if "level" in starts:
+        starts.pop("level")
+    along = " and ".join(NAMED.get(one, one) for one in law.covariates)
+    reported = tuple(dict.fromkeys(NAMED.get(one, one) for one in law.covariates))
+    return "\n".join(
+        [
+            f'"""{law.formula}, of {law.channel}: found by `jaxsim discover`, in no catalogue."""',
+            "",
+            "import jax.numpy as jnp",
+            "",
+            f"from jaxsim.effects.edits import {edit}",
+            "from jaxsim.effects.effect import Effect, Parameter",
+            "from jaxsim.effects.learned import READ",
+            "from jaxsim.effects.rays import Array, Rays",
+            "",
+            "",
+            "def apply(p: dict[str, Array], rays: Rays) -> Rays:",
+            f'    """Changes {law.channel} along {along}; beyond what was seen as at its ends."""',
+            *lines,
+            f"    change = {_code(law)}",
+            f"    change = jnp.clip(change, {low}, {high})",
+            f"    return {edit}(rays, jnp.where(rays.hit, change, 0.0))",
+            "",
+            "",
+            "EFFECT = Effect(",
+            f"    name={name!r},",
+            f"    stage={STAGES[law.channel]!r},",
+            f"    title={f'{law.channel} follows {along}'!r},",
+            f"    formula={f'{WORDS[law.channel]}; change = {law.expression}'!r},",
+            "    parameters={",
+            *parameters,
+            "    },",
+            f"    channels=({law.channel!r},),",
+            f"    signature={f'Residuals of {law.channel} along {along} follow the formula.'!r},",
+            f"    covariates={reported!r},",
+            "    look_alikes={},",
+            f"    source={f'jaxsim discover: {law.held_out_nats:.0f} nats held out, {law.share:.0%} of the curve'!r},",
+            "    apply=apply,",
+            f"    starts=({starts!r},),",
+            ")",
+            "",
+        ]
+    )
+
+
+def _variable(covariate: str, law: ClosedLaw) -> str:
+    name = VARIABLES[covariate][0]
+    low, high = law.limits[name]
+    read = f"READ[{covariate!r}](rays).astype(jnp.float32)"
+    read = f"jnp.exp({read})" if covariate in LOGARITHMS else read
+    return f"    {name} = jnp.clip({read}, {low:.6g}, {high:.6g})"
+
+
+def _code(law: ClosedLaw) -> str:
+    """The expression as JAX reads it."""
+    code = re.sub(r"\((\w+) >= edge\)", r"jnp.where(\1 >= edge, 1.0, 0.0)", law.expression)
+    code = re.sub(r"\b(exp|log|sin|pi)\b", r"jnp.\1", code)
+    for name in law.parameters:
+        code = re.sub(rf"\b{name}\b", f'p["{name}"]', code)
+    return code
+
+
+def _parameter(law: ClosedLaw, name: str) -> str:
+    """A row of the effect's parameters: without size and level it does nothing; other numbers stay near what was
+    found."""
+    one = law.parameters[name]
+    half = (one.high - one.low) / 2
+    scale = max(abs(one.value), half, 1e-6)
+    if name in ("size", "level"):
+        neutral, low, high, meaning = 0.0, -10 * scale, 10 * scale, f"{name} of the change"
+    elif name == "phase":
+        neutral, low, high, scale, meaning = one.value, one.value - 4.0, one.value + 4.0, 0.5, "phase"
+    else:
+        # Its sign stays, for a period or a scale must not go through 0.
+        ends = sorted([one.value / 2, 2 * one.value])
+        neutral, low, high, scale, meaning = one.value, *ends, abs(one.value) / 4, name
+    # The gain takes a level of intensities up; a place of a step has no derivative.
+    fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
+    numbers = ", ".join(f"{number:.6g}" for number in (neutral, low, high))
+    more = "" if fitted else ", fitted=False"
+    return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{more}),"

@@ -1,0 +1,149 @@
+"""Learn: what no effect describes, as a law of knots and heights that enters the sensor model with its uncertainty.
+
+The free curve that won (`name.unexplained`) becomes a `Learned` law: the same basis written down at its knots, so that
+rays between them and beyond them have a height too. Where a pair of covariates clearly says more than the
+curve's alone, the law is a product of the two. Letters: k knots, m numbers that are fitted, g groups of scenes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, values_of
+from jaxsim.discover.find import Place
+from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
+from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
+from jaxsim.discover.name.unexplained import agreed, written_at
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
+from jaxsim.effects import Law
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, kind_of
+
+
+@dataclass(frozen=True)
+class Form:
+    """A law before it is fitted: where its knots lie, and what of it is free."""
+
+    bare: Learned
+    """With heights of 0."""
+    basis: Float[np.ndarray, "k m"]
+    """Heights at the knots are its product with the numbers that are fitted."""
+    start: Float[np.ndarray, " m"]
+    """Where its fit begins."""
+
+    @classmethod
+    def of(cls, problem: Problem, place: Place, curve: Candidate) -> Form:
+        """The form of a free curve that was fitted to the problem's rays."""
+        rays = problem.ev.rays
+        x = values_of(place.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+        knots = written_at(x, place.covariate)
+        basis = fixed_basis(np.concatenate([x, knots]), place.covariate)[len(x) :]
+        used = basis.any(0)
+        heights = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
+        numbers = tuple(knots.tolist())
+        nothing = (0.0,) * len(knots)
+        bare = Learned(
+            place.channel, kind_of(place.covariate, numbers), (place.covariate,), (numbers,), nothing, nothing
+        )
+        return cls(bare, basis[:, used], np.mean(heights, axis=0)[used])
+
+    @property
+    def law(self) -> Law:
+        """The law whose parameter is what is free: fitted like any effect, by the program that sensor.json's runs."""
+        bare, basis = self.bare, jnp.asarray(self.basis, jnp.float32)
+        like = CURVES[bare.channel].parameters["height"]
+        height = Heights(0.0, like.low, like.high, like.unit, like.meaning, scale=like.scale, columns=len(self.start))
+        # Laws are told apart by name: another run's knots make another law.
+        mark = hashlib.sha256(repr(bare).encode() + self.basis.tobytes()).hexdigest()[:12]
+        return Law(
+            name=f"{bare.name} ({mark})",
+            parameters={"height": height},
+            channels=(bare.channel,),
+            apply=lambda p, rays: CHANGE[bare.channel](rays, bare.height(rays, basis @ p["height"])),
+            # A law of the reported intensity would be fitted to the measured one; this is one of the predicted.
+            covariates=tuple(name for name in bare.covariates if name in COVARIATES and name != "intensity"),
+        )
+
+    def heights(self, fitted: Fit) -> Float[np.ndarray, " k"]:
+        """A fit's height at each knot, within LIMITS."""
+        numbers = np.asarray(to_values(self.law, fitted.z)["height"], np.float64)
+        return np.clip(self.basis.astype(np.float64) @ numbers, *LIMITS[self.bare.channel])
+
+
+@dataclass(frozen=True)
+class LearnedFit:
+    """A fitted law and what groups of scenes say of it."""
+
+    learned: Learned
+    without: Float[np.ndarray, "g k"]
+    """Its heights with each group of the find scenes left out."""
+    free: int
+    """How many numbers were fitted."""
+
+
+def form_of(
+    problem: Problem, place: Place, curve: Candidate, *, pairs: Sequence[Place] = (), bar: float = RULES.bar_nats
+) -> Form:
+    """The form of a free curve, or of the product with another covariate (`pairs` of its channel, `A x B`) that clearly
+    gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
+    form = Form.of(problem, place, curve)
+    least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
+    for pair in pairs:
+        names = tuple(pair.covariate.split(" x "))
+        if pair.channel != place.channel or place.covariate not in names or set(names) & set(TABLES):
+            continue
+        bare, candidate = _product(problem, place.channel, names)
+        better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
+        if agreed(candidate, bar) and candidate.total > least and better:
+            size = len(bare.values)
+            heights = [np.asarray(to_values(candidate.effect, one.z)["height"])[:size] for one in candidate.fits]
+            form, least = Form(bare, np.eye(size, dtype=np.float32), np.mean(heights, axis=0)), candidate.total
+    return form
+
+
+def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Learned, Candidate]:
+    """The product of two covariates' hat functions, fitted and judged like a free curve."""
+    rays = problem.ev.rays
+    hit = np.asarray(rays.hit)
+    x = [values_of(name, rays, hit).astype(np.float64) for name in names]
+    knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
+    first, second = (
+        np.stack([np.interp(one, at, row) for row in np.eye(len(at))], axis=-1)
+        for one, at in zip(x, knots, strict=True)
+    )
+    size = len(knots[0]) * len(knots[1])
+    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
+    basis[hit, :size] = (first[:, :, None] * second[:, None, :]).reshape(-1, size)
+    tried = replace(problem, basis=jnp.asarray(basis))
+    [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
+    nothing = (0.0,) * size
+    return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate
+
+
+def learn(form: Form, problem: Problem, fitted: Fit) -> LearnedFit:
+    """The law of a fit to all find scenes, with the standard deviation of each knot by the jackknife: fitted again
+    without each of at most `Rules.learned_groups` groups of scenes."""
+    law = form.law
+    start = {"height": np.asarray(to_values(law, fitted.z)["height"])}
+
+    def left_out(mask: Float[np.ndarray, " b"]) -> Float[np.ndarray, " k"]:
+        # Leaving few scenes out gains little: a fit that is content with little would stay where it began.
+        return form.heights(fit(law, problem, mask, starts=(start,), enough=NULL_ENOUGH))
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        masks = folds(np.asarray(problem.ev.unit), RULES.learned_groups)
+        without = np.stack(list(pool.map(left_out, masks)))
+    values, sd = form.heights(fitted), jackknife_sd(without)
+    return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))
+
+
+def _plain(numbers: Float[np.ndarray, " k"]) -> Numbers:
+    return tuple(map(float, numbers))

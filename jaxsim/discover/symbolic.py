@@ -1,0 +1,292 @@
+"""Law: a closed formula for a learned curve or product, by a small symbolic search over its knots.
+
+    y = level + size · shape        shape, of at most three nodes:  x 1,  f(x) 2,  f(g(x)) 3,  x1 · x2 3
+
+f and g are powers (halves), exp, ln, a step and a sine; a power whose exponent is free costs a node more. Letters: n
+knots (of a product all pairs), g groups of scenes, t curves, m columns, c values of a constant.
+
+Every formula is fitted to the knots by least squares, weighted by their sd: level and size in closed form, the one
+constant inside the shape on a grid and then by golden section. It is chosen by what it gains over a level alone on
+groups of scenes that its fit has not seen, less `Rules.law_price_nats` a node. What group i says is its jackknife
+pseudo-value, g·(all) - (g-1)·(all but i) (Tukey 1958; Efron & Tibshirani 1993, ch. 11), whose variance is g·sd². Knots
+that hang on fewer fitted numbers count as so many.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import jackknife_sd, student_reach
+from jaxsim.discover.verdict import ClosedLaw, Interval
+
+Curves = Float[np.ndarray, "t n"]
+Constants = Float[np.ndarray, " c"]
+Columns = Float[np.ndarray, "c n m"]
+HALVES = tuple(k / 2 for k in range(-6, 7) if k not in (0, 2))
+"""Exponents: a physical law's are seldom others."""
+FREE = np.linspace(-4, 4, 33)
+GOLDEN = (np.sqrt(5) - 1) / 2
+SECTIONS = 24
+FEWEST_KNOTS = 5
+
+
+class Variable(NamedTuple):
+    """A covariate in the unit in which its law is told."""
+
+    name: str
+    unit: str
+    x: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A formula but for its numbers."""
+
+    nodes: int
+    expression: str
+    """In Python, of `level`, `size`, the constant's name, `phase` and the variables."""
+    columns: Callable[[Constants], Columns]
+    """What is linear: one column, or the sine and cosine of a wave, at each value of the constant."""
+    unit: str
+    """What the unit of `size` is divided by."""
+    constant: str = ""
+    """Name of the one number inside; empty where there is none."""
+    constant_unit: str = ""
+    grid: tuple[float, ...] = (0.0,)
+    refined: bool = False
+    """Whether the constant may lie between those of the grid."""
+
+
+class Fitted(NamedTuple):
+    """A shape fitted to t curves."""
+
+    constant: Float[np.ndarray, " t"]
+    linear: Float[np.ndarray, "t m"]
+    """The level, then a number a column."""
+    values: Curves
+
+
+def search(
+    variables: Sequence[Variable],
+    curve: Float[np.ndarray, " n"],
+    without: Float[np.ndarray, "g n"],
+    *,
+    channel: str,
+    unit: str,
+    free: int,
+) -> ClosedLaw | None:
+    """The formula of a curve over one variable or two, its `unit` that of `channel`; None where no formula is worth its
+    nodes on groups of scenes that it has not seen, or tells less than `Rules.law_least_share` of the curve.
+
+    `without` are the curves with a group of scenes left out each, `free` how many numbers the curve was fitted by.
+    """
+    groups, n = without.shape
+    spread = jackknife_sd(without)
+    # Of few groups a knot's own sd is uncertain, and at a bound it is 0: half of it is that of the others.
+    variance = (spread**2 + np.median(spread**2)) / 2 + (1e-4 * (np.ptp(curve) + 1e-9)) ** 2
+    root = 1 / np.sqrt(variance)
+    curves = np.concatenate([curve[None], without])
+    said = groups * curve - (groups - 1) * without
+    # Knots that hang together say no more than the numbers behind them.
+    count = min(free / n, 1.0)
+
+    def loss(values: Curves) -> float:
+        return count * float((((said - values[1:]) * root) ** 2).sum()) / (2 * groups)
+
+    flat = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
+    best: tuple[float, Shape, Fitted] | None = None
+    for shape in shapes_of(variables):
+        fitted = fit_shape(shape, curves, root)
+        worth = flat - loss(fitted.values) - RULES.law_price_nats * shape.nodes
+        if best is None or worth > best[0]:
+            best = worth, shape, fitted
+    if best is None or best[0] <= 0:
+        return None
+    worth, shape, fitted = best
+    weight = root**2
+    mean = np.average(curve, weights=weight)
+    left = float((weight * (curve - fitted.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
+    if 1 - left < RULES.law_least_share:
+        return None
+    parameters = parameters_of(shape, fitted, unit=unit)
+    return ClosedLaw(
+        channel=channel,
+        covariates=tuple(one.name for one in variables if one.name in shape.expression),
+        formula=told(shape, parameters),
+        expression=shape.expression,
+        parameters=parameters,
+        limits={one.name: (float(one.x.min()), float(one.x.max())) for one in variables},
+        nodes=shape.nodes,
+        held_out_nats=worth + RULES.law_price_nats * shape.nodes,
+        share=1 - left,
+    )
+
+
+def shapes_of(variables: Sequence[Variable]) -> list[Shape]:
+    """All formulas of the grammar."""
+    shapes = [shape for one in variables if len(np.unique(one.x)) >= FEWEST_KNOTS for shape in _of_one(one)]
+    if len(variables) == 2:
+        a, b = variables
+        unit = " · ".join(filter(None, (a.unit, b.unit)))
+        shapes.append(Shape(3, f"level + size * {a.name} * {b.name}", _alone(a.x * b.x), unit))
+    return shapes
+
+
+def _of_one(variable: Variable) -> list[Shape]:
+    name, unit, x = variable
+    values = np.unique(x)
+    middles = tuple(((values[1:] + values[:-1]) / 2)[1:-1].tolist())
+    shapes = [
+        Shape(1, f"level + size * {name}", _alone(x), unit),
+        Shape(2, f"level + size * ({name} >= edge)", lambda c: _one(x >= c[:, None]), "", "edge", unit, middles),
+        *_bends(name, x, unit, nodes=2),
+    ]
+    inner = [(f"{name}**2", x**2, f"{unit}²" if unit else "")]
+    if x.min() > 0:
+        at = f"({name} / {_reference(x):.6g})"
+        u = x / float(f"{_reference(x):.6g}")
+        shapes.append(Shape(2, f"level + size * log{at}", _alone(np.log(u)), ""))
+        power = f"level + size * {at}**exponent"
+        shapes.append(Shape(2, power, lambda p: _one(u ** p[:, None]), "", "exponent", "", HALVES))
+        freely = tuple(FREE.tolist())
+        shapes.append(Shape(3, power, lambda p: _power(u, p), "", "exponent", "", freely, refined=True))
+        shapes.append(Shape(3, f"level + size * log{at}**2", _alone(np.log(u) ** 2), ""))
+        inner += [(f"log{at}", np.log(u), ""), (f"{at}**-1", 1 / u, "")]
+    for text, t, of in inner:
+        shapes += _bends(text, t, of, nodes=3)
+    return shapes
+
+
+def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> list[Shape]:
+    """An exponential and a sine of something: `text` and `unit` tell what."""
+    span = float(np.ptp(t))
+    scales = span * np.geomspace(0.1, 2.0, 14)
+    both = tuple(sorted([*(-scales).tolist(), *scales.tolist()]))
+    # With less than a cycle it is a bend, with more the knots do not follow it.
+    most = max(min(8.0, len(np.unique(t)) / 2.5), 1.01)
+    periods = tuple((span / np.arange(1.0, most, 0.2)).tolist())
+    # From its larger end on, so that no size is astronomical.
+    begin = {True: float(f"{t.max():.6g}"), False: float(f"{t.min():.6g}")}
+    shapes = []
+    for grows, grid in ((True, both[len(scales) :]), (False, both[: len(scales)])):
+        start = begin[grows]
+        shapes.append(
+            Shape(
+                nodes,
+                f"level + size * exp(({text} - {start:.6g}) / scale)".replace("- -", "+ "),
+                lambda s, start=start: _one(np.exp((t - start) / s[:, None])),
+                "",
+                "scale",
+                unit,
+                grid,
+                refined=True,
+            )
+        )
+    wave = f"level + size * sin(2 * pi * {text} / period + phase)"
+
+    def waves(period: Constants) -> Columns:
+        angle = 2 * np.pi * t / period[:, None]
+        return np.stack([np.sin(angle), np.cos(angle)], axis=-1)
+
+    return [*shapes, Shape(nodes, wave, waves, "", "period", unit, periods, refined=True)]
+
+
+def _alone(x: Float[np.ndarray, " n"]) -> Callable[[Constants], Columns]:
+    """One column, whatever the constant."""
+    return lambda c: np.repeat(x[None, :, None], len(c), axis=0)
+
+
+def _one(x: np.ndarray) -> Columns:
+    """One column for each constant."""
+    return x[..., None].astype(np.float64)
+
+
+def _power(u: Float[np.ndarray, " n"], p: Constants) -> Columns:
+    """The power, kept away from exponent 0, where it is a level."""
+    return _one(u ** np.where(np.abs(p) > 0.05, p, 0.05)[:, None])
+
+
+def _reference(x: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(x.min() * x.max()))
+
+
+def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Fitted:
+    """Weighted least squares (`root` of the weights) of every curve by itself."""
+    grid = np.asarray(shape.grid, float)
+    y = curves * root
+    # The part of each curve that the columns reach, by the grid's constants.
+    reached = np.einsum("tn,cnm->ctm", y, _orthogonal(shape.columns(grid), root))
+    pick = (reached**2).sum(-1).argmax(0)
+    constant = grid[pick]
+    if shape.refined:
+        constant = _golden(shape, y, root, grid[np.maximum(pick - 1, 0)], grid[np.minimum(pick + 1, len(grid) - 1)])
+    design = _with_level(shape.columns(constant))
+    linear = np.stack([
+        np.linalg.lstsq(one * root[:, None], curve, rcond=None)[0] for one, curve in zip(design, y, strict=True)
+    ])  # fmt: skip
+    return Fitted(constant, linear, np.einsum("tnm,tm->tn", design, linear))
+
+
+def _golden(shape: Shape, y: Curves, root: Float[np.ndarray, " n"], a: Constants, b: Constants) -> Constants:
+    """The constant between a and b at which the columns reach most of each weighted curve."""
+
+    def at(constant: Constants) -> Constants:
+        return (np.einsum("tn,tnm->tm", y, _orthogonal(shape.columns(constant), root)) ** 2).sum(-1)
+
+    for _ in range(SECTIONS):
+        c, d = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
+        lower = at(c) >= at(d)
+        a, b = np.where(lower, a, c), np.where(lower, d, b)
+    return (a + b) / 2
+
+
+def _orthogonal(columns: Columns, root: Float[np.ndarray, " n"]) -> Float[np.ndarray, "c n m+1"]:
+    """Orthonormal columns that span the level and the weighted columns."""
+    return np.linalg.qr(_with_level(columns) * root[:, None])[0]
+
+
+def _with_level(columns: Columns) -> Float[np.ndarray, "c n m+1"]:
+    return np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=-1)
+
+
+def parameters_of(shape: Shape, fitted: Fitted, *, unit: str) -> dict[str, Interval]:
+    """The numbers of the first curve's formula with their units, and 90 % intervals from the others, each of which
+    leaves out a group of scenes."""
+    below = f"({shape.unit})" if re.search("[/·]", shape.unit) else shape.unit
+    of_size = f"{unit or 1}/{below}" if below else unit
+    if fitted.linear.shape[1] == 3:
+        size = np.hypot(fitted.linear[:, 1], fitted.linear[:, 2])
+        phase = np.arctan2(fitted.linear[:, 2], fitted.linear[:, 1])
+        # Near one another, not on two sides of the turn's end.
+        phase = phase[0] + np.angle(np.exp(1j * (phase - phase[0])))
+        numbers = {"size": (size, of_size), "phase": (phase, "rad")}
+    else:
+        numbers = {"size": (fitted.linear[:, 1], of_size)}
+    numbers = {"level": (fitted.linear[:, 0], unit), **numbers}
+    if shape.constant:
+        numbers[shape.constant] = (fitted.constant, shape.constant_unit)
+    reach = float(student_reach(len(fitted.constant) - 1))
+    result = {}
+    for name, (each, of) in numbers.items():
+        half = reach * float(jackknife_sd(each[1:, None])[0])
+        result[name] = Interval(float(each[0]), float(each[0]) - half, float(each[0]) + half, of)
+    return result
+
+
+def told(shape: Shape, parameters: dict[str, Interval]) -> str:
+    """The formula with its numbers."""
+    words = [
+        f"{parameters[word].value:.3g}" if word in parameters else word
+        for word in shape.expression.replace("(", " ( ").replace(")", " ) ").replace("**", " ^ ").split()
+    ]
+    text = " ".join(words).replace("( ", "(").replace(" )", ")").replace(" ^ ", "^").replace(" * ", "·")
+    for function in ("exp", "log", "sin"):
+        text = text.replace(f"{function} (", f"{function}(")
+    return text.replace("pi", "π").replace(">=", "≥").replace("log", "ln").replace("+ -", "- ")

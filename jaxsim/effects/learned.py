@@ -1,0 +1,203 @@
+"""Learned laws: what no effect of the catalogue describes, as numbers along a covariate of the rays or two of them.
+
+    curve       linear between knots
+    table       a number for each value (a beam, a class), none for others
+    periodic    linear between knots, and from the last to the first across the end of the turn
+    product     bilinear between the knots of two covariates
+
+Outside its knots a law holds its end values: nothing is extrapolated. `discover` makes them, sensor.json holds them
+(`SensorModel.learned`), and they act after all effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.effects.edits import brighten, lose, misread
+from jaxsim.effects.rays import Array, Rays, Scan
+
+KINDS = ("curve", "table", "periodic", "product")
+TURN = 2 * np.pi
+LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
+"""Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
+UNITS = {"intensity": "nats", "range": "m", "drop": ""}
+CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {"intensity": brighten, "range": misread, "drop": lose}
+
+
+def _step(rays: Rays) -> Float[Array, "*n"]:
+    """Signed depth step to the side where it is larger: positive to the right, compressed, m."""
+    beside = rays.beside_m[..., :2]
+    # A neighbour that hits nothing lies far behind.
+    side = jnp.where(jnp.isfinite(beside), beside, 100.0) - rays.range_m[..., None]
+    step = jnp.where(jnp.abs(side[..., 0]) > jnp.abs(side[..., 1]), -side[..., 0], side[..., 1])
+    return jnp.sign(step) * jnp.log1p(jnp.abs(step) / 0.3)
+
+
+READ: dict[str, Callable[[Rays], Array]] = {
+    "range": lambda r: jnp.log(jnp.maximum(r.range_m, 0.5)),
+    "incidence": lambda r: r.incidence_rad,
+    "row": lambda r: r.row,
+    "azimuth": lambda r: r.azimuth_rad,
+    "even rows": lambda r: r.row % 2,
+    "even columns": lambda r: r.column % 2,
+    "class": lambda r: r.semantic,
+    "power": lambda r: r.log_power,
+    "intensity": lambda r: r.log_intensity,
+    "step": lambda r: jnp.abs(_step(r)),
+    "step side": _step,
+    "frame": lambda r: r.time_s,
+    "time": lambda r: r.phase,
+    "speed": lambda r: r.speed_mps,
+    "speed x time": lambda r: r.speed_mps * (r.phase - 0.5) * jnp.cos(r.azimuth_rad),
+    "heading": lambda r: jnp.mod(r.azimuth_rad + r.heading_rad, TURN),
+    "rgb": lambda r: r.rgb.mean(-1),
+    "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
+}
+"""Covariates as `discover` compares them (its own, on the host, are in `discover.covariates`)."""
+TABLES = ("row", "class", "even rows", "even columns")
+TURNING = ("azimuth", "heading")
+NEEDS = {
+    **dict.fromkeys(("speed", "speed x time"), "speed"),
+    **dict.fromkeys(("rgb", "hue"), "rgb"),
+    "frame": "time",
+    "heading": "heading",
+    "class": "semantic",
+}
+"""What frames must hold for a covariate to be known."""
+_RASTERS = {"speed": "speed_mps", "rgb": "rgb", "time": "time_s", "heading": "heading_rad", "semantic": "semantic"}
+
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A learned law; the content of an entry of sensor.json's `learned`.
+
+    Raises ValueError for unknown names, for knots that do not rise and for numbers that do not fit them or LIMITS.
+    """
+
+    channel: str
+    kind: str
+    covariates: tuple[str, ...]
+    """Of READ: one, or the two of a product."""
+    knots: tuple[Numbers, ...]
+    """Of each covariate, rising, in the unit in which it is compared."""
+    values: Numbers
+    """The height at each knot, in UNITS; of a product row by row, the second covariate's knots together."""
+    sd: Numbers
+    """Standard deviation of each, by the jackknife over groups of scenes."""
+
+    def __post_init__(self) -> None:
+        def refuse(what: str) -> ValueError:
+            return ValueError(f"learned law of {self.channel} along {' x '.join(map(str, self.covariates))}: {what}")
+
+        if self.channel not in LIMITS:
+            raise refuse(f"channel {self.channel!r} is not known; known are {', '.join(LIMITS)}")
+        if self.kind not in KINDS:
+            raise refuse(f"kind {self.kind!r} is not known; known are {', '.join(KINDS)}")
+        if unknown := [name for name in self.covariates if name not in READ]:
+            raise refuse(f"covariate {unknown[0]!r} is not known; known are {', '.join(READ)}")
+        wanted = 2 if self.kind == "product" else 1
+        if not len(self.covariates) == len(self.knots) == wanted:
+            raise refuse(f"a {self.kind} has {wanted} covariates, and knots of each; {len(self.covariates)} and "
+                         f"{len(self.knots)} came")  # fmt: skip
+        for name, knots in zip(self.covariates, self.knots, strict=True):
+            if len(knots) < 2 or not np.isfinite(knots).all() or not all(a < b for a, b in pairwise(knots)):
+                raise refuse(f"knots of {name} must be two or more finite numbers that rise")
+        size = int(np.prod([len(knots) for knots in self.knots]))
+        if not len(self.values) == len(self.sd) == size:
+            raise refuse(f"{len(self.values)} values and {len(self.sd)} sd came for {size} knots; one each")
+        low, high = LIMITS[self.channel]
+        if not all(low <= value <= high for value in self.values):
+            raise refuse(f"values must lie within {low:g} and {high:g} {UNITS[self.channel]}")
+        if not all(0 <= sd < np.inf for sd in self.sd):
+            raise refuse("sd must be finite and not negative")
+
+    @property
+    def name(self) -> str:
+        """What notes and errors call it."""
+        return f"learned {self.channel} along {' x '.join(self.covariates)}"
+
+    def height(self, rays: Rays, values: Float[Array, " k"] | None = None) -> Float[Array, "*n"]:
+        """The law's height at each ray, 0 where it hits nothing; differentiable in the `values` at the knots, which may
+        stand in for its own."""
+        heights = jnp.asarray(self.values, jnp.float32) if values is None else values
+        x = [READ[name](rays).astype(jnp.float32) for name in self.covariates]
+        knots = [jnp.asarray(one, jnp.float32) for one in self.knots]
+        if self.kind == "table":
+            # A beam or class that was not seen is left as it is.
+            at = jnp.clip(jnp.searchsorted(knots[0], x[0]), 0, len(self.knots[0]) - 1)
+            height = jnp.where(knots[0][at] == x[0], heights[at], 0.0)
+        elif self.kind == "product":
+            first, second = (_hats(one, of) for one, of in zip(x, knots, strict=True))
+            grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
+            height = jnp.einsum("...i,ij,...j->...", first, grid, second)
+        else:
+            height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)
+        return jnp.where(rays.hit, height, 0.0)
+
+    def apply(self, rays: Rays) -> Rays:
+        """The rays with the law."""
+        return CHANGE[self.channel](rays, self.height(rays))
+
+    def check_known(self, has: Mapping[str, bool]) -> None:
+        """Raises ValueError where the frames do not hold (`has`, by NEEDS' values) what a covariate is read from."""
+        for name in self.covariates:
+            what = NEEDS.get(name)
+            if what and not has.get(what, True):
+                raise ValueError(
+                    f"sensor: the law of {self.channel} learned along {name} needs the frames' {what}, which these do "
+                    f"not hold; give frames with {what}, or take the law out of `learned` in sensor.json"
+                )
+
+    def check(self, scan: Scan) -> None:
+        """As `check_known`, of frames as they were read: what a folder lacks is 0 in all of them."""
+        self.check_known({what: bool(np.any(getattr(scan, raster))) for what, raster in _RASTERS.items()})
+
+    def check_rows(self, rows: int) -> None:
+        """Raises ValueError where knots along the rows lie beyond those of a sensor of so many beams."""
+        for name, knots in zip(self.covariates, self.knots, strict=True):
+            if name == "row" and knots[-1] >= rows:
+                raise ValueError(f"{self.name} was learned of {knots[-1] + 1:g} beams or more; the sensor has {rows}")
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of sensor.json."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, entry: Mapping[str, Any]) -> Learned:
+        """The law of an entry of sensor.json. Raises ValueError, KeyError or TypeError where it is none."""
+
+        def floats(numbers: Any) -> Numbers:
+            return tuple(float(number) for number in numbers)
+
+        return cls(
+            channel=entry["channel"],
+            kind=entry["kind"],
+            covariates=tuple(entry["covariates"]),
+            knots=tuple(map(floats, entry["knots"])),
+            values=floats(entry["values"]),
+            sd=floats(entry["sd"]),
+        )
+
+
+def _hats(x: Float[Array, "*n"], knots: Float[Array, " k"]) -> Float[Array, "*n k"]:
+    """Weights of the knots at each place: linear between two of them, the end's beyond."""
+    eye = jnp.eye(len(knots), dtype=jnp.float32)
+    return jnp.stack([jnp.interp(x, knots, row) for row in eye], axis=-1)
+
+
+def kind_of(covariate: str, knots: Numbers) -> str:
+    """The kind of a law along one covariate: a table of beams or classes, periodic where its knots go all round."""
+    if covariate in TABLES:
+        return "table"
+    widest = max(b - a for a, b in pairwise(knots))
+    round_ = covariate in TURNING and knots[-1] - knots[0] + widest >= TURN
+    return "periodic" if round_ else "curve"

@@ -1,0 +1,158 @@
+"""A wave that no effect describes becomes a law, is told by a formula, and brings unseen scenes nearer."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.discover.add import Added, add_effects, in_place
+from jaxsim.discover.covariates import CURVES, with_basis
+from jaxsim.discover.find import Place
+from jaxsim.discover.law import closed_law
+from jaxsim.discover.learn import Form, form_of
+from jaxsim.discover.name.candidates import rank_effects
+from jaxsim.discover.name.select import refitted
+from jaxsim.discover.read import NOTHING_YET, Comparison, Division
+from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
+from jaxsim.discover.show import judge
+from jaxsim.discover.workflow import find_dependences
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
+from tests.discover.toy import toy
+
+FRAMES = 12
+SIZE = 0.15
+
+
+def wave(azimuth):
+    return SIZE * np.sin(2 * azimuth + 0.5)
+
+
+@pytest.fixture(scope="module")
+def division(standard_promotion):
+    scan, measured = toy(FRAMES)
+    light = measured.intensity * np.exp(wave(np.asarray(scan.grid.azimuth_rad)))
+    names = tuple(f"frame {k}" for k in range(FRAMES))
+    measured = replace(measured, intensity=np.clip(light, 0, 1).astype(np.float32))
+    return Division.of(Comparison(scan, measured, names, names))
+
+
+@pytest.fixture(scope="module")
+def null(division):
+    return find_dependences(division).null
+
+
+@pytest.fixture(scope="module")
+def form(null):
+    place = Place("intensity", "azimuth", 0.01, 0.1, 50.0)
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    return Form.of(null, place, curve)
+
+
+@pytest.fixture(scope="module")
+def added(null, form) -> Added:
+    return add_effects(null, [], known=NOTHING_YET, form=form)
+
+
+def test_the_law_is_what_was_hidden_within_its_band(added):
+    law = added.learned.learned
+    assert (law.channel, law.kind, law.covariates) == ("intensity", "periodic", ("azimuth",))
+    off = np.array(law.values) - wave(np.array(law.knots[0]))
+    # The overall gain is another's to say.
+    off -= off.mean()
+    assert np.abs(off).max() < 0.05
+    assert np.mean(np.abs(off) < 3 * np.array(law.sd)) > 0.7
+    assert added.sensor == SensorModel(learned=(law,))
+
+
+def test_its_formula_is_a_sine_of_its_period(added):
+    law = closed_law(added.learned)
+    assert law
+    assert law.parameters["period"].value == pytest.approx(np.pi, rel=0.03)
+    assert law.parameters["size"].value == pytest.approx(SIZE, rel=0.2)
+    assert law.covariates == ("azimuth",)
+
+
+def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(division, null, added):
+    noise = refitted(in_place(null, added.chain)).noise
+    shown = judge(division, null, added.chain, noise=noise)
+    gap = shown.gap["intensity"]
+    assert gap.gained
+    assert gap.gained.low > 0
+    assert gap.after < gap.before
+    again = find_dependences(division, added.sensor)
+    assert again.null.loss < null.loss - 50
+    assert not [place for place in again.where if place.covariate == "azimuth" and place.channel == "intensity"]
+
+
+def test_the_law_that_is_fitted_is_the_one_that_is_saved(division, null, form, added):
+    fitted = in_place(null, added.chain, simulated=True).ev.rays
+    applied = added.sensor.apply(null.ev.rays, division.scan)
+    np.testing.assert_allclose(np.asarray(fitted.log_intensity), np.asarray(applied.log_intensity), atol=1e-5)
+    assert form.law == form.law
+    assert form.law != replace(form, basis=2 * form.basis).law
+
+
+def test_a_law_of_few_values_has_its_parabolas_numbers_and_a_knot_a_value(null):
+    place = Place("intensity", "speed", 0.01, 0.1, 50.0)
+    [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null=null.null_fits)
+    form = Form.of(null, place, curve)
+    assert form.bare.kind == "curve"
+    speeds = np.unique(np.asarray(null.ev.rays.speed_mps))
+    np.testing.assert_allclose(form.bare.knots[0], speeds)
+    assert form.basis.shape == (len(speeds), 3)
+
+
+def test_classes_have_no_formula(added):
+    table = Learned("intensity", "table", ("class",), ((7.0, 11.0),), (0.1, 0.2), (0.0, 0.0))
+    assert closed_law(replace(added.learned, learned=table, without=added.learned.without[:, :2])) is None
+
+
+def test_a_known_law_of_what_the_frames_do_not_hold_is_refused(division):
+    law = Learned("intensity", "curve", ("rgb",), ((0.0, 1.0),), (0.1, 0.2), (0.0, 0.0))
+    with pytest.raises(ValueError, match="learned along rgb needs the frames' rgb"):
+        find_dependences(division, SensorModel(learned=(law,)))
+
+
+def test_the_jackknife_knows_the_scatter_of_a_mean():
+    each = np.random.default_rng(0).normal(0, 1, (12, 200))
+    without = (each.sum(0) - each) / 11
+    np.testing.assert_allclose(jackknife_sd(without), each.std(0, ddof=1) / np.sqrt(12))
+    np.testing.assert_allclose(jackknife_sd(without) * student_reach(12), fold_half_width(without))
+
+
+def test_a_drop_law_begins_where_its_curve_ended(null):
+    law = Form(
+        Learned("drop", "curve", ("azimuth",), ((-1.0, 1.0),), (0.0, 0.0), (0.0, 0.0)),
+        np.eye(2, dtype=np.float32),
+        np.array([0.1, 0.3]),
+    ).law
+    after = law.apply({"height": jnp.asarray([0.1, 0.3], jnp.float32)}, null.ev.rays)
+    lost = 1 - np.exp(np.asarray(after.log_keep))[np.asarray(null.ev.rays.hit)]
+    assert 0.1 - 1e-5 <= lost.min() <= lost.max() <= 0.3 + 1e-5
+
+
+def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
+    scan, measured = toy(FRAMES)
+    # Along the azimuth alone only the mean of the speeds shows.
+    shape = np.sin(np.asarray(scan.grid.azimuth_rad)) * np.asarray(scan.speed_mps)[:, None, None]
+    light = np.clip(measured.intensity * np.exp(0.03 * shape), 0, 1).astype(np.float32)
+    names = tuple(f"frame {k}" for k in range(FRAMES))
+    null = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).null
+    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    assert form_of(null, place, curve).bare.kind == "periodic"
+    form = form_of(null, place, curve, pairs=[pair])
+    assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
+    fitted = add_effects(null, [], known=NOTHING_YET, form=form).learned
+    assert fitted
+    law = fitted.learned
+    truth = 0.03 * np.sin(law.knots[0])[:, None] * np.asarray(law.knots[1])
+    assert np.corrcoef(np.ravel(truth), law.values)[0, 1] > 0.95
+
+
+def test_a_pair_that_says_no_more_stays_a_curve(null):
+    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
+    assert form_of(null, place, curve, pairs=[pair]).bare.kind == "periodic"

@@ -1,0 +1,137 @@
+"""Learned laws: what they do to rays, what they refuse, and their file."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.discover.covariates import COVARIATES
+from jaxsim.effects import all_rays
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import READ, TABLES, Learned, kind_of
+from tests.effects.streets import clutter_of_everything
+
+WAVE = Learned("intensity", "curve", ("azimuth",), ((-0.5, 0.0, 0.4),), (0.1, -0.2, 0.3), (0.01, 0.02, 0.03))
+BEAMS = Learned("range", "table", ("row",), ((0.0, 1.0, 3.0),), (0.05, -0.1, 0.2), (0.0,) * 3)
+PRODUCT = Learned(
+    "drop", "product", ("range", "incidence"), ((1.0, 3.0), (0.2, 0.5, 1.0)), (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), (0.0,) * 6
+)
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return clutter_of_everything()
+
+
+@pytest.fixture(scope="module")
+def rays(scan):
+    return jax.jit(all_rays)(scan)
+
+
+@pytest.mark.parametrize("name", sorted(READ))
+def test_a_covariate_is_read_as_discover_compares_it(rays, name):
+    np.testing.assert_allclose(
+        np.asarray(READ[name](rays)), COVARIATES[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
+    )
+    assert set(READ) == set(COVARIATES)
+
+
+def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):
+    x, hit = np.asarray(rays.azimuth_rad, float), np.asarray(rays.hit)
+    after = WAVE.apply(rays)
+    change = np.asarray(after.log_intensity - rays.log_intensity)
+    assert x.min() < -0.5
+    assert x.max() > 0.4
+    np.testing.assert_allclose(change[hit], np.interp(x, WAVE.knots[0], WAVE.values)[hit], atol=1e-5)
+    assert not change[~hit].any()
+    # Light is lost before it is measured: the power falls with it.
+    np.testing.assert_allclose(np.asarray(after.log_power - rays.log_power), change, atol=1e-5)
+
+
+def test_a_table_leaves_beams_that_it_does_not_hold(rays):
+    hit = np.asarray(rays.hit)
+    change = np.asarray(BEAMS.apply(rays).reading_m - rays.reading_m)
+    wanted = np.array([0.05, -0.1, 0.0, 0.2, 0.0])[np.asarray(rays.row)]
+    np.testing.assert_allclose(change[hit], wanted[hit], atol=1e-5)
+
+
+def test_a_periodic_law_goes_on_across_the_end_of_the_turn(rays):
+    knots = tuple(np.linspace(-3.0, 3.0, 12).tolist())
+    assert kind_of("azimuth", knots) == "periodic"
+    assert kind_of("azimuth", knots[:6]) == kind_of("range", knots) == "curve"
+    assert all(kind_of(name, (0.0, 1.0)) == "table" for name in TABLES)
+    law = Learned("intensity", "periodic", ("azimuth",), (knots,), (0.0, *(0.5,) * 10, 1.0), (0.0,) * 12)
+    behind = replace(rays, azimuth_rad=jnp.full_like(rays.azimuth_rad, jnp.pi))
+    hit = np.asarray(rays.hit)
+    np.testing.assert_allclose(np.asarray(law.height(behind))[hit], 0.5, atol=1e-4)
+
+
+def test_a_product_is_bilinear_in_its_two_covariates(rays):
+    hit = np.asarray(rays.hit)
+    x = np.clip(np.log(np.maximum(np.asarray(rays.range_m, float), 0.5)), 1.0, 3.0)
+    y = np.asarray(rays.incidence_rad, float)
+    table = np.reshape(PRODUCT.values, (2, 3))
+    low, high = (np.interp(y, PRODUCT.knots[1], row) for row in table)
+    wanted = low + (x - 1) / 2 * (high - low)
+    np.testing.assert_allclose(np.exp(np.asarray(PRODUCT.apply(rays).log_keep))[hit], 1 - wanted[hit], atol=1e-5)
+
+
+def test_learned_laws_go_through_sensor_json_exactly(tmp_path):
+    r = np.random.default_rng(0)
+    knots = tuple(np.sort(r.normal(size=20)).tolist())
+    law = Learned("intensity", "curve", ("hue",), (knots,), *(tuple(r.uniform(0, 1, 20).tolist()) for _ in range(2)))
+    model = SensorModel((("beam_gain", {"gain": 0.1}),), {"range_noise": 0.01}, (law, BEAMS, PRODUCT))
+    model.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json", rows=5) == model
+    assert all(a < b for a, b in pairwise(model.learned[0].knots[0]))
+
+
+def test_a_sensor_model_applies_them_after_its_effects(scan, rays):
+    effects = (("gamma_response", {"gamma": 0.5}),)
+    both = SensorModel(effects, learned=(WAVE,)).apply(rays, scan)
+    wanted = WAVE.apply(SensorModel(effects).apply(rays, scan))
+    np.testing.assert_array_equal(np.asarray(both.log_intensity), np.asarray(wanted.log_intensity))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"channel": "colour"}, "channel 'colour' is not known; known are intensity"),
+        ({"kind": "spline"}, "kind 'spline' is not known; known are curve"),
+        ({"covariates": ("mood",)}, "covariate 'mood' is not known; known are range"),
+        ({"kind": "product"}, "a product has 2 covariates"),
+        ({"knots": ((0.0, 0.0, 1.0),)}, "knots of azimuth must be two or more finite numbers that rise"),
+        ({"values": (0.1, 0.2)}, "2 values and 3 sd came for 3 knots"),
+        ({"values": (0.1, 0.2, 9.0)}, "values must lie within -2 and 2 nats"),
+        ({"values": (0.1, 0.2, float("nan"))}, "values must lie within"),
+        ({"sd": (0.1, -0.2, 0.1)}, "sd must be finite and not negative"),
+    ],
+)
+def test_what_cannot_be_right_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(WAVE, **change)
+
+
+@pytest.mark.parametrize("content", ['[{"channel": "intensity"}]', "3", "[3]"])
+def test_a_file_that_holds_no_law_is_refused(tmp_path, content):
+    (tmp_path / "sensor.json").write_text(f'{{"effects": [], "learned": {content}}}')
+    with pytest.raises(ValueError, match=r"sensor\.json"):
+        SensorModel.load(tmp_path / "sensor.json")
+
+
+def test_a_law_of_more_beams_than_the_sensor_has_is_refused(tmp_path):
+    SensorModel(learned=(BEAMS,)).save(tmp_path / "sensor.json")
+    with pytest.raises(ValueError, match="was learned of 4 beams or more; the sensor has 3"):
+        SensorModel.load(tmp_path / "sensor.json", rows=3)
+
+
+def test_a_law_of_what_frames_do_not_hold_is_refused(scan):
+    law = replace(WAVE, covariates=("hue",))
+    with pytest.raises(ValueError, match="learned along hue needs the frames' rgb, which these do not hold"):
+        law.check(replace(scan, rgb=jnp.zeros_like(scan.rgb)))
+    with pytest.raises(ValueError, match="needs the frames' speed"):
+        replace(WAVE, covariates=("speed",)).check_known({"speed": False})
+    WAVE.check(replace(scan, rgb=jnp.zeros_like(scan.rgb)))
