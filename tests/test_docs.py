@@ -73,11 +73,33 @@ def test_every_command_exists(page):
 
 @pytest.mark.parametrize("page", TODAY, ids=names(TODAY))
 def test_every_file_and_module_of_the_code_that_is_named_exists(page):
-    code = re.findall(r"`([^`\s]+)`", prose(page))
+    assert not lost_names(prose(page))
+
+
+def test_what_moved_is_where_the_changelog_says():
+    """The last column of its tables; the others name what is no more."""
+    rows = re.findall(r"^\|.*\| (.*) \|$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert any("jaxsim.runs.run" in row for row in rows)
+    assert not lost_names("\n".join(rows))
+
+
+@pytest.mark.parametrize("folder", ["jaxsim", "benchmarks", "configs", "tests"])
+def test_every_file_that_the_code_names_exists(folder):
+    """In docstrings and comments; examples of files to be written are CONTRIBUTING's."""
+    examples = set(re.findall(r"^# (jaxsim/\S+\.py)$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE))
+    files = sorted((ROOT / folder).rglob("*.py"))
+    named = [(path, name) for path in files for name in re.findall(r"(?<![\w/.])jaxsim/[\w/]+\.py\b", path.read_text())]
+    assert not [(str(path), name) for path, name in named if name not in examples and not (ROOT / name).exists()]
+
+
+def lost_names(text: str) -> list[str]:
+    """Files and modules of ours in backticks that are not there."""
+    code = re.findall(r"`([^`\s]+)`", text)
     files = [name for name in code if re.fullmatch(r"(jaxsim|tests|benchmarks|configs)/[\w/.]+", name)]
     modules = [name for name in code if re.fullmatch(r"jaxsim(\.[a-z_0-9]+)+", name)]
-    assert not [name for name in files if not (ROOT / name).exists()]
-    assert not [name for name in modules if not is_module_or_member(name)]
+    return [name for name in files if not (ROOT / name).exists()] + [
+        name for name in modules if not is_module_or_member(name)
+    ]
 
 
 def is_module_or_member(name: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -10,24 +10,15 @@ from typing import Annotated
 import tyro
 from tyro.conf import UseAppendAction
 
-from jaxsim.cli.source import SAME, Source, frames_folder
+from jaxsim.cli.sides import NOT_UNPAIRED, refuse_with_unpaired, sides
+from jaxsim.cli.source import SAME, Source
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.simulate.frames import write_pairs
-from jaxsim.simulate.sensor import load
 
 say = partial(print, flush=True)
-NOT_UNPAIRED = {
-    "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
-    "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
-    "effects_from": "which tells effects of the catalogue alone; leave it out",
-    "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "
-    "(`jaxsim simulate --effects`)",
-}
-"""Flags that do not go with --unpaired, and why."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +69,11 @@ class Discover:
     can be told; the answer lists the others. Needs eight drives on each side."""
 
     def __call__(self) -> None:
-        for flag, why in NOT_UNPAIRED.items():
-            if self.unpaired and getattr(self, flag):
-                name = "a run" if flag == "run" else f"--{flag.replace('_', '-')}"
-                raise ValueError(f"discover: {name} came with --unpaired, {why}")
+        if self.unpaired:
+            refuse_with_unpaired({name: getattr(self, name) for name in NOT_UNPAIRED})
         known_effects(self.effects_from)
-        simulated, measured = self.sides()
+        given = {"simulated": self.simulated, "measured": self.measured}
+        simulated, measured = sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
         say(f"reading {simulated} and {measured}")
         if self.unpaired:
             result = discover_unpaired(simulated=simulated, measured=measured, log=say)
@@ -96,22 +86,3 @@ class Discover:
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
-
-    def sides(self) -> tuple[Path, Path]:
-        """The simulated and the measured folder: those that were given, or those of a run, made here.
-
-        Raises ValueError where one is missing, and for flags that do not go together.
-        """
-        if self.run:
-            if self.measured or self.simulated:
-                raise ValueError(
-                    "discover: a run and --measured or --simulated were given; a run is held against the scans of its "
-                    "data set (--data.kind, --data.root): give one or the other"
-                )
-            sensor = load(self.run)
-            dataset, positions = self.data.open(sensor.run.experiment.data, frames=self.frames)
-            return write_pairs(sensor, dataset, positions, out=self.out, say=say)
-        of_runs = [f"data.{field.name}" for field in fields(Source) if getattr(self.data, field.name) != field.default]
-        for flag in [*of_runs, *["frames"] * bool(self.frames)]:
-            raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
-        return frames_folder("--simulated", self.simulated), frames_folder("--measured", self.measured)

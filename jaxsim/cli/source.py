@@ -69,18 +69,6 @@ SYNTHETIC = Source("synthetic")
 """Defaults: the run's own data set, and the embedded world."""
 
 
-def frames_folder(flag: str, folder: Path | None) -> Path:
-    """The folder of polar frames that a flag of `jaxsim discover` names. Raises ValueError where it is none."""
-    if folder is None:
-        raise ValueError(f"discover: {flag} is missing; give --measured and --simulated, or a trained run")
-    if not folder.is_dir():
-        raise ValueError(
-            f"discover: {flag} {folder} is no folder; give one that holds grid.json and a NAME.npz a frame "
-            "(jaxsim discover --help)"
-        )
-    return folder
-
-
 def in_new_spelling(words: Sequence[str], flags: Any) -> list[str]:
     """The words of a command line, with flags that were called otherwise in earlier versions under their names of
     today; a first word that is no flag, where `flags` has no place for it, is the kind of data set."""

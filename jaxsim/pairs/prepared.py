@@ -16,7 +16,6 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-import jaxsim
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, pair_settings, record_of
 from jaxsim.devices import wait
@@ -28,7 +27,7 @@ from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
 
 def _code() -> bytes:
     """All code that preparation runs: pairs made by other code are not these pairs."""
-    root = Path(jaxsim.__file__).parent
+    root = Path(__file__).parents[1]
     files = [p for part in ("data", "geometry", "prepare") for p in sorted((root / part).rglob("*.py"))]
     return b"".join(path.read_bytes() for path in [*files, root / "frame.py"])
 
