@@ -21,6 +21,7 @@ from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.repeats import examine, outside
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -83,13 +84,19 @@ def discover(
     log("judging on unseen scenes")
     shown = show_gap(division, null, answer.choice, added=added, known=known)
 
-    levels = compare_levels(comparison)
+    # Repeat: what is fixed in the sensor shows in every scene at the same rows and columns.
+    log("looking for what repeats")
     choice = answer.choice
+    noise = choice.problem.noise
+    repeats = examine(division, comparison.scenes, null, added.chain, noise=noise, known=known)
+    nothing_named = answer.verdict == "none"
+
+    levels = compare_levels(comparison)
     verdict = Verdict(
-        verdict=answer.verdict,
+        verdict="not_in_catalogue" if nothing_named and repeats else answer.verdict,
         effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
         where=dependences.where,
-        unexplained=answer.unexplained,
+        unexplained=outside(repeats) if nothing_named else answer.unexplained,
         gap=shown.gap,
         closure=shown.closure,
         find=parts.find,
@@ -101,6 +108,7 @@ def discover(
         ranking=ranking(choice, why_not, bar=choice.bars.effect),
         nulls=answer.nulls,
         levels=levels,
+        repeats=repeats,
         notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
     )
     grid = comparison.scan.grid

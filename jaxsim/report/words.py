@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.verdict import Interval, Unexplained, Verdict
+from jaxsim.discover.verdict import Interval, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
 Line = Float[np.ndarray, " k"]
@@ -136,6 +136,8 @@ def verdict_sentence(verdict: Verdict) -> str:
         return lacks + _closed(verdict) + "." + _choice(verdict)
     if verdict.verdict == "not_in_catalogue":
         rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
+        if verdict.repeats and verdict.unexplained and verdict.repeats[0].formula == verdict.unexplained.formula:
+            rest = f": {repeated(verdict.repeats[0])}"
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict)
     return (
@@ -175,6 +177,17 @@ def _choice(verdict: Verdict) -> str:
     """Look-alikes, if the data leave any."""
     parts = [f"{e.name} from {listed(e.look_alikes, 'or')}" for e in verdict.effects if e.look_alikes]
     return f" These data cannot tell {listed(parts, 'nor')}." if parts else ""
+
+
+def repeated(one: Repeat) -> str:
+    """What comes back in every scene, where, and how large."""
+    size = f"{number(one.size.value)} {one.size.unit}"
+    period = "" if one.period is None else f", period {number(one.period)} {_counted(one.along)}"
+    return f"{one.channel} off by {size} in every scene at the same {_counted(one.along)} ({one.place}{period})"
+
+
+def _counted(along: str) -> str:
+    return {"row": "rows", "column": "columns"}.get(along, "rows and columns")
 
 
 def dependence(left: Unexplained) -> str:
