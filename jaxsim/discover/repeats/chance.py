@@ -67,9 +67,16 @@ def of_maps(
     if spread <= 0:
         return Agreement(np.zeros(1), np.zeros(len(signs)), np.zeros(1))
     by_chance = ((signs @ pairs) * signs).sum(1) / 2 / spread
+    observed = np.array([pairs.sum() / 2 / spread])
     squares = (sums**2).sum(0)
     gain = np.where(information > 0, (sums.sum(0) ** 2 - squares) / np.maximum(information, 1e-12), 0)
-    return Agreement(np.array([pairs.sum() / 2 / spread]), by_chance, np.array([gain.sum()]))
+    return Agreement(_as_one(observed, len(sums)), _as_one(by_chance, len(sums)), np.array([gain.sum()]))
+
+
+def _as_one(pairwise: Float[np.ndarray, " f"], scenes: int) -> Float[np.ndarray, " f"]:
+    """Strength of pairs on the scale of patterns: of scenes all alike both are the same under any signs. Otherwise a
+    scene's change of sign would leave pairs stronger than any single pattern can be."""
+    return np.sqrt(2 * np.maximum(1 + pairwise * np.sqrt(2 * (scenes - 1) / scenes), 0))
 
 
 def alike(sums: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n n"]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.noise import DEGREES
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.model.residuals import spread
 
@@ -60,27 +61,41 @@ def maps_of(
         flat = np.where(np.isfinite(values), values, 0).ravel()
         return np.bincount(cell, flat, minlength=int(np.prod(shape))).reshape(shape)
 
-    p = np.asarray(spread(ev, problem.noise)[2], np.float64)
+    sd_i, sd_r, p = (np.asarray(one, np.float64) for one in spread(ev, problem.noise))
     hit = np.asarray(ev.rays.hit)
     weight_i = np.asarray(eq.intensity, np.float64)
     weight_r = np.asarray(eq.range_, np.float64)
     weight_d = np.where(hit, 1 / (p * (1 - p) + COIN), 0)
     off_i, off_r = (np.asarray(off, np.float64) for off in conditional_residuals(ev, eq, blocks))
 
-    def left_of(channel: int, weight: np.ndarray) -> Callable[[Pattern], Sums]:
+    def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[Pattern], Sums]:
+        steeper = 1 - robust_slope(weight, variance)
+
+        def only(made: np.ndarray) -> np.ndarray:
+            shift = jnp.asarray(made, jnp.float32)
+            alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
+            return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
+
         def left(pattern: Pattern) -> Sums:
-            made = jnp.asarray(SMALL * pattern[row, column], jnp.float32)
-            only = replace(ev, log_intensity=ev.rays.log_intensity + made, range_m=ev.rays.reading_m + made)
-            off = conditional_residuals(only, eq, blocks)[channel]
-            return summed(weight * np.asarray(off, np.float64) / SMALL)
+            made = SMALL * pattern[row, column]
+            # What stays of it in the residuals makes weights smaller, on the side to which it points.
+            return summed(weight * only(made - steeper * only(made)) / SMALL)
 
         return left
 
     lost = ~np.asarray(ev.returned) - p
     return {
-        "intensity": Maps(summed(weight_i), summed(weight_i * off_i), left_of(0, weight_i)),
-        "range": Maps(summed(weight_r), summed(weight_r * off_r), left_of(1, weight_r)),
+        "intensity": Maps(summed(weight_i), summed(weight_i * off_i), left_of(0, weight_i, sd_i**2)),
+        "range": Maps(summed(weight_r), summed(weight_r * off_r), left_of(1, weight_r, sd_r**2)),
         "drop": Maps(
             summed(weight_d), summed(weight_d * lost), lambda pattern: summed(weight_d * pattern[row, column])
         ),
     }
+
+
+def robust_slope(weight: np.ndarray, variance: np.ndarray) -> float:
+    """By how much a small shift of all residuals changes weight times residual, over the weight: less than 1, since a
+    Student-t's weight (DEGREES + 1) / (DEGREES + z^2) / variance falls with the residual."""
+    share = weight * np.broadcast_to(variance, weight.shape)
+    slope = 2 * DEGREES / (DEGREES + 1) * share - 1
+    return float((weight * slope).sum() / max(weight.sum(), 1e-12))
