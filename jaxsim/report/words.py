@@ -133,7 +133,8 @@ def verdict_sentence(verdict: Verdict) -> str:
     named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
     lacks = f"The simulation lacks {listed(named)}" if named else ""
     if verdict.verdict == "named":
-        return lacks + _closed(verdict) + "." + _choice(verdict)
+        besides = f" Besides, {repeated(verdict.repeats[0])}." if verdict.repeats else ""
+        return lacks + _closed(verdict) + "." + _choice(verdict) + besides
     if verdict.verdict == "not_in_catalogue":
         rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
         if verdict.repeats and verdict.unexplained and verdict.repeats[0].formula == verdict.unexplained.formula:
