@@ -133,6 +133,25 @@ class Rules:
     """Held-out nats that each node of a closed formula must gain."""
     law_least_share: float = 0.5
     """Share of a learned curve's variation that a closed formula must tell."""
+    # Repeat: what comes back in sensor coordinates and no effect explains.
+    repeats_level: float = 0.02
+    """Of the sign flips over find scenes, over all scales, places and channels: one null in fifty ..."""
+    repeats_judge_level: float = 0.05
+    """... and of those over judge scenes, of the pattern that was found; of few scenes all must agree."""
+    repeats_rays: int = 300_000
+    """Rays that are looked at: more than a fit takes, or scenes would rarely show the same columns."""
+    repeats_bins: int = 32
+    """Groups of columns that are looked at as places, as many as a residual map shows."""
+    repeats_tried: int = 8
+    """Patterns looked for, each on top of the ones before."""
+    repeats_least_nats: float = 0.02
+    """Height below which a pattern of ln I does not count ..."""
+    repeats_least_m: float = 0.005
+    """... one of the range, m ..."""
+    repeats_least_lost: float = 0.005
+    """... and one of the share of rays lost: streets resemble each other, and so a little of nuisances repeats."""
+    repeats_one_pattern: float = 0.5
+    """Share of what scenes' maps have in common that one pattern must explain to be told in place of all."""
 
     shape_price: float = 0.1
     """Each number of a curve's shape (line, step, wave) counts like this share of what the shape leaves unexplained."""

@@ -74,6 +74,30 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
+class Repeat:
+    """A pattern in sensor coordinates that comes back in find and judge scenes, the named effects in place."""
+
+    channel: str
+    scale: str
+    """row, column, cell, parity or wave; `any row`, `any column`, `any cell` where scenes' maps resemble each other
+    without a simple pattern."""
+    along: str
+    """row, column, or row x column."""
+    place: str
+    """In words: which rows and columns, or how many periods over the image."""
+    period: float | None
+    """Of a wave or parity: columns, or rows where it runs along these alone."""
+    formula: str
+    size: Interval
+    """Height of the pattern in find and judge scenes: nats of ln I, m, share of rays lost; of parities the difference
+    between odd and even; of `any ...` the root mean square."""
+    p_value: float
+    """On find scenes, of all scales, places and channels together."""
+    p_judge: float
+    """On judge scenes, of this pattern."""
+
+
+@dataclass(frozen=True)
 class Gained:
     """Log-likelihood that one channel of unseen scenes gains by the effects, nats per scene."""
 
@@ -227,6 +251,8 @@ class Verdict:
     """What no effect describes, as it was added to the sensor model."""
     law: ClosedLaw | None = None
     """A formula for it."""
+    repeats: tuple[Repeat, ...] = ()
+    """What repeats in sensor coordinates and no named effect explains, most certain first."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -253,6 +279,7 @@ class Verdict:
             "own": [_plain(one) for one in self.own],
             "learned": [_plain(law) for law in self.learned],
             "law": _plain(self.law),
+            "repeats": [_plain(one) for one in self.repeats],
             "notes": list(self.notes),
         }
 

@@ -24,6 +24,7 @@ from jaxsim.discover.model.residuals import standardised
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
+from jaxsim.discover.repeats import examine
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -95,6 +96,12 @@ def discover(
     log("judging on unseen scenes")
     shown = show_gap(division, null, choice, added=added, known=known)
 
+    # Repeat: what is fixed in the sensor shows in every scene at the same rows and columns. Said, and not decided on:
+    # how often nulls show something that repeats is not measured yet.
+    log("looking for what repeats")
+    noise = choice.problem.noise
+    repeats = examine(division, comparison.scenes, null, added.chain, noise=noise, known=known)
+
     levels = compare_levels(comparison)
     verdict = Verdict(
         verdict=answer.verdict,
@@ -115,6 +122,7 @@ def discover(
         own=own_candidates(choice),
         learned=(added.learned.learned,) if added.learned else (),
         law=closed_law(added.learned) if added.learned else None,
+        repeats=repeats,
         notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
     )
     grid = comparison.scan.grid

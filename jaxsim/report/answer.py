@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from jaxsim.discover.covariates import CATEGORICAL
-from jaxsim.discover.verdict import Interval, Named, Rank, Unexplained
+from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
 from jaxsim.effects import EFFECTS, Parameter
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
@@ -106,6 +106,34 @@ def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> str:
         why = others[0].why_not or "no reason was recorded"
         loser = paragraph(f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}.")
     return section("Why this answer", paragraph(words) + table(heads, rows, text=2, last_text=True) + loser)
+
+
+def repeats(found: Sequence[Repeat]) -> str:
+    """What comes back at the same rows and columns in every scene, the named effects in place."""
+    if not found:
+        return ""
+    rows = [
+        [
+            escape(one.channel),
+            escape(one.place),
+            f"<code>{escape(one.formula)}</code>",
+            number(one.period),
+            number(one.size.value),
+            span(one.size),
+            escape(one.size.unit),
+            escape(probability(one.p_value)),
+            escape(probability(one.p_judge)),
+        ]
+        for one in found
+    ]
+    words = (
+        "Patterns in sensor coordinates that no named effect explains: at the same rows or columns in every scene, "
+        "found on the scenes to find with and seen again on those to judge on. p: that chance makes scenes agree so "
+        "well on any pattern of any scale and channel (signs of whole scenes); beside it, that judge scenes agree by "
+        "chance on this one. Period: columns, or rows for what runs along rows alone."
+    )
+    heads = ["channel", "where", "pattern", "period", "size", "90 % interval", "unit", "p", "p, judge scenes"]
+    return section("What repeats in every scene", paragraph(words) + table(heads, rows, text=3))
 
 
 def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import replacing
-from jaxsim.report.answer import named_effects, ranking, unexplained
+from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, levels, maps, moved, where
@@ -56,6 +56,7 @@ def write_report(folder: Path, result: Result) -> Path:
             named_effects(verdict.effects, draw),
             own_effects(verdict.own),
             learned(verdict, draw),
+            repeats(verdict.repeats),
             where(verdict.where),
             maps(result, draw),
             curves(result.curves, draw),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.verdict import Interval, Unexplained, Verdict
+from jaxsim.discover.verdict import Interval, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
 Line = Float[np.ndarray, " k"]
@@ -132,15 +132,16 @@ def verdict_sentence(verdict: Verdict) -> str:
     """The answer in one plain sentence, or two where the data leave a choice."""
     named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
     lacks = f"The simulation lacks {listed(named)}" if named else ""
+    besides = f" Besides, {repeated(verdict.repeats[0])}." if verdict.repeats else ""
     if verdict.verdict == "named":
-        return lacks + _closed(verdict) + "." + _choice(verdict)
+        return lacks + _closed(verdict) + "." + _choice(verdict) + besides
     if verdict.verdict == "not_in_catalogue":
         rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
-        return f"{head} that is not in the catalogue{rest}." + _choice(verdict)
+        return f"{head} that is not in the catalogue{rest}." + _choice(verdict) + besides
     return (
         "No missing effect was found: nothing in the catalogue explains held-out scenes better than the null model "
-        f"by enough to be named, with {len(verdict.find)} scenes to find it in."
+        f"by enough to be named, with {len(verdict.find)} scenes to find it in.{besides}"
     )
 
 
@@ -175,6 +176,17 @@ def _choice(verdict: Verdict) -> str:
     """Look-alikes, if the data leave any."""
     parts = [f"{e.name} from {listed(e.look_alikes, 'or')}" for e in verdict.effects if e.look_alikes]
     return f" These data cannot tell {listed(parts, 'nor')}." if parts else ""
+
+
+def repeated(one: Repeat) -> str:
+    """What comes back in every scene, where, and how large."""
+    size = f"{number(one.size.value)} {one.size.unit}"
+    period = "" if one.period is None else f", period {number(one.period)} {_counted(one.along)}"
+    return f"{one.channel} off by {size} in every scene at the same {_counted(one.along)} ({one.place}{period})"
+
+
+def _counted(along: str) -> str:
+    return {"row": "rows", "column": "columns"}.get(along, "rows and columns")
 
 
 def dependence(left: Unexplained) -> str:

@@ -7,7 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Result, Unexplained, Verdict, Where
+from jaxsim.discover.verdict import (
+    CurveLine,
+    Gained,
+    Gap,
+    Interval,
+    Named,
+    Rank,
+    Repeat,
+    Result,
+    Unexplained,
+    Verdict,
+    Where,
+)
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid
 from jaxsim.report import write_report
@@ -114,3 +126,14 @@ def not_in_catalogue() -> Result:
     )
     result = none()
     return replace(result, verdict=replace(result.verdict, verdict="not_in_catalogue", unexplained=wave))
+
+
+def repeating() -> Result:
+    """A gain that ripples over the columns, and nothing else."""
+    formula = "Δ ln I ≈ 0.2·cos(2π·(16·column/384) +1)"
+    size = Interval(0.2, 0.19, 0.21, "nats")
+    ripple = Repeat(
+        "intensity", "wave", "column", "periods: 16 over the columns", 24.0, formula, size, p_value=0.001, p_judge=0.03
+    )
+    result = none()
+    return replace(result, verdict=replace(result.verdict, repeats=(ripple,)))

@@ -14,7 +14,7 @@ from tests.report import results
 from tests.report.results import page
 
 
-@pytest.mark.parametrize("make", [results.named, results.none, results.not_in_catalogue])
+@pytest.mark.parametrize("make", [results.named, results.none, results.not_in_catalogue, results.repeating])
 def test_the_page_says_the_answer_and_loads_nothing_from_elsewhere(tmp_path: Path, make):
     result = make()
     text = page(tmp_path, result)

@@ -46,3 +46,15 @@ def test_shares_names_and_noise_are_written_as_people_read_them():
     assert nuisance("drop", 0.0) == "50.0 %"
     assert nuisance("range_", 0.0) == "1.00 m"
     assert nuisance("reflectance of class 7", 0.5) == "0.500"
+
+
+def test_what_repeats_is_in_the_sentence():
+    ripple = (
+        "intensity off by 0.200 nats in every scene at the same columns (periods: 16 over the columns, "
+        "period 24.0 columns)."
+    )
+    found = results.repeating().verdict
+    assert verdict_sentence(found).startswith("No missing effect was found")
+    assert verdict_sentence(found).endswith(f"Besides, {ripple}")
+    named = replace(results.named().verdict, repeats=found.repeats)
+    assert verdict_sentence(named).endswith(f"Besides, {ripple}")

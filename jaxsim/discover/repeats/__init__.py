@@ -1,0 +1,21 @@
+"""What repeats in sensor coordinates: residuals that come back in every scene at the same rows or columns.
+
+Whatever is fixed in the sensor shows there, whatever its law; where no effect of the catalogue explains it, an answer
+may not be *none*. Letters: n scenes, r rows, c columns, k places or periods of a scale.
+
+    examine        a comparison's repeats, once what was named is in place (`examine`)
+    Maps           a channel's residuals, summed by scene on the polar grid (`maps`)
+    maps_of        those of a fitted problem
+    scales         the places and periods at which they are looked at (`scales`)
+    find_repeats   what repeats on find scenes by chance of `Rules.repeats_level` and holds on judge scenes (`find`)
+
+Of a mixed model with covariance V, V^-1 (y - X b) is R^-1 times the residual that is left once levels and poses are
+taken out. So sums of weight times residual are the efficient score of a pattern, though levels of strips take up most
+of what differs between columns; the size follows from what the same levels leave of a made pattern (`Maps.left`).
+"""
+
+from jaxsim.discover.repeats.examine import examine
+from jaxsim.discover.repeats.find import find_repeats
+from jaxsim.discover.repeats.maps import Maps, maps_of
+
+__all__ = ["Maps", "examine", "find_repeats", "maps_of"]

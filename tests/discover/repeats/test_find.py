@@ -1,0 +1,79 @@
+"""What repeats is found at its scale, with its place, period and size; what does not is not."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.repeats import find_repeats
+from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
+
+RNG = np.random.default_rng(5)
+WAVES = [
+    (0.4 * np.cos(2 * np.pi * 11 * COLUMN / COLUMNS + 1), "column", COLUMNS / 11, 0.4),
+    (0.4 * np.cos(2 * np.pi * 3.5 * ROW / ROWS), "row", ROWS / 3.5, 0.4),
+    (0.4 * np.cos(2 * np.pi * (3 * ROW / ROWS + 5 * COLUMN / COLUMNS)), "row x column", COLUMNS / 5, 0.4),
+]
+PARITIES = [(0.8 * (number % 2 - 0.5), along) for number, along in ((ROW, "row"), (COLUMN, "column"))]
+PARITIES.append((0.8 * ((ROW + COLUMN) % 2 - 0.5), "row x column"))
+PLACES = [
+    (1.0 * (ROW == 5), "row", "row 5", 1.0),
+    (1.5 * (COLUMN // 3 == 8), "column", "columns 24 to 26", 1.5),
+    (3.0 * ((ROW // 4 == 2) & (COLUMN // 3 == 8)), "cell", "rows 8 to 11, columns 24 to 26", 3.0),
+]
+ANY = [
+    (0.5 * RNG.choice([-1.0, 1.0], (ROWS, 1)) + 0 * ROW, "any row", 0.5),
+    (0.9 * RNG.choice([-1.0, 1.0], (1, COLUMNS)) + 0 * ROW, "any column", 0.9),
+    (1.0 * RNG.choice([-1.0, 1.0], (ROWS, COLUMNS)), "any cell", 1.0),
+]
+
+
+def first(pattern):
+    found = find_repeats({"intensity": maps(1, pattern), "range": maps(2)}, FINDING, bins=32)
+    assert found, "nothing was found"
+    assert found[0].channel == "intensity"
+    assert found[0].p_value <= 0.02
+    return found[0]
+
+
+@pytest.mark.parametrize(("pattern", "along", "period", "height"), WAVES)
+def test_a_wave_is_found_with_its_period_and_size(pattern, along, period, height):
+    one = first(pattern)
+    assert (one.scale, one.along, one.period) == ("wave", along, pytest.approx(period))
+    assert one.size.low < height < one.size.high
+
+
+@pytest.mark.parametrize(("pattern", "along"), PARITIES)
+def test_odd_against_even_is_found_as_parity(pattern, along):
+    one = first(pattern)
+    assert (one.scale, one.along, one.period) == ("parity", along, 2)
+    assert one.size.value == pytest.approx(0.8, abs=0.15)
+
+
+@pytest.mark.parametrize(("pattern", "scale", "place", "height"), PLACES)
+def test_a_place_is_found_where_it_is(pattern, scale, place, height):
+    one = first(pattern)
+    assert (one.scale, one.place) == (scale, place)
+    assert one.size.value == pytest.approx(height, rel=0.25)
+
+
+@pytest.mark.parametrize(("pattern", "scale", "height"), ANY)
+def test_a_pattern_without_a_period_is_found_by_what_maps_have_in_common(pattern, scale, height):
+    one = first(pattern)
+    assert one.scale == scale
+    assert one.size.value == pytest.approx(height, rel=0.25)
+
+
+def test_a_pattern_of_find_scenes_alone_does_not_hold():
+    pattern = np.where(FINDING[:, None, None], 1, -1) * WAVES[0][0]
+    assert not find_repeats({"intensity": maps(1, pattern)}, FINDING, bins=32)
+
+
+def test_a_pattern_too_small_to_matter_is_not_told():
+    # Judged by its size in the channel's unit: the same maps of a hundredth of the noise are as certain.
+    tiny = maps(1, WAVES[0][0])
+    tiny = type(tiny)(tiny.weight * 1e4, tiny.total * 1e2, lambda pattern: tiny.weight * 1e4 * pattern)
+    assert not find_repeats({"intensity": tiny}, FINDING, bins=32)
+
+
+def test_of_made_nulls_at_most_one_in_fifty_is_answered():
+    answered = [bool(find_repeats({"intensity": maps(seed)}, FINDING, bins=32, rounds=1)) for seed in range(100, 150)]
+    assert sum(answered) <= 1

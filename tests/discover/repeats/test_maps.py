@@ -1,0 +1,50 @@
+"""Maps of a fitted problem: sums of weight times residual, and what levels leave of a pattern."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.residuals import residuals
+from jaxsim.discover.repeats.maps import maps_of, robust_slope
+from tests.discover.toy import judged_toy
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+
+
+@pytest.fixture(scope="module")
+def toy(standard_promotion):
+    problem, fitted, scene = judged_toy()
+    columns = len(np.asarray(problem.scan.grid.azimuth_rad))
+    return problem, fitted, maps_of(problem, fitted, scene, columns=columns)
+
+
+def test_each_cell_holds_its_rays(toy):
+    problem, fitted, maps = toy
+    by_channel = residuals(problem, fitted)
+    for name, weights in (("intensity", problem.equations.intensity), ("range", problem.equations.range_)):
+        shown = np.asarray(weights)[2] * by_channel[name].off[2]
+        column = np.asarray(problem.ev.rays.column)[2, :, 0]
+        np.testing.assert_allclose(maps[name].total[2][:, column], shown.T, rtol=1e-4, atol=1e-3)
+        assert not np.delete(maps[name].total[2], column, axis=1).any()
+
+
+def test_levels_of_strips_leave_less_of_columns_than_of_rows(toy):
+    maps = toy[2]["intensity"]
+    row, column = np.mgrid[: maps.total.shape[1], : maps.total.shape[2]]
+    share = [
+        (pattern * maps.left(pattern)).sum() / (maps.weight * pattern**2).sum()
+        for pattern in (1.0 - 2 * (row % 2), 1.0 - 2 * (column // 2 % 2))
+    ]
+    assert 0 < share[1] < share[0] < 1
+
+
+def test_drops_have_no_levels(toy):
+    maps = toy[2]["drop"]
+    np.testing.assert_allclose(maps.left(np.ones(maps.total.shape[1:])), maps.weight)
+
+
+def test_the_slope_is_that_of_weight_times_residual():
+    z = np.random.default_rng(0).standard_t(4, 100_000)
+    weight = 5 / (4 + z**2) / 0.01
+    shifted = (z + 1e-3) * 5 / (4 + (z + 1e-3) ** 2) / 0.01
+    numeric = (shifted - z * weight).sum() / 1e-3 / weight.sum()
+    assert robust_slope(weight, np.full(z.shape, 0.01)) == pytest.approx(numeric, abs=0.01)
