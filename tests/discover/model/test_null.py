@@ -20,8 +20,9 @@ def problem(standard_promotion):
 
 
 def test_the_null_finds_the_noise_and_the_gain_of_the_sensor(problem):
-    # A Student-t of 4 degrees that is fitted to normal noise has 0.86 of its scale, or a little less.
-    assert np.exp(problem.noise.intensity) == pytest.approx(0.85 * 0.08, rel=0.15)
+    # A Student-t of 4 degrees that is fitted to normal noise has 0.86 of its scale; levels of strips, of which each
+    # holds but a few rays here, take up another tenth or two.
+    assert 0.65 * 0.08 < np.exp(problem.noise.intensity) < 0.9 * 0.08
     assert np.exp(problem.noise.range_) == pytest.approx(0.85 * 0.02, rel=0.15)
     gain = np.asarray(gain_and_classes(problem.ev, problem.equations, jnp.ones(9)))
     np.testing.assert_allclose(gain[0] + gain[1:], np.log(1.2), atol=0.03)
