@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.files import replacing
+from jaxsim.files import array_names, check_size, parse_json, read_arrays, write_arrays
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
 ABOUT = "about"
+MOST_BYTES = 2**30
+"""Of a network: the largest that is read, pix2pixHD's generator, has 730 MB."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,10 @@ def read_state_dict(path: Path, files: tuple[str, ...] = ()) -> Arrays:
         import torch
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"convert: {path} is a PyTorch file, and PyTorch is not installed; pip install -e '.[convert]', or save "
-            "its arrays under their names in a .npz on a machine that has it"
+            f"convert: {path} is a PyTorch file, and PyTorch is not installed; pip install 'jaxsim-lidar[convert]', or "
+            "save its arrays under their names in a .npz on a machine that has it"
         ) from error
+    check_size(path, by="convert")
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds, none of its own
@@ -93,20 +95,15 @@ def _flat(content: Mapping[Any, Any], tensor: type, prefix: str = "") -> Any:
             yield from _flat(value, tensor, f"{prefix}{name}.")
 
 
-def _read_npz(path: Path) -> Arrays:
-    try:
-        with path.open("rb") as file, np.load(file) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
-        raise ValueError(
-            f"weights: {path} is no readable .npz of plain arrays ({error}); convert or copy it again"
-        ) from error
+def _read_npz(path: Path, *, summed: bool = False) -> Arrays:
+    return read_arrays(path, by="weights", again="convert or copy it again", summed=summed, most=MOST_BYTES)
 
 
 def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
     """The arrays of these names, float32; a prefix that all names share (`module.`) falls away.
 
-    Raises ValueError that says which names are missing or have another shape.
+    Raises ValueError that says which names are missing or have another shape, or hold what is no weight: text, truth
+    values, NaN.
     """
     probe = next(iter(shapes))
     prefixes = {name[: -len(probe)] for name in arrays if name.endswith(f".{probe}")}
@@ -116,6 +113,9 @@ def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
         found = arrays.get(prefix + name)
         if found is None or found.shape != shape:
             faults.append(f"{name} is {'missing' if found is None else found.shape}, not {shape}")
+        elif found.dtype.kind not in "fiu" or not np.isfinite(found).all():
+            what = found.dtype if found.dtype.kind not in "fiu" else "NaN or infinite numbers"
+            faults.append(f"{name} holds {what}, not finite numbers")
     if faults:
         more = f"; and {len(faults) - 5} more" if len(faults) > 5 else ""
         unknown = [name for name in arrays if name.removeprefix(prefix) not in shapes and name != ABOUT]
@@ -131,6 +131,9 @@ def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weig
     """
     if out.suffix != ".npz":
         raise ValueError(f"convert: --out {out} must end in .npz")
+    files = [source / name for name in converter.files] or [source]
+    if out.exists() and any(file.exists() and out.samefile(file) for file in files):
+        raise ValueError(f"convert: --out {out} is the file to convert, which would be lost; give another name")
     try:
         arrays = read_state_dict(source, converter.files)
     except ValueError as error:
@@ -141,13 +144,10 @@ def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weig
         kept = converter.convert(arrays)
     except ValueError as error:
         raise ValueError(f"convert: {source} is not {converter.title}: {error} Fetch {converter.fetch}") from error
-    files = [source / name for name in converter.files] or [source]
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     published = bool(converter.digest) and digest.startswith(converter.digest)
     about = {"kind": kind, "source": source.name, "source_sha256": digest, "published": published}
-    content: dict[str, Any] = {**kept, ABOUT: np.array(json.dumps(about))}
-    with replacing(out) as path:
-        np.savez(path, **content)
+    write_arrays(out, {**kept, ABOUT: np.array(json.dumps(about))})
     return Weights(kept, fingerprint(kept), published)
 
 
@@ -159,10 +159,10 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
     help = f"fetch {converter.fetch}, then `jaxsim convert {kind} FILE --out {kind}.npz`"
     if not path.is_file():
         raise FileNotFoundError(f"weights: no {converter.title} at {path}; {help}")
-    arrays = _read_npz(path)
+    arrays = _read_npz(path, summed=ABOUT in array_names(path, by="weights"))
     try:
-        about = json.loads(str(arrays.pop(ABOUT)))
-    except (KeyError, ValueError) as error:
+        about = dict(parse_json(str(arrays.pop(ABOUT))))
+    except (KeyError, ValueError, TypeError) as error:
         raise ValueError(f"weights: {path} was not written by `jaxsim convert`; {help}") from error
     if about.get("kind") != kind:
         raise ValueError(f"weights: {path} holds {about.get('kind')}, not {kind} ({converter.title}); {help}")
@@ -176,8 +176,8 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
 def kind_of(path: Path) -> str | None:
     """The kind of a converted file; None for other files."""
     try:
-        return json.loads(str(_read_npz(path)[ABOUT])).get("kind")
-    except (KeyError, ValueError):
+        return parse_json(str(read_arrays(path, (ABOUT,), by="weights")[ABOUT])).get("kind")
+    except (KeyError, ValueError, AttributeError):
         return None
 
 

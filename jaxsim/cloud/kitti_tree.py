@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from jaxsim.cloud.export import points_of, save_cloud
-from jaxsim.files import claim, replacing
+from jaxsim.files import claim, files_in, parse_json, replacing
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
+from jaxsim.geometry.points import check_points
 
 SUFFIXES = {"velodyne": ".bin", "calib": ".txt", "image_2": ".png", "label_2": ".txt"}
 """Folders of a frame's files; the label is written last, so that a frame that has one is whole."""
@@ -66,15 +67,7 @@ def check_cloud(cloud: Cloud, name: str) -> None:
     """Raises ValueError for a cloud that KITTI's format cannot hold."""
     if cloud.intensity is None:
         raise ValueError(f"kitti: the cloud of {name} has no intensity; write 0 for all, as depth_to_cloud does")
-    points = points_of(cloud)
-    if not len(points):
-        raise ValueError(f"kitti: the cloud of {name} holds no point; leave the frame out, or look at what made it")
-    broken = int((~np.isfinite(points).all(axis=1)).sum())
-    if broken:
-        raise ValueError(f"kitti: {broken} of {len(points)} points of {name} are not finite; leave them out")
-    low, high = points[:, 3].min(), points[:, 3].max()
-    if low < 0 or high > 1:
-        raise ValueError(f"kitti: intensity of {name} spans {low:g}..{high:g}; it must lie in 0..1 (divide by 255?)")
+    check_points(points_of(cloud), f"kitti: {name}")
 
 
 def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None = None) -> str:
@@ -186,12 +179,12 @@ class TreeRecord:
         frames: dict[str, dict[str, Any]] = {}
 
         def read(record: bytes) -> dict[str, Any]:
-            content = json.loads(record)
+            content = parse_json(record)
             frames.update(content["frames"])
-            begun = frames or any((out / "training").glob("*/*"))
-            return content["settings"] if begun else settings
+            return content["settings"] if frames or written else settings
 
-        filled = path.is_file() or any((out / "training").glob("*/*"))
+        written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIXES.items())
+        filled = path.is_file() or written
         claim(path, settings, by="export", filled=filled, read=read)
         return cls(settings, frames)
 

@@ -97,6 +97,7 @@ def sparsify(
     else:
         index, found = _scatter_last(row, column, usable, shape=shape)
     if beams is not None:
+        # Winners are chosen on all lines first: which point is nearest does not depend on the lines that are kept.
         index, found = index[..., np.array(beams), :], found[..., np.array(beams), :]
     lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
     *batch, rows, columns = index.shape

@@ -9,10 +9,11 @@ from typing import Literal
 from jaxsim.config.data import DataConfig
 from jaxsim.config.detector import DetectorExperiment
 from jaxsim.config.intensity import Experiment
+from jaxsim.config.ranges import Checked, Whole
 
 
 @dataclass(frozen=True)
-class CloudRecipe:
+class CloudRecipe(Checked):
     """How a frame's cloud is made."""
 
     source: Literal["measured", "depth", "simulated"] = "depth"
@@ -23,7 +24,7 @@ class CloudRecipe:
     """Laser lines to thin the cloud to: `64`, `32_of_64` (every second), `32_wide` (twice as far apart), `64_fine`, a
     sensor (hdl64e, hdl32e, vlp16, os1_128), a folder whose grid.json has the rows (`elevation`, rad) and columns
     (`azimuth`, rad) of any other, or `none`. Empty: `64` for a cloud of pixels, else `none`."""
-    beams: tuple[int, ...] = ()
+    beams: tuple[Whole, ...] = ()
     """Rows of the lines to keep, 0 the top; all by default. Not of `32_of_64`, which keeps rows of its own."""
     keep_zero: bool = False
     """Keep points whose predicted intensity is 0, with 0, instead of taking them for lost rays."""
@@ -39,7 +40,7 @@ CloudKind = Literal["raw_64", "raw_32", "simulated_64", "simulated_grid", "disco
 
 
 @dataclass(frozen=True)
-class LoopConfig:
+class LoopConfig(Checked):
     """Real2Sim2Real: a sensor learned from real drives, a renderer's frames seen by it, detectors trained on those
     clouds and scored on real ones."""
 
@@ -55,7 +56,7 @@ class LoopConfig:
     """The paper's "32 lines": every second of 64, or lines twice as far apart."""
     occlusion: Literal["levels", "never_visible"] = "levels"
     """Of vkitti2's labels, as in `jaxsim export`; `never_visible` leaves nothing easy, as in the paper."""
-    seeds: tuple[int, ...] = (0,)
+    seeds: tuple[Whole, ...] = (0,)
     """Of the detectors: each seed trains all of them. The sensor and its clouds are made once."""
     out: Path = Path("runs/real2sim2real")
     """Folder of everything. The same command again goes on where a killed one stopped."""

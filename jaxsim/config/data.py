@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
+
+from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
 
 DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
 InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
 
 
 @dataclass(frozen=True)
-class DataConfig:
+class DataConfig(Checked):
     """Which frames to learn from."""
 
     kind: DataKind = "synthetic"
@@ -34,7 +36,7 @@ class DataConfig:
     part that the data set names, `training` or `evaluation` of kitti_step; `training:4` is every fourth of it."""
     validation: str = "160-199"
     """Frame numbers that training never sees."""
-    seed: int = 0
+    seed: Whole = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
     streets: Literal["town", "suburb"] = "town"
     """Traffic and houses of the embedded world: two places that differ in how often what stands there."""
@@ -43,20 +45,25 @@ class DataConfig:
     cache: Path = Path(".cache/jaxsim")
     """Prepared pairs are kept here, one file a frame, so that a second run starts at once."""
 
+    @property
+    def bare(self) -> DataConfig:
+        """The settings that decide what a frame holds: which of them are used, and where results are kept, left out."""
+        return replace(self, train="", validation="", cache=Path(), root=self.root and self.root.resolve())
+
 
 @dataclass(frozen=True)
-class PrepareConfig:
+class PrepareConfig(Checked):
     """From camera and LiDAR to aligned pairs on the polar grid."""
 
     inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
     """Channels the network sees. `incidence`, `range` and `row` are not in the paper."""
-    classes: tuple[int, ...] = tuple(range(34))
+    classes: tuple[Whole, ...] = tuple(range(34))
     """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
-    image_crop: tuple[int, int] = (352, 1216)
+    image_crop: tuple[Count, Count] = (352, 1216)
     """Rows and columns of the image that are used: bottom and middle, as depth completion crops it."""
-    columns: int = 372
+    columns: Count = 372
     """Columns of the polar window that the camera sees; its rows are the laser lines inside the crop."""
-    network_size: tuple[int, int] = (64, 512)
+    network_size: tuple[Whole, Whole] = (64, 512)
     """Rows and columns the window is scaled to for the network."""
     depth: Literal["given", "ip_basic", "ip_basic_fast", "penet"] = "given"
     """Dense depth: as the frame gives it (renderers), or completed from the LiDAR points by IP-Basic: `ip_basic_fast`
@@ -70,31 +77,31 @@ class PrepareConfig:
     denoise_statistics: Literal["stored", "image"] = "image"
     """What the batch norms of `lidia` divide by: each image's own statistics, as the published scripts do, or those of
     their training, which expect more noise than a LiDAR has."""
-    denoise_gain: float = 1.0
+    denoise_gain: Positive = 1.0
     """Of `lidia`: times this contrast is shown to the network, so that the sensor's noise becomes what the weights were
     trained for: 15, 25 or 50 / 255, where KITTI's is 0.03."""
-    occlusion_m: float = 1.0
+    occlusion_m: NotNegative = 1.0
     """A cell is occluded where a camera pixel lies farther behind the cell's nearest one than this, or than a tenth of
     the nearest range if that is more, plus 1.5 times what the nearest range changes by to the next row and the next
     column. Of the changes to both neighbours the smaller counts, and none where they differ in sign, as at a pole."""
-    max_range_m: float = 120.0
+    max_range_m: NotNegative = 120.0
     """Depth and range channels are scaled by this."""
 
 
 @dataclass(frozen=True)
-class RunConfig:
+class RunConfig(Checked):
     """Where the run is kept and how often it reports."""
 
     name: str = ""
     """Folder under `out`; empty: the experiment's name."""
     out: Path = Path("runs")
-    seed: int = 2
-    log_every: int = 10
-    save_every: int = 200
+    seed: Whole = 2
+    log_every: Count = 10
+    save_every: Whole = 200
     """Steps between checkpoints; a killed run resumes from the last. 0, for a detector: an epoch."""
-    picture_every: int = 200
+    picture_every: Whole = 200
     """Steps between validation scores and pictures (input | predicted | measured). 0, for a detector: an epoch."""
-    keep: int = 2
+    keep: Count = 2
     """Checkpoints kept."""
     distributed: bool = False
     """Train together with the other processes that a launcher started (Slurm, Open MPI, Kubernetes, TPU pods; any other

@@ -7,22 +7,23 @@ from pathlib import Path
 from typing import Literal
 
 from jaxsim.config.data import DataConfig, RunConfig
+from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, Whole
 
 Part = Literal["branches", "refinement", "joint"]
 Norms = Literal["batch", "renorm", "stored"]
 
 
 @dataclass(frozen=True)
-class Stage:
+class Stage(Checked):
     """One part of the training."""
 
     part: Part
     """`branches`: ENet alone. `refinement`: DA-CSPN++, the branches' parameters as they are. `joint`: all."""
-    epochs: int
-    batch: int
-    crop: tuple[int, int]
+    epochs: Whole
+    batch: Count
+    crop: tuple[Count, Count]
     """Rows and columns of the random crop; multiples of 32."""
-    falls: tuple[tuple[int, float], ...]
+    falls: tuple[tuple[Whole, Share], ...]
     """From which epoch on the rate is which share of the first one."""
     norms: Norms = "batch"
     """What batch norms divide by: the batch's statistics, as published, where batches are large; `renorm` where they
@@ -39,31 +40,31 @@ PUBLISHED_STAGES = (
 
 
 @dataclass(frozen=True)
-class PenetConfig:
+class PenetConfig(Checked):
     """Network and optimiser."""
 
-    width: int = 32
+    width: Count = 32
     """Channels of the first layer; the published network's 32 make 131.9 million parameters."""
     stages: tuple[Stage, ...] = PUBLISHED_STAGES
-    lr: float = 1e-3
-    backbone_lr: float = 0.1
+    lr: Positive = 1e-3
+    backbone_lr: NotNegative = 0.1
     """Share of the rate that the branches get in the joint stage."""
     loss: Literal["square", "huber"] = "square"
     """Squared error, as published, or Huber's with 1 m: squared below, linear beyond. In a short training far edges,
     tens of metres off, rule the squared error, and what is near is learned last."""
-    start_m: float = 0.0
+    start_m: NotNegative = 0.0
     """Both branches begin with depths of this mean and standard deviation. The published ones begin at 0 and 1 m, from
     where a rate of 1e-3 takes thousands of updates to a street's depths: too many for a small training. Where it began
     with too small a deviation, a small training knew what is far and took all of it for 20 to 30 m."""
-    weight_decay: float = 1e-6
-    betas: tuple[float, float] = (0.9, 0.99)
+    weight_decay: NotNegative = 1e-6
+    betas: tuple[Share, Share] = (0.9, 0.99)
     flip: bool = True
-    jitter: float = 0.1
+    jitter: NotNegative = 0.1
     """Brightness, contrast and saturation change at random by up to this share."""
 
 
 @dataclass(frozen=True)
-class DepthExperiment:
+class DepthExperiment(Checked):
     """One training of a depth completion network."""
 
     data: DataConfig = field(default_factory=DataConfig)
@@ -73,7 +74,7 @@ class DepthExperiment:
     depth_validation: Path | None = None
     """Judged by instead of `val/`: `val_selection_cropped`, the 1000 selected images by which the published program
     judges (`--val select`)."""
-    image_crop: tuple[int, int] = (352, 1216)
+    image_crop: tuple[Count, Count] = (352, 1216)
     """Rows and columns of the image that are used: bottom and middle."""
     penet: PenetConfig = field(default_factory=PenetConfig)
     run: RunConfig = field(default_factory=RunConfig)

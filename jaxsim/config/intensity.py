@@ -7,77 +7,78 @@ from pathlib import Path
 from typing import Literal
 
 from jaxsim.config.data import DataConfig, PrepareConfig, RunConfig
+from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, Whole
 
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
 
 
 @dataclass(frozen=True)
-class GeneratorConfig:
+class GeneratorConfig(Checked):
     """pix2pixHD generator: global generator and local enhancers."""
 
     form: Form = "imaginaire"
     """`imaginaire`: spectral norm, learned scales in the instance norms, reflection around every convolution, and
     repeated cells before a convolution to double the size. `original`: neither norm's parameters, zeros around
     strided convolutions, transposed convolutions."""
-    filters: int = 64
+    filters: Count = 64
     """Width of the global generator's first layer; the last enhancer has filters / 2**enhancers."""
-    max_filters: int = 1024
-    downsamples: int = 4
-    blocks: int = 9
+    max_filters: Count = 1024
+    downsamples: Whole = 4
+    blocks: Whole = 9
     """Residual blocks of the global generator."""
-    enhancers: int = 1
-    enhancer_blocks: int = 3
-    out_channels: int = 1
+    enhancers: Whole = 1
+    enhancer_blocks: Whole = 3
+    out_channels: Count = 1
 
 
 @dataclass(frozen=True)
-class DiscriminatorConfig:
+class DiscriminatorConfig(Checked):
     """Multi-scale patch discriminator."""
 
     form: Form = "imaginaire"
     """`imaginaire`: 3 x 3 kernels, spectral norm, bilinear halving between scales. `original`: 4 x 4 kernels padded
     by 2, no norm in the first layer, average pooling."""
-    scales: int = 2
+    scales: Count = 2
     """Independent discriminators, each at half the size of the one before."""
-    filters: int = 64
-    max_filters: int = 512
-    layers: int = 3
+    filters: Count = 64
+    max_filters: Count = 512
+    layers: Count = 3
 
 
 @dataclass(frozen=True)
-class LossConfig:
+class LossConfig(Checked):
     """Weights of the loss terms; 0 leaves a term out."""
 
     form: Form = "imaginaire"
     """`imaginaire`: hinge loss, mean over scales; VGG sees ImageNet's colours. `original`: least squares, summed over
     scales (half for the discriminator), features weighted 4 / (layers + 1); VGG sees the image in [-1, 1]."""
-    gan: float = 1.0
-    feature_matching: float = 10.0
-    perceptual: float = 0.0
+    gan: NotNegative = 1.0
+    feature_matching: NotNegative = 10.0
+    perceptual: NotNegative = 0.0
     """The paper's value is 10; it needs VGG-19 weights (`vgg_weights`)."""
     vgg_weights: Path | None = None
-    reconstruction: float = 0.0
+    reconstruction: NotNegative = 0.0
     """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
-    drop_weight: float = 1.0
+    drop_weight: NotNegative = 1.0
     """Weight, in the reconstruction term, of a cell that did not come back, beside 1 of one that did."""
-    unseen_weight: float = 0.0
+    unseen_weight: NotNegative = 0.0
     """Weight there of a cell on which no camera pixel was painted."""
 
 
 @dataclass(frozen=True)
-class OptimConfig:
+class OptimConfig(Checked):
     """Adam for both networks, as published."""
 
-    lr: float = 2e-4
-    betas: tuple[float, float] = (0.5, 0.999)
-    eps: float = 1e-8
-    batch: int = 8
-    steps: int = 2000
+    lr: Positive = 2e-4
+    betas: tuple[Share, Share] = (0.5, 0.999)
+    eps: Positive = 1e-8
+    batch: Count = 8
+    steps: Whole = 2000
     """Updates of the generator (and of the discriminator)."""
-    epochs: int = 0
+    epochs: Whole = 0
     """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
-    decay_from: float = 1.0
+    decay_from: Share = 1.0
     """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
     start: tuple[Path, ...] = ()
     """Files that `jaxsim convert pix2pixhd_...` wrote: train on from published weights, not from random ones."""
@@ -88,16 +89,16 @@ class OptimConfig:
     """Of the convolutions in training; parameters, statistics and losses stay float32. bfloat16 is for GPUs."""
     flip: bool = False
     """Mirror frames left to right at random. Off in the paper."""
-    scale_limit: float = 0.0
+    scale_limit: NotNegative = 0.0
     """Magnify frames at random by up to this, and cut the network's size out anywhere: 0.2 in Imaginaire's
     configuration."""
-    ema_decay: float = 0.999
-    ema_start: int = 500
+    ema_decay: Share = 0.999
+    ema_start: Whole = 500
     """The averaged generator copies the trained one up to this step."""
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(Checked):
     """One experiment: data, preparation, networks, losses, optimiser, run."""
 
     data: DataConfig = field(default_factory=DataConfig)

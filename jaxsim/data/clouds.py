@@ -5,38 +5,58 @@ Points alone come from `.bin` files, as KITTI has them, and from `.npz`, as `jax
 
 from __future__ import annotations
 
-import zipfile
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.kitti_files import read_velodyne
+from jaxsim.files import files_in, read_arrays
 from jaxsim.frame import Cloud
 from jaxsim.geometry import LidarSpec, UnorderedCloud, fit_beams, preset, recover_rows, rows_by_elevation
+from jaxsim.geometry.points import check_points
 
 SUFFIXES = (".bin", ".npz")
 SENSOR = "hdl64e"
 ROWS = ("file_order", "elevation")
 """How a point's laser line is told: by its place in the file, or as the nearest beam."""
+ALL_ROUND, LAST_DEG = 0.25, 300.0
+"""Share of points behind the car from which a scan looks all round, and the azimuth that its last line reaches. In 116
+scans of 20 KITTI drives the share is 0.43 to 0.53, and all end in the lowest line at 339 to 342 degrees, where the car
+itself is in the way."""
 
 
 def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
     """Rows x, y, z (m) and intensity (0..1); three columns alone where an `.npz` has no intensity.
 
-    Raises ValueError where the file is broken or is no cloud.
+    Raises ValueError where the file is broken, is no cloud, or holds what no LiDAR measures (`check_points`).
     """
     if path.suffix == ".bin":
         return np.column_stack(read_velodyne(path))
-    try:
-        with path.open("rb") as file, np.load(file) as archive:
-            arrays = {name: np.asarray(archive[name], np.float32) for name in ("xyz", "intensity") if name in archive}
-    except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
-        raise ValueError(f"clouds: {path} is no readable .npz of plain arrays ({error})") from error
-    if "xyz" not in arrays:
+    arrays = read_arrays(path, ("xyz", "intensity"), by="clouds")
+    xyz_m, intensity = arrays.get("xyz"), arrays.get("intensity")
+    if xyz_m is None or xyz_m.ndim != 2 or xyz_m.shape[1] != 3 or xyz_m.dtype.kind not in "fiu":
         raise ValueError(f"clouds: {path} holds no array xyz (n, 3); `jaxsim simulate --formats npz` writes it")
-    return np.column_stack(list(arrays.values()))
+    if intensity is not None and (intensity.shape != xyz_m.shape[:1] or intensity.dtype.kind not in "fiu"):
+        raise ValueError(
+            f"clouds: {path} holds intensity {intensity.shape} of {intensity.dtype} for {len(xyz_m)} points; it must "
+            "be one number a point"
+        )
+    points = np.column_stack([xyz_m] if intensity is None else [xyz_m, intensity]).astype(np.float32)
+    check_points(points, f"clouds: {path}")
+    return points
+
+
+def cloud_files(folder: Path) -> list[Path]:
+    """The clouds of a folder, by name; none where there is no such folder. Raises ValueError where a name comes twice,
+    once with each suffix."""
+    files = files_in(folder, *SUFFIXES)
+    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
+    if twice:
+        raise ValueError(f"clouds: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
+    return files
 
 
 def check_rows(rows: str) -> str:
@@ -67,9 +87,23 @@ def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.nda
     if rows == "elevation":
         return rows_by_elevation(xyz_m, spec)
     try:
-        return recover_rows(xyz_m, lines=spec.rows, spec=spec)
+        row = recover_rows(xyz_m, lines=spec.rows, spec=spec)
     except UnorderedCloud as error:
         raise UnorderedCloud(
             f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
             '(rows="elevation" in Python)'
         ) from error
+    _check_end(path, xyz_m, row, lines=spec.rows)
+    return row
+
+
+def _check_end(path: Path, xyz_m: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], *, lines: int) -> None:
+    """Raises ValueError where a scan that looks all round does not end with its lowest line, nearly all of it: a file
+    cut between two points is else no different from a whole one."""
+    azimuth = np.rad2deg(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) % 360
+    all_round = ((azimuth > 90) & (azimuth < 270)).mean() > ALL_ROUND
+    if all_round and (row[-1] < lines - 1 or azimuth[-1] < LAST_DEG):
+        raise ValueError(
+            f"{path} ends in laser line {row[-1]} of {lines - 1} at {azimuth[-1]:.0f} degrees; a scan that looks all "
+            f"round ends in the lowest line, beyond {LAST_DEG:g}: the file is cut off; copy it again"
+        )

@@ -25,9 +25,11 @@ from jaxsim.data.kitti_files import (
     raw_camera,
     read_image,
     read_labels,
+    read_list,
     read_motion,
     read_plane,
 )
+from jaxsim.files import files_in, read_text
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -131,8 +133,8 @@ class KittiObject:
     def splits(self) -> dict[str, list[int]]:
         """Positions by the name of a list: ROOT/ImageSets/NAME.txt, one number a line (`train`, `val` in OpenPCDet)."""
         place = {number: position for position, number in enumerate(self._frames)}
-        lists = sorted((self.root / "ImageSets").glob("*.txt"))
-        return {path.stem: [place[n] for n in path.read_text().split() if n in place] for path in lists}
+        lists = files_in(self.root / "ImageSets", ".txt")
+        return {path.stem: [place[n] for n in read_list(path) if n in place] for path in lists}
 
     def _scan(self, index: int) -> Path:
         return self._scans / f"{self._frames[index]}.bin"
@@ -142,7 +144,7 @@ def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
     found = []
     for folder, suffix in ((scans, ".bin"), (images, ".png")):
-        names = [p.stem for p in folder.glob(f"*{suffix}") if _FRAME.fullmatch(p.stem)]
+        names = [p.stem for p in files_in(folder, suffix) if _FRAME.fullmatch(p.stem)]
         if not names:
             raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
         found.append(set(names))
@@ -201,7 +203,7 @@ def _timestamp(path: Path, number: int) -> float | None:
     """Seconds since 1970 of one frame; None where the drive came without its time stamps."""
     if not path.is_file():
         return None
-    lines = path.read_text().splitlines()
+    lines = read_text(path, by="kitti").splitlines()
     if number >= len(lines):
         raise ValueError(f"kitti: {path} has {len(lines)} lines, none for frame {number}; copy it again")
     try:  # nine decimals in the file, six are what a datetime holds

@@ -21,7 +21,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxsim.data.calibration import check_pinhole
 from jaxsim.data.kitti_files import raw_camera, read_image
+from jaxsim.files import files_in, numbers, read_pixels, read_text
 from jaxsim.frame import DepthFrame
 
 PARTS = ("train", "val")
@@ -32,8 +34,8 @@ def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "
     """Depth in metres of a 16-bit PNG, and where it has any. Raises ValueError for other files."""
     if not path.is_file():
         raise ValueError(f"kitti_depth: no file {path}")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None or image.dtype != np.uint16 or image.ndim != 2:
+    image = read_pixels(path, cv2.IMREAD_UNCHANGED, by="kitti_depth")
+    if image.dtype != np.uint16 or image.ndim != 2:
         raise ValueError(f"kitti_depth: {path} is no 16-bit grey PNG (metres times 256); copy it again")
     return image.astype(np.float32) / np.float32(256), image > 0
 
@@ -111,16 +113,25 @@ class KittiDepth(Sequence[DepthFrame]):
             camera = raw_camera(files.calibration, (h, w), camera=files.camera)
             intrinsics = np.array(camera.intrinsics, np.float32)
         else:
-            intrinsics = np.array(files.calibration.read_text().split(), np.float32).reshape(3, 3)
+            intrinsics = _intrinsics(files.calibration, (h, w))
         top, left = h - rows, round((w - columns) / 2)
         intrinsics[:2, 2] -= left, top
         view = np.s_[top:, left : left + columns]
         return DepthFrame(rgb[view], sparse_m[view], given[view], truth_m[view], known[view], intrinsics)
 
 
+def _intrinsics(path: Path, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:
+    """K of a text of nine numbers. Raises ValueError where it holds others, or no camera's."""
+    values = np.array(numbers(read_text(path, by="kitti_depth").split(), where=f"kitti_depth: {path}"))
+    if len(values) != 9:
+        raise ValueError(f"kitti_depth: {path} has {len(values)} numbers; a camera matrix has nine")
+    check_pinhole(values.reshape(3, 3), size, f"kitti_depth: {path}", axis=0.2)  # of an image that was cropped
+    return values.reshape(3, 3).astype(np.float32)
+
+
 def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
     files = []
-    for truth in sorted((root / part).glob("*_sync/proj_depth/groundtruth/image_0[23]/*.png")):
+    for truth in _truths(root / part):
         drive, camera = truth.parents[3].name, truth.parent.name
         if raw is None:
             raise ValueError(f"kitti_depth: {drive}'s images are in the raw drives; name their folder with --data.root")
@@ -135,9 +146,14 @@ def _drives(root: Path, raw: Path | None, part: str) -> list[_Files]:
     return files
 
 
+def _truths(part: Path) -> list[Path]:
+    folders = sorted(part.glob("*_sync/proj_depth/groundtruth/image_0[23]"))
+    return [truth for folder in folders for truth in files_in(folder, ".png")]
+
+
 def _selected(root: Path) -> list[_Files]:
     files = []
-    for image in sorted((root / "image").glob("*.png")):
+    for image in files_in(root / "image", ".png"):
         sparse = root / "velodyne_raw" / image.name.replace("_sync_image_", "_sync_velodyne_raw_")
         truth = root / "groundtruth_depth" / image.name.replace("_sync_image_", "_sync_groundtruth_depth_")
         files.append(_Files(image, sparse, truth, root / "intrinsics" / f"{image.stem}.txt"))

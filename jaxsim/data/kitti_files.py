@@ -5,14 +5,18 @@ Every reader stops with a ValueError that names the file, what is wrong with it 
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from jaxsim.data.calibration import check_pinhole, check_rigid
+from jaxsim.files import check_size, numbers, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
+from jaxsim.geometry.points import check_points
 
 KINDS = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Cyclist", "Tram", "Misc", "DontCare")
 COLUMNS = (
@@ -20,11 +24,15 @@ COLUMNS = (
     *("height", "width", "length", "x", "y", "z", "rotation_y"),
 )
 """Of a label, after its kind."""
+MOST, MOST_SIZE_M = 1e4, 100.0
+"""No number of a label is larger, and no object longer: a tram has 40 m."""
+MOST_POINTS = 4_000_000
+"""Of a scan: 30 times those of a turn of the densest sensor."""
 
 
 def read_velodyne(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """Points (x forward, y left, z up; metres) and intensity 0..1 of a `.bin`, in file order."""
-    size = _existing(path).stat().st_size
+    size = check_size(_existing(path), by="kitti", most=MOST_POINTS * 16)
     if size % 16:
         raise ValueError(
             f"kitti: {path} is truncated: {size} bytes are no whole number of points (x y z intensity, "
@@ -33,28 +41,13 @@ def read_velodyne(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarra
     if size == 0:
         raise ValueError(f"kitti: {path} is empty; a scan has about 120000 points; copy it again")
     points = np.fromfile(path, "<f4").reshape(-1, 4)
-    broken = int((~np.isfinite(points).all(axis=1)).sum())
-    if broken:
-        raise ValueError(
-            f"kitti: {path}: {broken} of {len(points)} points are NaN or infinite; a ray without return is "
-            "left out of a .bin, so remove these rows"
-        )
-    intensity = points[:, 3]
-    low, high = intensity.min(), intensity.max()
-    if low < 0 or high > 1:
-        raise ValueError(
-            f"kitti: {path}: intensity spans {low:g}..{high:g}; KITTI's scale is 0..1, so this is another "
-            "sensor's file or one that was rescaled (divide 0..255 by 255)"
-        )
-    return np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(intensity)
+    check_points(points, f"kitti: {path}")
+    return np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
 
 
 def read_image(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """An image file as RGB."""
-    image = cv2.imread(str(_existing(path)), cv2.IMREAD_COLOR)
-    if image is None:
-        raise ValueError(f"kitti: {path} is not an image that can be read; copy it again")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    return cv2.cvtColor(read_pixels(_existing(path), cv2.IMREAD_COLOR, by="kitti"), cv2.COLOR_BGR2RGB)
 
 
 def object_camera(path: Path, size: tuple[int, int]) -> Camera:
@@ -71,7 +64,7 @@ def object_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
     `object_camera` holds camera 2 instead, which stands 6 cm beside it (P2's fourth column).
     """
     values = _read_calibration(path, {"R0_rect": 9, "Tr_velo_to_cam": 12})
-    return _homogeneous(values["R0_rect"]) @ _homogeneous(values["Tr_velo_to_cam"])
+    return _rigid(path, values, "R0_rect") @ _rigid(path, values, "Tr_velo_to_cam")
 
 
 def read_motion(path: Path) -> tuple[float, float]:
@@ -79,10 +72,7 @@ def read_motion(path: Path) -> tuple[float, float]:
 
     Source: the devkit's dataformat.txt: 30 numbers, yaw the sixth, vf the ninth.
     """
-    try:
-        values = [float(value) for value in _existing(path).read_text().split()]
-    except ValueError as error:
-        raise ValueError(f"kitti: {path}: an oxts file holds 30 numbers ({error}); copy it again") from None
+    values = numbers(_text(path).split(), where=f"kitti: {path}: an oxts file holds 30 numbers")
     if len(values) != 30 or not np.isfinite(values).all():
         raise ValueError(f"kitti: {path} has {len(values)} values; an oxts file holds 30 finite numbers; copy it again")
     return values[8], values[5]
@@ -90,14 +80,13 @@ def read_motion(path: Path) -> tuple[float, float]:
 
 def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
     """Road plane a, b, c, d of `planes/NNNNNN.txt` (Chen et al.'s, as OpenPCDet uses), in the labels' frame; b < 0."""
-    lines = _existing(path).read_text().split("\n")
-    try:
-        plane = np.array([float(value) for value in lines[3].split()])
-        normal = np.linalg.norm(plane[:3])
-    except (IndexError, ValueError) as error:
-        raise ValueError(f"kitti: {path}: the fourth line must hold the plane's four numbers ({error})") from None
+    lines = _text(path).split("\n")
+    fourth = lines[3] if len(lines) > 3 else ""
+    right = f"kitti: {path}: the fourth line must hold the plane's four numbers"
+    plane = np.array(numbers(fourth.split(), where=right))
+    normal = np.linalg.norm(plane[:3])
     if plane.shape != (4,) or not normal > 0 or not np.isfinite(plane).all():
-        raise ValueError(f"kitti: {path}: the fourth line must hold the plane's four numbers, not {lines[3]!r}")
+        raise ValueError(f"{right}, not {fourth!r}")
     return plane / normal * (-1 if plane[1] > 0 else 1)
 
 
@@ -112,7 +101,7 @@ def tracking_camera(path: Path, size: tuple[int, int]) -> Camera:
 def tracking_rect_from_velo(path: Path) -> Float[np.ndarray, "4 4"]:
     """R_rect Tr_velo_cam of a tracking sequence's `calib/NNNN.txt`: to the frame in which its labels are written."""
     values = _read_calibration(path, {"R_rect": 9, "Tr_velo_cam": 12})
-    return _homogeneous(values["R_rect"]) @ _homogeneous(values["Tr_velo_cam"])
+    return _rigid(path, values, "R_rect") @ _rigid(path, values, "Tr_velo_cam")
 
 
 def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camera:
@@ -120,17 +109,17 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
     tag = f"{camera:02d}"
     path = folder / "calib_cam_to_cam.txt"
     values = _read_calibration(path, {f"P_rect_{tag}": 12, "R_rect_00": 9, f"S_rect_{tag}": 2})
-    velo = _read_calibration(folder / "calib_velo_to_cam.txt", {"R": 9, "T": 3})
+    place = folder / "calib_velo_to_cam.txt"
+    velo = _read_calibration(place, {"R": 9, "T": 3})
+    velo["[R | T]"] = np.column_stack([velo["R"].reshape(3, 3), velo["T"]])
     width, height = values[f"S_rect_{tag}"].astype(int)
     if size != (height, width):
         raise ValueError(
             f"kitti: images of image_{tag} are {size[1]} x {size[0]}, but {path} says {width} x {height}: "
             "use the synced and rectified drive (..._sync), with the calibration of the same date"
         )
-    return camera_from_projection(
-        values[f"P_rect_{tag}"].reshape(3, 4),
-        _homogeneous(values["R_rect_00"]) @ _homogeneous(np.column_stack([velo["R"].reshape(3, 3), velo["T"]])),
-    )
+    rect_from_velo = _rigid(path, values, "R_rect_00") @ _rigid(place, velo, "[R | T]")
+    return _pinhole(path, values, f"P_rect_{tag}", size=size, rect_from_velo=rect_from_velo)
 
 
 def read_labels(path: Path) -> Boxes:
@@ -158,7 +147,7 @@ def read_tracking_labels(path: Path) -> dict[int, Boxes]:
     """
     frames: dict[int, list[tuple[int, list[str]]]] = {}
     for line, (number, *row) in _rows_of(path):
-        if len(row) != 16 or not number.isdigit():
+        if len(row) != 16 or not (number.isdecimal() and number.isascii()):
             raise ValueError(
                 f"kitti: {path}, line {line} has {len(row) + 1} columns and starts with {number!r}; a tracking label "
                 "has 17: frame, track, type ... (15 is the object benchmark's, 18 a tracker's result)"
@@ -168,26 +157,31 @@ def read_tracking_labels(path: Path) -> dict[int, Boxes]:
     return {number: _boxes(path, rows) for number, rows in frames.items()}
 
 
+def read_list(path: Path) -> list[str]:
+    """Frames of a list such as `ImageSets/val.txt`, one a line. Raises ValueError for a frame that is named twice."""
+    names = read_text(path, by="kitti").split()
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
+        raise ValueError(f"kitti: {path} names {twice[0]} more than once; name each frame once")
+    return names
+
+
 def _rows_of(path: Path) -> list[tuple[int, list[str]]]:
-    lines = enumerate(_existing(path).read_text().splitlines(), 1)
+    lines = enumerate(_text(path).splitlines(), 1)
     return [(number, line.split()) for number, line in lines if line.strip()]
 
 
 def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
     """Objects of numbered lines in the order of the object benchmark's 15 columns."""
-    numbers = np.zeros((len(rows), 14))
+    values = np.zeros((len(rows), 14))
     for k, (line, row) in enumerate(rows):
         if row[0] not in KINDS:
             raise ValueError(f"kitti: {path}, line {line}: unknown kind {row[0]!r}; known: {', '.join(KINDS)}")
-        try:
-            numbers[k] = [float(value) for value in row[1:]]
-        except ValueError as error:
-            raise ValueError(f"kitti: {path}, line {line}: {error}") from None
-        _check_numbers(path, line, row, numbers=numbers[k])
+        values[k] = numbers(row[1:], where=f"kitti: {path}, line {line}")
+        _check_numbers(path, line, row, numbers=values[k])
     kinds = tuple(row[0] for _, row in rows)
     # Of a region without an object the rectangle alone means anything; the files have -1, -10 and -1000.
-    numbers[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
-    hidden = numbers[:, 1]
+    values[np.array(kinds, str) == "DontCare"] *= _DONT_CARE_KEEPS
+    hidden = values[:, 1]
     fractions = hidden != np.round(hidden)
     if fractions.any() and ((hidden < 0) | (hidden > 1)).any():
         line, row = rows[int(np.argmax((hidden < 0) | (hidden > 1)))]
@@ -195,7 +189,7 @@ def _boxes(path: Path, rows: list[tuple[int, list[str]]]) -> Boxes:
             f"kitti: {path}, line {line}: occluded is {row[2]}, but line {rows[int(np.argmax(fractions))][0]} has a "
             "fraction; a file has whole numbers 0..3, or the hidden shares of all its objects, 0..1"
         )
-    n = numbers.astype(np.float32)
+    n = values.astype(np.float32)
     return Boxes(
         centre_m=n[:, 10:13],
         # The file has height, width, length.
@@ -216,16 +210,22 @@ def _check_numbers(path: Path, line: int, row: list[str], *, numbers: Float[np.n
             f"kitti: {path}, line {line}: {COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; it must be finite: mend the "
             "label or leave the object out"
         )
+    if np.abs(numbers).max() > MOST:
+        bad = int(np.argmax(np.abs(numbers)))
+        raise ValueError(
+            f"kitti: {path}, line {line}: {COLUMNS[bad]} of {row[0]} is {row[bad + 1]}; no metre, pixel or radian of a "
+            f"label is beyond {MOST:g}: mend the label or leave the object out"
+        )
     if row[0] == "DontCare":
         return
     if numbers[1] != round(numbers[1]) and not 0 < numbers[1] < 1:
         raise ValueError(
             f"kitti: {path}, line {line}: occluded is {row[2]}; it is a whole number 0..3, or the hidden share 0..1"
         )
-    if not (numbers[7:10] > 0).all():
+    if not ((numbers[7:10] > 0) & (numbers[7:10] <= MOST_SIZE_M)).all():
         raise ValueError(
             f"kitti: {path}, line {line}: {row[0]} is {' x '.join(row[8:11])} m (height, width, length); sizes must be "
-            "above 0: mend the label, leave the object out, or call it DontCare"
+            f"above 0 and at most {MOST_SIZE_M:g}: mend the label, leave the object out, or call it DontCare"
         )
 
 
@@ -234,14 +234,22 @@ _DONT_CARE_KEEPS = np.array([0, 0, 0, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0])
 
 def _camera(path: Path, size: tuple[int, int], *, rectify: str, velo: str) -> Camera:
     values = _read_calibration(path, {"P2": 12, rectify: 9, velo: 12})
-    projection = values["P2"].reshape(3, 4)
-    (cx, cy), (h, w) = projection[:2, 2], size
-    if abs(cx - w / 2) > 0.1 * w or abs(cy - h / 2) > 0.1 * h:
-        raise ValueError(
-            f"kitti: {path} puts the optical axis at ({cx:.0f}, {cy:.0f}), far from the middle of its "
-            f"image of {w} x {h}: calibration and image do not belong together, or the image was resized"
-        )
-    return camera_from_projection(projection, _homogeneous(values[rectify]) @ _homogeneous(values[velo]))
+    rect_from_velo = _rigid(path, values, rectify) @ _rigid(path, values, velo)
+    return _pinhole(path, values, "P2", size=size, rect_from_velo=rect_from_velo)
+
+
+def _pinhole(
+    path: Path, values: dict[str, np.ndarray], name: str, *, size: tuple[int, int], rect_from_velo: np.ndarray
+) -> Camera:
+    projection = values[name].reshape(3, 4)
+    check_pinhole(projection[:, :3], size, f"kitti: {path}: {name}")
+    camera = camera_from_projection(projection, rect_from_velo)
+    check_rigid(np.asarray(camera.cam_from_velo), f"kitti: {path}: the camera's place by {name}")
+    return camera
+
+
+def _text(path: Path) -> str:
+    return read_text(_existing(path), by="kitti")
 
 
 def _existing(path: Path) -> Path:
@@ -253,9 +261,11 @@ def _existing(path: Path) -> Path:
 def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, np.ndarray]:
     """Lines of `name: numbers`; the colon is left out in the tracking set."""
     found: dict[str, list[str]] = {}
-    for line in _existing(path).read_text().splitlines():
-        name, *numbers = line.replace(":", " ", 1).split() or [""]
-        found[name] = numbers
+    for line in _text(path).splitlines():
+        name, *words = line.replace(":", " ", 1).split() or [""]
+        if name and name in found:
+            raise ValueError(f"kitti: {path} has {name} twice; copy the calibration file that belongs to the drive")
+        found[name] = words
     for name, count in needed.items():
         if name not in found:
             raise ValueError(
@@ -264,20 +274,19 @@ def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, np.ndarra
             )
         if len(found[name]) != count:
             raise ValueError(f"kitti: {path}: {name} has {len(found[name])} numbers; it must have {count}")
-    try:
-        values = {name: np.array(found[name], float) for name in needed}
-    except ValueError as error:
-        raise ValueError(f"kitti: {path}: {error}") from None
+    values = {name: np.array(numbers(found[name], where=f"kitti: {path}: {name}")) for name in needed}
     if not all(np.isfinite(value).all() for value in values.values()):
         raise ValueError(f"kitti: {path} holds NaN or infinite numbers; copy it again")
     return values
 
 
-def _homogeneous(numbers: np.ndarray) -> np.ndarray:
-    """4 x 4 from the 9 numbers of a rotation, or from the 12 of a 3 x 4 matrix."""
-    upper = numbers.reshape(3, -1)
+def _rigid(path: Path, values: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """4 x 4 from the 9 numbers of a rotation, or from the 12 of a 3 x 4 matrix. Raises ValueError where it is no rigid
+    transform."""
+    upper = values[name].reshape(3, -1)
     matrix = np.eye(4)
     matrix[:3, : upper.shape[1]] = upper
+    check_rigid(matrix, f"kitti: {path}: {name}")
     return matrix
 
 

@@ -27,6 +27,7 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
+from jaxsim.files import files_in, read_pixels
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -143,11 +144,11 @@ def read_panoptic(path: Path, size: tuple[int, int]) -> tuple[Int[np.ndarray, "h
     """Cityscapes ids and instance numbers (class * 1000 + instance, 0 none) of a panoptic map of `size` (h, w)."""
     if not path.is_file():
         raise ValueError(f"kitti_step: there is no {path}; copy the panoptic maps of KITTI-STEP")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        found = "no image" if image is None else f"{image.dtype} with shape {image.shape}"
+    image = read_pixels(path, cv2.IMREAD_UNCHANGED, by="kitti_step")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise ValueError(
-            f"kitti_step: {path} is {found}; a panoptic map is an 8-bit RGB PNG (class, instance, instance)"
+            f"kitti_step: {path} is {image.dtype} with shape {image.shape}; a panoptic map is an 8-bit RGB PNG (class, "
+            "instance, instance)"
         )
     if image.shape[:2] != tuple(size):
         h, w = image.shape[:2]
@@ -210,4 +211,4 @@ def _present(folder: Path, wanted: Sequence[str]) -> tuple[str, ...]:
 
 
 def _files(folder: Path, suffix: str) -> list[str]:
-    return sorted(path.stem for path in folder.glob(f"*{suffix}"))
+    return [path.stem for path in files_in(folder, suffix)]

@@ -9,8 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import IDS
+from jaxsim.files import check_keys, real
+from jaxsim.geometry.points import FAR_M
 
-SEE = "see docs/polar-frames.md"
+SEE = "`jaxsim discover --help` tells the format"
 CLASSES = len(IDS)
 LOW_ORIGIN_M = 10.0
 """Beams' origins lie within this of the cloud's: more is millimetres."""
@@ -25,10 +27,7 @@ WHOLE = ("semantic", "instance")
 
 def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
     """`azimuth` or `elevation` of a grid.json. Raises ValueError where they cannot be that."""
-    try:
-        angles = np.asarray(given, np.float32)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"polar frames: {path}: {name} must be a list of numbers in radians") from error
+    angles = _reals(given, f"polar frames: {path}: {name} must be a list of numbers in radians")
     if angles.ndim != 1 or angles.size < 2 or not np.isfinite(angles).all():
         raise ValueError(f"polar frames: {path}: {name} must be a list of two or more finite angles in radians")
     if np.abs(angles).max() > TURNS_RAD:
@@ -54,10 +53,7 @@ def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
 def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
     """`origin` of a grid.json. Raises ValueError where it is not one height a row."""
     right = f"it must be a list of {rows} heights in metres, one a row, or be left out for 0"
-    try:
-        origin = np.asarray(given, np.float32)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"polar frames: {path}: origin is {shown(given)}; {right}") from error
+    origin = _reals(given, f"polar frames: {path}: origin is {shown(given)}; {right}")
     if origin.shape != (rows,):
         came = f"a list of {origin.size} numbers" if origin.ndim == 1 else shown(given)
         raise ValueError(f"polar frames: {path}: origin is {came}; {right}")
@@ -69,18 +65,33 @@ def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
     return origin
 
 
+def _reals(given: Any, wrong: str) -> Float[np.ndarray, " n"]:
+    """A JSON text's list of numbers. Raises ValueError `wrong` where it is none."""
+    try:
+        return np.asarray([*map(real, given)], np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(wrong) from error
+
+
 def check_about(path: Path, frames: dict[str, Any]) -> None:
     """Raises ValueError where `frames` of a grid.json says of a frame what cannot be."""
     for name, entry in frames.items():
         if not isinstance(entry, dict):
             raise ValueError(
                 f"polar frames: {path}: frames[{name!r}] is {shown(entry)}; it must be an object with any of scene, "
-                f"time, speed and heading; {SEE}"
+                f"time, speed, heading and tags; {SEE}"
             )
+        check_keys(entry, ("scene", "time", "speed", "heading"), where=f"polar frames: {path}: frames[{name!r}]")
         scene = entry.get("scene", "")
         if not isinstance(scene, str | int) or isinstance(scene, bool):
             raise ValueError(
                 f"polar frames: {path}: the scene of {name!r} is {shown(scene)}; it must be a drive's name"
+            )
+        tags = entry.get("tags", [])
+        if not isinstance(tags, list) or not all(isinstance(tag, str) and tag for tag in tags):
+            raise ValueError(
+                f"polar frames: {path}: the tags of {name!r} are {shown(tags)}; they must be a list of words, as "
+                '["night", "rain"], or be left out'
             )
         for key, unit in (("time", "seconds"), ("speed", "m/s"), ("heading", "radians")):
             value = entry.get(key, 0.0)
@@ -121,6 +132,11 @@ def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
             )
     if not np.isfinite(range_m).all() or (range_m < 0).any():
         raise ValueError(f"polar frames: {path}: range must be finite metres, 0 where nothing returned")
+    if range_m.max(initial=0) > FAR_M:
+        raise ValueError(
+            f"polar frames: {path}: range reaches {range_m.max():g}; it must be in metres, and no LiDAR sees beyond "
+            f"{FAR_M:g} m (divide millimetres by 1000)"
+        )
     if not within(intensity, 0, 1):
         raise ValueError(
             f"polar frames: {path}: intensity spans {span(intensity)}; it must lie in 0..1 "

@@ -7,22 +7,24 @@ reading it becomes the mask.
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jaxsim.data.polar_checks import angles_of, check_about, check_arrays, origin_of
-from jaxsim.files import replacing
+from jaxsim.data.polar_checks import SEE, SHAPES, angles_of, check_about, check_arrays, origin_of
+from jaxsim.files import array_names, check_keys, file_of, files_in, read_arrays, read_json, replacing
 from jaxsim.frame import PolarGrid, PolarImage
 
 REQUIRED = ("range", "intensity")
+KEYS = ("azimuth", "elevation", "origin", "frames")
+"""Of a grid.json."""
 
 
 def write_grid(folder: Path | str, grid: PolarGrid, *, frames: dict[str, dict[str, Any]] | None = None) -> None:
-    """Writes `grid.json`; `frames` maps a frame's name to any of time (s), speed (m/s), heading (rad), scene."""
+    """Writes `grid.json`; `frames` maps a frame's name to any of time (s), speed (m/s), heading (rad),
+    scene, tags (list of words)."""
     content = {
         "azimuth": np.asarray(grid.azimuth_rad, float).round(9).tolist(),
         "elevation": np.asarray(grid.elevation_rad, float).round(9).tolist(),
@@ -42,10 +44,7 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     path = Path(folder) / "grid.json"
     if not path.is_file():
         raise ValueError(f"polar frames: no grid.json in {folder}; a folder of polar frames has one beside NAME.npz")
-    try:
-        content = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"polar frames: {path} is not JSON ({error}); see docs/polar-frames.md") from error
+    content = read_json(path, by="polar frames", hint=SEE)
     if not isinstance(content, dict) or not isinstance(content.get("frames", {}), dict):
         raise ValueError(
             f'polar frames: {path} must be {{"azimuth": [...], "elevation": [...], "frames": {{NAME: ...}}}}'
@@ -53,6 +52,7 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
     missing = [key for key in ("azimuth", "elevation") if key not in content]
     if missing:
         raise ValueError(f"polar frames: {path} lacks {', '.join(missing)} (radians, one a column / one a row)")
+    check_keys(content, KEYS, where=f"polar frames: {path}")
     azimuth = angles_of(path, "azimuth", content["azimuth"])
     elevation = angles_of(path, "elevation", content["elevation"])
     origin = origin_of(path, content.get("origin", [0.0] * len(elevation)), len(elevation))
@@ -63,7 +63,7 @@ def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]
 
 def frame_names(folder: Path | str) -> list[str]:
     """Names of a folder's frames, sorted."""
-    return sorted(path.stem for path in Path(folder).glob("*.npz"))
+    return [path.stem for path in files_in(folder, ".npz")]
 
 
 def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -> Path:
@@ -74,7 +74,7 @@ def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -
         "intensity": np.where(valid, np.asarray(image.intensity), 0).astype(np.float32),
         **{key: np.asarray(value) for key, value in more.items()},
     }
-    target = Path(folder) / f"{name}.npz"
+    target = file_of(folder, name, ".npz", by="polar frames")
     with replacing(target) as path:
         np.savez_compressed(path, **arrays)
     return target
@@ -83,14 +83,11 @@ def write_frame(folder: Path | str, name: str, image: PolarImage, **more: Any) -
 def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.ndarray]]:
     """One frame and its further rasters. Raises ValueError on missing arrays, wrong types, shapes or units."""
     path = Path(folder) / f"{name}.npz"
-    try:
-        with path.open("rb") as file, np.load(file) as archive:
-            arrays = dict(archive)
-    except (zipfile.BadZipFile, EOFError, ValueError, OSError) as error:
-        raise ValueError(f"polar frames: {path} is no readable .npz ({error}); write it again") from error
+    arrays = read_arrays(path, SHAPES, by="polar frames", again="write it again")
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {', '.join(arrays) or 'nothing'}")
+        there = ", ".join(array_names(path, by="polar frames")) or "nothing"
+        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {there}")
     check_arrays(path, arrays)
     range_m = np.asarray(arrays.pop("range"), np.float32)
     intensity = np.asarray(arrays.pop("intensity"), np.float32)

@@ -8,19 +8,29 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-import tensorflow_datasets as tfds
-from pydantic import ValidationError
+from array_record.python.array_record_data_source import ArrayRecordDataSource
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.kitti_files import listing
 from jaxsim.data.records import ARRAYS, LABELS, Entry, PairRecord, PreparedPairs, pair_settings, record_of
-from jaxsim.data.tfds_builder import ABOUT, MAKING, VERSION, flattened
-from jaxsim.files import differences
+from jaxsim.data.tfds_builder import (
+    FORMAT,
+    MAKING,
+    NAME,
+    VERSION,
+    About,
+    check_about,
+    check_features,
+    features,
+    flattened,
+)
+from jaxsim.files import differences, parse_settings, read_json
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
@@ -31,18 +41,23 @@ class PreparedSet:
     `len` and positions are those of the frames that the set was made of; it need not hold them all. `splits` are its
     own `train` and `eval`, and the names that the data set of the frames has. Raises ValueError where there is no set,
     several, an unfinished one, or files that are not as long as they were written.
+
+    The folder may be a stranger's. TFDS would import what its features.json names; here the file is compared with our
+    own features, which read the records.
     """
 
     name = "prepared"
 
     def __init__(self, root: Path):
         self.folder = _folder(Path(root))
-        self.builder: Any = tfds.builder_from_directory(self.folder)
+        check_features(self.folder)
+        metadata = self.folder / "metadata.json"
         try:
-            self.about = ABOUT.validate_python(dict(self.builder.info.metadata or {}))
-        except ValidationError as error:
+            self.about = parse_settings(About, read_json(metadata, by="prepared"))
+            check_about(self.about)
+        except ValueError as error:
             raise ValueError(
-                f"prepared: {self.folder / 'metadata.json'} does not fit this version; prepare the set again: {error}"
+                f"prepared: {metadata} does not fit this version; prepare the set again: {error}"
             ) from error
         self._check_files()
         splits = self.about.splits
@@ -89,7 +104,12 @@ class PreparedSet:
 
     @cached_property
     def _sources(self) -> dict[str, Any]:
-        return {split: self.builder.as_data_source(split) for split in self.about.splits}
+        return {split: ArrayRecordDataSource([str(path) for path in self._paths(split)]) for split in self.about.splits}
+
+    def _paths(self, split: str) -> list[Path]:
+        """The files of a part, in the order of its records."""
+        names = sorted(name for name in self.about.files if name.startswith(f"{NAME}-{split}.{FORMAT}-"))
+        return [self.folder / name for name in names]
 
     @property
     def _kind(self) -> str:
@@ -113,24 +133,28 @@ class PreparedSet:
     def _read(self, split: str, i: int) -> PairRecord:
         own = self.about.splits[split]
         try:
-            record = record_of(flattened(self._sources[split][i]))
+            values: Any = features().deserialize_example_np(self._sources[split][i])
+            record = record_of(flattened(values))
             if (record.name, record.pair.target.shape) != (own.names[i], own.windows[i]):
                 raise ValueError(f"it holds {record.name}, {' x '.join(map(str, record.pair.target.shape))} cells")
         except Exception as error:
             # ArrayRecord, protocol buffers and TFDS each have errors of their own for bytes that are not theirs.
-            file, number = self._file_of(split, i)
+            where = f"a file of {split} in {self.folder}"
+            with suppress(RuntimeError):  # of a file that cannot even be opened
+                file, number = self._file_of(split, i)
+                where = f"{file}, record {number}"
             raise ValueError(
-                f"prepared: {file}, record {number} ({own.names[i]}) is damaged ({_first_line(error)}); copy the file "
+                f"prepared: {where} ({own.names[i]}) is damaged ({_first_line(error)}); copy the file "
                 f"again, or make the set anew: delete {self.folder} and run the same jaxsim prepare"
             ) from error
         return record
 
     def _file_of(self, split: str, i: int) -> tuple[Path, int]:
         """The file of a record, and its number there."""
-        info = self.builder.info.splits[split]
-        ends = list(accumulate(info.shard_lengths))
+        paths = self._paths(split)
+        ends = list(accumulate(len(ArrayRecordDataSource([str(path)])) for path in paths))
         shard = bisect_right(ends, i)
-        return Path(info.filepaths[shard]), i - (ends[shard - 1] if shard else 0)
+        return paths[shard], i - (ends[shard - 1] if shard else 0)
 
     def _check_files(self) -> None:
         for name, size in self.about.files.items():

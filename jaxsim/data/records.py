@@ -164,11 +164,10 @@ def pair_settings(data: DataConfig, prepare: PrepareConfig) -> dict[str, Any]:
 
     Raises FileNotFoundError where it is missing.
     """
-    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
     labels = ("semantic",) if LABELS & {*prepare.inputs} else ()
     paired = replace(prepare, inputs=labels, network_size=(0, 0), classes=(), max_range_m=0.0)
     values = {
-        "data": TypeAdapter(DataConfig).dump_python(bare, mode="json"),
+        "data": TypeAdapter(DataConfig).dump_python(data.bare, mode="json"),
         "prepare": TypeAdapter(PrepareConfig).dump_python(paired, mode="json"),
     }
     for name in ("denoise_weights", "depth_weights"):

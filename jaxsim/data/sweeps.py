@@ -19,14 +19,21 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.files import check_size
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import full_grid, points_to_polar, preset
+from jaxsim.geometry.points import FAR_M
 
 _FULL_SCALE: dict[str, float] = {"reflectivity": 255.0, "signal": 65535.0}
 _NUSCENES_SENSOR = "hdl32e"
 _NUSCENES_COLUMNS = 900
 """A fifth fewer than the firings of a turn: motion compensation spreads them unevenly, and at the sensor's own
 step that leaves 1.5 % of the cells empty which are no dropped returns."""
+
+
+LEAST_FIRINGS = 1070
+"""Of a whole turn of nuScenes' sensor: at its 0.332 degrees they make 355."""
+MOST_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,8 @@ class Sweep:
 def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Sweep:
     """One sweep, the car's forward direction in the middle; cells without return include rays that hit the car.
 
-    Raises ValueError for a truncated file, non-finite points, a ring that is no beam, intensity off 0..255.
+    Raises ValueError for a truncated file, non-finite points, a ring that is no beam, a turn that is not whole, points
+    that no LiDAR sees, intensity off 0..255.
     """
     path = Path(path)
     points = _read_points(path)
@@ -73,7 +81,7 @@ def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Swe
 def _read_points(path: Path) -> Float[np.ndarray, "n 5"]:
     if not path.is_file():
         raise ValueError(f"nuscenes: there is no {path}; pass a file samples/LIDAR_TOP/*.pcd.bin")
-    size = path.stat().st_size
+    size = check_size(path, by="nuscenes", most=MOST_BYTES)
     if size == 0 or size % 20:
         raise ValueError(
             f"nuscenes: {path} has {size} bytes, no whole number of points (x y z intensity ring, float32, "
@@ -83,11 +91,22 @@ def _read_points(path: Path) -> Float[np.ndarray, "n 5"]:
     broken = int((~np.isfinite(points).all(axis=1)).sum())
     if broken:
         raise ValueError(f"nuscenes: {path}: {broken} of {len(points)} points are NaN or infinite; copy it again")
+    far = float(np.abs(points[:, :3]).max())
+    if far > FAR_M:
+        raise ValueError(
+            f"nuscenes: {path}: a point lies {far:g} off along an axis; coordinates must be in metres, within {FAR_M:g}"
+        )
     ring, lines = points[:, 4], preset(_NUSCENES_SENSOR).rows
     if (ring != np.round(ring)).any() or ring.min() < 0 or ring.max() >= lines:
         raise ValueError(
             f"nuscenes: {path}: the fifth value spans {ring.min():g}..{ring.max():g}; it must be the ring, a "
             f"whole number 0..{lines - 1}: not a LIDAR_TOP file"
+        )
+    firings, rest = divmod(len(points), lines)
+    if rest or (ring != np.tile(np.arange(lines), firings)).any() or firings < LEAST_FIRINGS:
+        raise ValueError(
+            f"nuscenes: {path} holds {len(points)} points; a whole turn is {LEAST_FIRINGS} firings or more (1084 to "
+            f"1090) of {lines} rings each, in order: the file is cut off, or was sorted or thinned; use the original"
         )
     low, high = points[:, 3].min(), points[:, 3].max()
     if low < 0 or high > 255 or 0 < high <= 1:

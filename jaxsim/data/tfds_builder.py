@@ -24,12 +24,13 @@ import numpy as np
 import tensorflow_datasets as tfds
 from array_record.python.array_record_module import ArrayRecordWriter
 from etils import epath
+from google.protobuf import json_format
 from pydantic import TypeAdapter
 from tensorflow_datasets.core import example_serializer
 
 from jaxsim.config import DataKind
 from jaxsim.data.records import ARRAYS, Example
-from jaxsim.files import replacing
+from jaxsim.files import check_name, read_json, replacing
 from jaxsim.geometry import LidarSpec
 
 NAME, VERSION = "jaxsim_pairs", "1.0.0"
@@ -112,6 +113,41 @@ def features() -> tfds.features.FeaturesDict:
         shape = tuple(int(n) if n.isdigit() else None for n in dims.split())
         leaves[name] = tfds.features.Tensor(shape=shape, dtype=dtype, encoding="bytes", doc=doc)
     return tfds.features.FeaturesDict(nested(leaves))
+
+
+def check_features(folder: Path) -> None:
+    """Raises ValueError where a set's features.json is not that of our records.
+
+    TFDS makes features of that file by importing the classes that it names, which may be anybody's: it is text here.
+    """
+    path = folder / "features.json"
+    if not path.is_file():
+        raise ValueError(f"prepared: no {path}; copy the whole set again")
+    if read_json(path, by="prepared") != json_format.MessageToDict(features().to_proto()):
+        raise ValueError(
+            f"prepared: {path} does not describe the pairs of this version of jaxsim, so nothing of it is read; "
+            "prepare the set again, and do not open it with TFDS where you do not know its maker: TFDS runs what the "
+            "file names"
+        )
+
+
+def check_about(about: About) -> None:
+    """Raises ValueError where metadata.json contradicts itself, or a name in it would leave a folder."""
+    for split, own in about.splits.items():
+        check_name(split, by="metadata.json")
+        counts = {len(column) for column in (own.positions, own.names, own.scenes, own.windows)}
+        if len(counts) > 1:
+            raise ValueError(f"the lists of {split} differ in length")
+        if not all(0 <= position < about.length for position in own.positions):
+            raise ValueError(f"{split} holds positions beyond 0..{about.length - 1}")
+        for name in own.names:
+            check_name(name, by="metadata.json")
+        if len({*own.names}) < len(own.names):
+            raise ValueError(f"{split} names a frame twice")
+    for name in about.files:
+        check_name(name, by="metadata.json")
+    if not {"kind", "root"} <= {*about.settings.get("data", {})} or "prepare" not in about.settings:
+        raise ValueError("its settings do not name the data set (kind, root) and how it was prepared")
 
 
 def nested(flat: Example) -> Example:

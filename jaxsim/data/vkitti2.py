@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsim.data.calibration import check_pinhole
 from jaxsim.data.kitti_files import listing, read_image
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.vkitti2_files import (
@@ -100,12 +101,15 @@ class VirtualKitti2:
         texts = self._texts(drive)
         depth_m, known = read_depth(self._raster(drive, "depth", number))
         known = known & (depth_m <= self.reach_m)
+        rgb = read_image(self._raster(drive, "rgb", number))
+        camera = self._camera(texts, number)
+        check_pinhole(np.asarray(camera.intrinsics), rgb.shape[:2], f"vkitti2: {drive}: intrinsic.txt, frame {number}")
         return Frame(
             name=self.name_of(index),
             scene=drive.parent.name,
             camera=CameraFrame(
-                rgb=read_image(self._raster(drive, "rgb", number)),
-                camera=self._camera(texts, number),
+                rgb=rgb,
+                camera=camera,
                 depth_m=np.where(known, depth_m, np.float32(0)),
                 depth_valid=known,
                 semantic=read_classes(self._raster(drive, "classes", number), texts.colours),

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from jaxsim.data.calibration import check_rigid
 from jaxsim.data.cityscapes import IDS
+from jaxsim.files import check_image, check_size, image_of, number, read_pixels, read_text
 from jaxsim.frame import Boxes
 
 Raster = Int[np.ndarray, "h w"]
@@ -55,6 +57,8 @@ COLUMNS = {
 """Header line of each text file."""
 FARTHEST = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
+WORLD_M = 1e5
+"""No street lies farther from its world's origin."""
 _PNG = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
 
@@ -138,9 +142,11 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
     OpenCV would give the palette's colours; told that the file is grey, it gives the indices.
     Raises ValueError for any other file. Source: PNG specification, 4.1 and 11.2.
     """
+    check_size(path, by="vkitti2")
     data = path.read_bytes()
     if not data.startswith(_PNG):
         raise ValueError(f"{path} is no PNG; copy it again")
+    check_image(data, str(path))  # below, chunks get sums anew
     out = _PNG
     at = len(_PNG)
     depth = 8
@@ -154,8 +160,8 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
             body = body[:9] + bytes([_GREY]) + body[10:]
         if kind not in (b"PLTE", b"tRNS"):
             out += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-    image = cv2.imdecode(np.frombuffer(out, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or image.dtype != np.uint8 or image.ndim != 2:
+    image = image_of(out, cv2.IMREAD_UNCHANGED, str(path))
+    if image.dtype != np.uint8 or image.ndim != 2:
         raise ValueError(f"{path} is damaged; copy it again")
     return image // (255 // (2**depth - 1))  # fewer bits are spread over 0..255
 
@@ -167,6 +173,8 @@ def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
         if name not in CLASSES:
             raise ValueError(f"vkitti2: {path}, line {line}: unknown class {name!r}; known: {', '.join(CLASSES)}")
         red, green, blue = _numbers(path, line, rgb, kind=int)
+        if not 0 <= min(red, green, blue) <= max(red, green, blue) <= 255:
+            raise ValueError(f"vkitti2: {path}, line {line}: {name} is {red} {green} {blue}; colours are 0..255")
         colours[name] = (red, green, blue)
     return colours
 
@@ -177,7 +185,8 @@ def read_intrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "3 3"
     for line, row in _rows(path, "intrinsic"):
         frame, camera = _numbers(path, line, row[:2], kind=int)
         fu, fv, cu, cv = _numbers(path, line, row[2:], kind=float)
-        found[frame, camera] = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
+        intrinsics = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
+        _add(found, (frame, camera), intrinsics, path=path, line=line)
     return found
 
 
@@ -186,7 +195,9 @@ def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "4 4"
     found = {}
     for line, row in _rows(path, "extrinsic"):
         frame, camera = _numbers(path, line, row[:2], kind=int)
-        found[frame, camera] = np.array(_numbers(path, line, row[2:], kind=float)).reshape(4, 4)
+        cam_from_world = np.array(_numbers(path, line, row[2:], kind=float)).reshape(4, 4)
+        check_rigid(cam_from_world, f"vkitti2: {path}, line {line}", apart_m=WORLD_M)
+        _add(found, (frame, camera), cam_from_world, path=path, line=line)
     return found
 
 
@@ -196,11 +207,13 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
     for line, (track, label, *_) in _rows(folder / "info.txt", "info"):
         if label not in KINDS:
             raise ValueError(f"vkitti2: {folder / 'info.txt'}, line {line}: unknown label {label!r}; known: {KINDS}")
-        kinds[int(track)] = label
+        (key,) = _numbers(folder / "info.txt", line, [track], kind=int)
+        _add(kinds, key, label, path=folder / "info.txt", line=line)
     boxes = {}
     for line, row in _rows(folder / "bbox.txt", "bbox"):
         key = tuple(_numbers(folder / "bbox.txt", line, row[:3], kind=int))
-        boxes[key] = (*_numbers(folder / "bbox.txt", line, row[3:-1], kind=float), row[-1])
+        box = (*_numbers(folder / "bbox.txt", line, row[3:-1], kind=float), row[-1])
+        _add(boxes, key, box, path=folder / "bbox.txt", line=line)
     found: dict[tuple[int, int], list[VirtualObject]] = {}
     path = folder / "pose.txt"
     for line, row in _rows(path, "pose"):
@@ -252,29 +265,33 @@ def boxes_of(objects: list[VirtualObject], *, levels: tuple[float, float] = (0.5
 def _read(path: Path) -> np.ndarray:
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; the frame needs it, copy it from the data set's archives")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise ValueError(f"vkitti2: {path} is not an image that can be read; copy it again")
-    return image
+    return read_pixels(path, cv2.IMREAD_UNCHANGED, by="vkitti2")
 
 
 def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
     """Numbered lines below the header. Raises ValueError where the columns are not those of COLUMNS."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_textgt")
-    header, *lines = path.read_text().splitlines() or [""]
+    header, *lines = read_text(path, by="vkitti2").splitlines() or [""]
     wanted = COLUMNS[kind].split()
     if header.split()[:1] != wanted[:1] or len(header.split()) != len(wanted):
         raise ValueError(f"vkitti2: {path} begins with {header[:60]!r}; its header is {COLUMNS[kind]!r}")
-    rows = [(number, line.split()) for number, line in enumerate(lines, 2) if line.strip()]
-    for number, row in rows:
+    rows = [(place, line.split()) for place, line in enumerate(lines, 2) if line.strip()]
+    for place, row in rows:
         if len(row) != len(wanted):
-            raise ValueError(f"vkitti2: {path}, line {number} has {len(row)} columns; it must have {len(wanted)}")
+            raise ValueError(f"vkitti2: {path}, line {place} has {len(row)} columns; it must have {len(wanted)}")
     return rows
 
 
-def _numbers(path: Path, line: int, texts: list[str], *, kind: Callable[[str], float]) -> list:
-    try:
-        return [kind(text) for text in texts]
-    except ValueError as error:
-        raise ValueError(f"vkitti2: {path}, line {line}: {error}") from None
+def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[float]) -> list:
+    values = [number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
+    if not np.isfinite(values).all():
+        raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
+    return values
+
+
+def _add(table: dict[Any, Any], key: Any, value: Any, *, path: Path, line: int) -> None:
+    """Adds a line's entry. Raises ValueError where an earlier line has it: one of the two would be passed over."""
+    if key in table:
+        raise ValueError(f"vkitti2: {path}, line {line} is of {key}, which an earlier line has; copy it again")
+    table[key] = value

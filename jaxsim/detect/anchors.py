@@ -54,6 +54,7 @@ def anchor_boxes(config: AnchorConfig, voxels: VoxelConfig) -> Float[np.ndarray,
 def encode(boxes: Float[Array, "*b 7"], anchors: Float[Array, "*b 7"]) -> Float[Array, "*b 7"]:
     """Boxes relative to anchors: offsets by the anchor's diagonal and height, log ratios of sizes, heading minus
     heading."""
+    # SECOND's coding (Yan, Mao, Li 2018): offsets of all anchors are of one scale, whatever their size.
     size = jnp.maximum(boxes[..., 3:6], SMALLEST_M)
     base = jnp.maximum(anchors[..., 3:6], SMALLEST_M)
     diagonal = jnp.sqrt(base[..., :1] ** 2 + base[..., 1:2] ** 2)

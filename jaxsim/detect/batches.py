@@ -146,6 +146,7 @@ def in_box(points: Float[Array, "n c"], box: Float[Array, " 7"]) -> Bool[Array, 
     """Which points lie in a box, faces included."""
     off = points[:, :3] - box[:3]
     cos, sin = np.cos(box[6]), np.sin(box[6])
+    # Turned into the box's own axes, a face is a bound.
     along, aside = cos * off[:, 0] + sin * off[:, 1], cos * off[:, 1] - sin * off[:, 0]
     half = box[3:6] / 2
     return (np.abs(along) <= half[0]) & (np.abs(aside) <= half[1]) & (np.abs(off[:, 2]) <= half[2])

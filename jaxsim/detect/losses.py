@@ -28,6 +28,7 @@ def focal(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array,
 
 def bce(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "*b"]:
     """Binary cross entropy of each logit; targets may lie between 0 and 1."""
+    # In this form no exponential overflows.
     return jnp.maximum(logit, 0) - logit * target + jnp.log1p(jnp.exp(-jnp.abs(logit)))
 
 

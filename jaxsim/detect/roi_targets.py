@@ -57,6 +57,8 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
 
     with_background = n_hard + n_easy > 0
     share = min(round(config.foreground * count), count)
+    # Foreground up to its share, background fills up, and of that `hard_share` is hard; where a kind is missing the
+    # others take its part.
     fore = jnp.where(with_background, jnp.minimum(share, n_fore), jnp.where(n_fore > 0, count, 0))
     background = count - fore
     hard_share = jnp.minimum((background.astype(overlap.dtype) * config.hard_share).astype(jnp.int32), n_hard)

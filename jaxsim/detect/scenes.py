@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from tqdm import tqdm
 
-from jaxsim.files import replacing
+from jaxsim.files import check_name, read_arrays, write_arrays
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
+from jaxsim.geometry.points import check_points as points_of_lidar
 
 LEVELS = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
 """Height in pixels (and more), occlusion and truncation (and less) of an easy, a moderate and a hard object."""
@@ -109,20 +110,13 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
 
 
 def check_points(points: Float[np.ndarray, "n c"], name: str) -> None:
-    """Raises ValueError for a cloud without points, without intensity, or with values that are no numbers."""
-    if not len(points):
-        raise ValueError(f"detect: the cloud of {name} holds no points; leave the frame out, or look at what made it")
+    """Raises ValueError for a cloud without intensity, and as geometry's check of the same name."""
     if points.shape[1] < 4:
         raise ValueError(
             f"detect: the cloud of {name} has {points.shape[1]} columns, no intensity; the detector takes x, y, z and "
             "intensity 0..1: simulate intensity, or write 0 for all points and train on such clouds too"
         )
-    broken = int((~np.isfinite(points[:, :4]).all(axis=1)).sum())
-    if broken:
-        raise ValueError(f"detect: {broken} of {len(points)} points of {name} are NaN or infinite; leave them out")
-    low, high = points[:, 3].min(), points[:, 3].max()
-    if low < 0 or high > 1:
-        raise ValueError(f"detect: intensity of {name} spans {low:g}..{high:g}; it must be 0..1 (divide 0..255 by 255)")
+    points_of_lidar(points, f"detect: {name}")
 
 
 class Scenes(Sequence[Scene]):
@@ -176,19 +170,24 @@ def write_scene(path: Path, scene: Scene) -> None:
         arrays["labels.kind"] = np.array(scene.labels.kind, dtype="U32")
     if scene.ground is not None:
         arrays["ground"] = scene.ground
-    with replacing(path) as temporary:
-        np.savez(temporary, **arrays)
+    write_arrays(path, arrays)
 
 
 def read_scene(path: Path) -> Scene:
-    """A scene that `write_scene` kept."""
-    with np.load(path) as a:
-        labels = None
-        if "labels.kind" in a:
-            kinds = tuple(str(kind) for kind in a["labels.kind"])
-            labels = Boxes(**{name: a[f"labels.{name}"] for name in _LABELS}, kind=kinds)
-        rows, columns = a["view.size"].tolist()
-        view = View(**{name: a[f"view.{name}"] for name in _VIEW}, size=(rows, columns))
-        ground = a.get("ground")
-        plain = {name: a[name] for name in _PLAIN}
-        return Scene(name=str(a["name"]), view=view, labels=labels, ground=ground, **plain)
+    """A scene that `write_scene` kept. Raises ValueError where the file is damaged."""
+    again = "delete it, and it is made anew"
+    a = read_arrays(path, by="detect", again=again, summed=True)
+    needed = [*_PLAIN, *(f"view.{name}" for name in _VIEW), "view.size", "name"]
+    needed += [f"labels.{name}" for name in _LABELS] if "labels.kind" in a else []
+    if missing := [name for name in needed if name not in a]:
+        raise ValueError(f"detect: {path} is damaged: it lacks {', '.join(missing)}; {again}")
+    labels = None
+    if "labels.kind" in a:
+        kinds = tuple(str(kind) for kind in a["labels.kind"])
+        labels = Boxes(**{name: a[f"labels.{name}"] for name in _LABELS}, kind=kinds)
+    rows, columns = a["view.size"].tolist()
+    view = View(**{name: a[f"view.{name}"] for name in _VIEW}, size=(rows, columns))
+    plain = {name: a[name] for name in _PLAIN}
+    return Scene(
+        name=check_name(str(a["name"]), by="detect"), view=view, labels=labels, ground=a.get("ground"), **plain
+    )

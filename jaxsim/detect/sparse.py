@@ -187,6 +187,8 @@ def _backward(kept, change):
 
     def add(total, cell):
         row, back, weights = cell
+        # Inputs gather from the outputs that they add to, by the backward table: a scatter would sum in no fixed
+        # order.
         return total + _rows(change, back) @ weights.T, _rows(features, row).T @ change
 
     cells_of_kernel = (tables.forward.T, tables.backward.T, _cells_of(kernel))

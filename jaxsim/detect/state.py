@@ -74,11 +74,6 @@ def create_state(experiment: DetectorExperiment, steps: int, seed: int) -> Train
     return _compiled_create()(experiment, steps, jax.random.key(seed))
 
 
-def state_shapes(experiment: DetectorExperiment, steps: int) -> TrainState:
-    """Shapes and types of a state, without its values."""
-    return jax.eval_shape(lambda key: _create(experiment, steps, key), jax.random.key(0))
-
-
 @cache
 def _compiled_create() -> Any:
     # It runs once: on a CPU, LLVM would work on it several times as long as is saved.

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,13 @@ from jaxtyping import Float, Float32
 from pydantic import TypeAdapter
 
 from jaxsim.config import DetectorExperiment
+from jaxsim.data import clouds
 from jaxsim.data.clouds import SUFFIXES, read_cloud
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points
 from jaxsim.evaluate.detector import LearnedDetector
-from jaxsim.files import claim
+from jaxsim.files import claim, files_in, parse_json
 from jaxsim.geometry.boxes import lidar_boxes
 
 _AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -90,8 +90,8 @@ class CloudFolder:
             made,
             by="detect",
             text=json.dumps(about | {"made": made}, indent=1),
-            filled=any((out / "results").glob("*.txt")),
-            read=lambda record: json.loads(record)["made"],
+            filled=bool(files_in(out / "results", ".txt")),
+            read=lambda record: parse_json(record)["made"],
         )
 
 
@@ -116,13 +116,10 @@ def write_detections(path: Path, found: Found, kind: str, *, view: View) -> None
 
 def cloud_files(folder: Path) -> list[Path]:
     """The clouds of a folder, by name. Raises ValueError where there is none, or two of a name."""
-    files = sorted(f for f in folder.iterdir() if f.suffix in SUFFIXES) if folder.is_dir() else []
+    files = clouds.cloud_files(folder)
     if not files:
         why = "there is no such folder" if not folder.is_dir() else f"it holds no {' or '.join(SUFFIXES)}"
         raise ValueError(f"detect: no clouds in {folder}: {why}")
-    twice = [file.stem for file, after in pairwise(files) if file.stem == after.stem]
-    if twice:
-        raise ValueError(f"detect: {folder} holds {twice[0]} twice, as {' and '.join(SUFFIXES)}; leave one")
     return files
 
 

@@ -21,6 +21,7 @@ from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
 from jaxsim.detect.state import Network, network_shapes
 from jaxsim.detect.steps import make_detect
+from jaxsim.files import file_of
 from jaxsim.frame import Boxes
 from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import lidar_boxes
@@ -37,14 +38,13 @@ Find = Callable[[Network, np.ndarray], tuple[Found, dict[str, int]]]
 def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: DetectorExperiment) -> Scenes:
     """Scenes at these positions of a data set (jaxsim.data), as an experiment sees them; kept in `data.cache`."""
     data = experiment.data
-    bare = replace(data, train="", validation="", cache=Path(), root=data.root and data.root.resolve())
     return kept_scenes(
         dataset,
         positions,
         experiment.detector.anchors.kind,
         in_image=experiment.in_image,
         cache=data.cache,
-        settings=TypeAdapter(DataConfig).dump_json(bare).decode(),
+        settings=TypeAdapter(DataConfig).dump_json(data.bare).decode(),
     )
 
 
@@ -122,8 +122,8 @@ def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: De
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
         for name, scene, detections in zip(names, scenes, found, strict=True):
-            write_lines(labels / f"{name}.txt", label_lines(counted(scene, experiment)))
-            write_lines(results / f"{name}.txt", result_lines(detections, kind, scene.view))
+            write_lines(file_of(labels, name, ".txt", by="eval"), label_lines(counted(scene, experiment)))
+            write_lines(file_of(results, name, ".txt", by="eval"), result_lines(detections, kind, scene.view))
         return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.cloud import points_of
-from jaxsim.data.clouds import SUFFIXES, read_cloud
+from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.files import files_in
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
@@ -60,13 +61,14 @@ class Folder:
 
 def open_folder(path: Path) -> Folder:
     """A folder of polar frames (with grid.json) or of clouds. Raises ValueError where it is neither."""
-    names = sorted({file.stem for file in path.glob("*") if file.suffix in SUFFIXES})
+    polar = (path / "grid.json").is_file()
+    names = [file.stem for file in (files_in(path, *SUFFIXES) if polar else cloud_files(path))]
     if not names:
         raise ValueError(
-            f"generation: {path} holds no frames; give a folder of polar frames (grid.json and NAME.npz, "
-            "docs/polar-frames.md) or of clouds (.bin with x, y, z, intensity as float32, or .npz with xyz)"
+            f"generation: {path} holds no frames; give a folder of polar frames (grid.json, NAME.npz; `jaxsim "
+            "discover --help` tells the format) or of clouds (.bin with x, y, z, intensity float32, or .npz with xyz)"
         )
-    if (path / "grid.json").is_file():
+    if polar:
         frames = open_polar_frames(path)
         return Folder(path, frames.names, frames)
     return Folder(path, tuple(names), None)

@@ -7,10 +7,13 @@ A beam that hits something at horizontal distance rho hits it at z = h + rho tan
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from jaxtyping import Float
 
+from jaxsim.config.ranges import Checked, Count, NotNegative, Positive
 from jaxsim.frame import PolarGrid
 
 SAME = 1e-4
@@ -19,26 +22,27 @@ the finest sensor's steps, and far above the rounding of angles that other progr
 
 
 @dataclass(frozen=True)
-class LidarSpec:
+class LidarSpec(Checked):
     """One spinning LiDAR. Hashable, so that it can be a static argument of a jitted function."""
 
     name: str
-    elevation_deg: tuple[float, ...]
+    elevation_deg: tuple[Annotated[float, Ge(-90), Le(90)], ...]
     """Of each beam, seen from its own origin; top beam first."""
-    origin_m: tuple[float, ...]
+    origin_m: tuple[Annotated[float, Ge(-10), Le(10)], ...]
     """Height of each beam's origin above the origin of `velo`."""
-    columns: int
+    columns: Count
     """Firings of a beam in a full turn."""
-    min_range_m: float
-    max_range_m: float
-    range_step_m: float = 0.0
+    min_range_m: NotNegative
+    max_range_m: Positive
+    range_step_m: NotNegative = 0.0
     """Quantization of the range; 0 none."""
-    intensity_step: float = 0.0
+    intensity_step: NotNegative = 0.0
     """Quantization of the intensity (0..1); 0 none."""
     mount_m: float = 1.73
     """Height of the origin of `velo` above the road."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.elevation_deg) != len(self.origin_m):
             raise ValueError(
                 f"LidarSpec {self.name}: {len(self.elevation_deg)} elevations but {len(self.origin_m)} origins; "

@@ -44,6 +44,7 @@ def depth_errors(
             f"depth: guessed depths go from {d.min():g} to {d.max():g} m, true ones from {t.min():g} to {t.max():g} m; "
             "every valid depth must be finite and positive: mask out the others"
         )
+    # Errors of inverse depth weigh what is near: they grow like the error over the square of the depth.
     metres, inverse = np.abs(d - t), np.abs(1 / d - 1 / t)
     return {
         "rmse": 1e3 * float(np.sqrt((metres**2).mean())),

@@ -7,7 +7,6 @@ so that singular covariances cost no accuracy.
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from jaxsim.files import replacing
+from jaxsim.files import read_arrays, write_arrays
 
 
 @dataclass(frozen=True)
@@ -165,24 +164,22 @@ def save_halves(path: Path, statistics: Halves, *, extractor: str, data: str) ->
     arrays: dict[str, Any] = {"extractor": np.array(extractor), "data": np.array(data)}
     for name, part in zip(Halves._fields, statistics, strict=True):
         arrays |= {f"{name}.count": np.array(part.count), f"{name}.mean": part.mean, f"{name}.scatter": part.scatter}
-    with replacing(path) as temporary:
-        np.savez(temporary, **arrays)
+    write_arrays(path, arrays)
 
 
 def load_halves(path: Path, *, extractor: str, data: str) -> Halves | None:
     """Kept moments; None where there are none. Raises ValueError where the file holds others, or is damaged."""
     if not path.is_file():
         return None
+    kept = read_arrays(path, by="frechet", again="delete it", summed=True)
     try:
-        with path.open("rb") as file, np.load(file) as archive:
-            kept = {name: archive[name] for name in archive.files}
         found = tuple(str(kept[name]) for name in ("extractor", "data"))
         parts = (
             Moments(int(kept[f"{name}.count"]), kept[f"{name}.mean"], kept[f"{name}.scatter"])
             for name in Halves._fields
         )
         statistics = Halves(*parts)
-    except (zipfile.BadZipFile, EOFError, ValueError, OSError, KeyError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"frechet: {path} is no readable file of statistics ({error}); delete it") from error
     if found != (extractor, data):
         raise ValueError(f"frechet: {path} holds statistics of {found}, not of {(extractor, data)}; delete it")

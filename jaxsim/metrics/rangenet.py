@@ -98,6 +98,7 @@ def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS)
             kernel, bias = weight.transpose(2, 3, 0, 1)[:, ::-1], arrays[f"{name}.bias"]
         else:
             kernel, bias = weight.transpose(2, 3, 1, 0), np.zeros_like(shift)
+        # (conv(x) + bias - mean) scale + shift, as one convolution and one bias.
         values[name] = (
             (kernel * scale).astype(np.float32),
             (shift + (bias - stored["running_mean"]) * scale).astype(np.float32),
@@ -153,6 +154,7 @@ def network_image(
     def picked(values: Array) -> Array:
         return jnp.take_along_axis(values, flat, axis=1).reshape(index.shape)
 
+    # In the order in which the published network was given them.
     channels = jnp.stack([range_m, *(picked(xyz_m[..., i]) for i in range(3)), picked(remission)], -1)
     mean = jnp.asarray(MEANS, jnp.float32)[None, None, None]
     deviation = jnp.asarray(DEVIATIONS, jnp.float32)[None, None, None]

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zlib
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import jax
 import numpy as np
 from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
-from jaxsim.data.records import Entry, PairRecord, PreparedPairs, example_of, pair_settings, record_of
+from jaxsim.data.records import ARRAYS, Entry, PairRecord, PreparedPairs, example_of, pair_settings, record_of
 from jaxsim.devices import wait
-from jaxsim.files import replacing
+from jaxsim.files import check_name, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
+
+NAMES = (*ARRAYS, "name", "scene", "position")
+"""Of the arrays of a kept pair."""
 
 
 def _code() -> bytes:
@@ -104,26 +104,25 @@ def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, pr
         check_networks(prepare)
     for i in tqdm(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
         record = make_record(dataset[i], i, dataset.spec, prepare=prepare)
-        with replacing(folder / f"{i:06d}.npz") as path:
-            np.savez(path, **example_of(record))
+        write_arrays(folder / f"{i:06d}.npz", example_of(record))
+
+
+AGAIN = "delete it, and it is made anew"
 
 
 def _read(file: Path) -> PairRecord:
-    with _opened(file) as archive:
-        return record_of(archive)
+    return record_of(_whole(file, read_arrays(file, by="prepared", again=AGAIN, summed=True), NAMES))
 
 
 def _entry(file: Path) -> Entry:
-    with _opened(file) as archive:
-        window = len(archive["grid/elevation_rad"]), len(archive["grid/azimuth_rad"])
-        return Entry(str(archive["name"]), str(archive["scene"]), window, f"{file.parent.name}/{file.stem}")
+    wanted = ("name", "scene", "grid/elevation_rad", "grid/azimuth_rad")
+    kept = _whole(file, read_arrays(file, wanted, by="prepared", again=AGAIN), wanted)
+    name = check_name(str(kept["name"]), by="prepared")
+    window = len(kept["grid/elevation_rad"]), len(kept["grid/azimuth_rad"])
+    return Entry(name, str(kept["scene"]), window, f"{file.parent.name}/{file.stem}")
 
 
-@contextmanager
-def _opened(file: Path) -> Iterator[Any]:
-    """The arrays of a kept pair. Raises ValueError where they cannot be read."""
-    try:
-        with file.open("rb") as opened, np.load(opened) as archive:
-            yield archive
-    except (OSError, ValueError, KeyError, BadZipFile, zlib.error) as error:
-        raise ValueError(f"prepared: {file} is damaged ({error}); delete it, and it is made anew") from error
+def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
+    if missing := [name for name in wanted if name not in kept]:
+        raise ValueError(f"prepared: {file} is damaged: it lacks {', '.join(missing)}; {AGAIN}")
+    return kept

@@ -16,8 +16,8 @@ from tqdm import tqdm
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
-from jaxsim.data.tfds_builder import ABOUT, MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
-from jaxsim.files import claim, lock, unlock
+from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
+from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
 from jaxsim.pairs.prepared import fingerprint
 from jaxsim.pairs.shards import Job, make_all, make_by_beam, read_note, write_shard
 from jaxsim.prepare import check_networks
@@ -49,8 +49,7 @@ def make_set(
     dataset = open_dataset(data)
     splits = _splits(dataset, data.kind, train=train, evaluation=evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
-    lock(Path(out), doing="writing to", instead="another --out")
-    try:
+    with working_in(out):
         if (folder / "dataset_info.json").is_file():
             _check_finished(folder, data, prepare, splits=splits)
             _tidy(folder)
@@ -58,8 +57,6 @@ def make_set(
             first = dataset[next(iter(splits.values()))[0]]
             job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
             _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam)
-    finally:
-        unlock(Path(out))
     return folder
 
 
@@ -131,7 +128,7 @@ def _claim_plan(making: Path, job: Job, splits: dict[str, list[int]], *, size: i
         _flat(plan),
         by="prepare",
         text=json.dumps(plan),
-        read=lambda record: _flat(json.loads(record)),
+        read=lambda record: _flat(parse_json(record)),
         note="code is the fingerprint of jaxsim's own; to go on, give the settings that it was begun with",
     )
 
@@ -140,7 +137,7 @@ def _check_finished(folder: Path, data: DataConfig, prepare: PrepareConfig, *, s
     """Raises ValueError where a finished set is not of these settings and frames."""
 
     def read(record: bytes) -> dict[str, Any]:
-        about = ABOUT.validate_json(record)
+        about = parse_settings(About, parse_json(record))
         return about.settings | {name: list(split.positions) for name, split in about.splits.items()}
 
     claim(folder / "metadata.json", {**pair_settings(data, prepare), **splits}, by="prepare", read=read)
@@ -183,7 +180,6 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path)
 
 def _tidy(folder: Path) -> None:
     """Removes what only the making needed, and what a killed command or a killed worker left half written."""
-    for half in folder.glob(".*"):
-        half.unlink()
+    tidy(folder)
     shutil.rmtree(folder / "done", ignore_errors=True)
     (folder / "plan.json").unlink(missing_ok=True)

@@ -31,12 +31,15 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.data.records import example_of
 from jaxsim.data.tfds_builder import Shard, serialized, write_records
-from jaxsim.files import replacing
+from jaxsim.files import read_json, replacing
 from jaxsim.geometry import LidarSpec
+from jaxsim.interrupts import unheard_by_children
 from jaxsim.pairs.prepared import make_record
 
 AHEAD = 4
 """Pairs a worker may be ahead of the one that is written next."""
+MOST_CELLS = 100_000
+"""No window has as many rows or columns."""
 POLL_S = 1.0
 """Seconds between looks at what Beam's workers have finished."""
 
@@ -89,8 +92,24 @@ def read_note(shard: Shard, folder: Path) -> dict[str, Any] | None:
     file = shard.file(folder)
     if not (note.is_file() and file.is_file()):
         return None
-    about = json.loads(note.read_text())
+    about = read_json(note, by="prepare")
+    if not _is_note(about, len(shard.positions)):
+        raise ValueError(
+            f"prepare: {note} does not tell of the {len(shard.positions)} pairs of its file; delete it, and the file "
+            "is made anew"
+        )
     return about if about["bytes"] == file.stat().st_size else None
+
+
+def _is_note(about: Any, count: int) -> bool:
+    """Whether a JSON value is what `write_shard` notes of so many pairs."""
+    if not isinstance(about, dict) or type(about.get("bytes")) is not int:
+        return False
+    columns = [about.get(name) for name in ("names", "scenes", "windows", "labelled")]
+    if not all(isinstance(column, list) and len(column) == count for column in columns):
+        return False
+    sizes = [size for window in about["windows"] for size in (window if isinstance(window, list) else [None])]
+    return all(type(size) is int and 0 < size < MOST_CELLS for size in sizes)
 
 
 def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: tqdm[Any] | None = None) -> None:
@@ -120,10 +139,12 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
         yield from (make(job, position) for position in positions)
         return
     cache = jax.config.jax_compilation_cache_dir  # type: ignore
+    others = multiprocessing.active_children()
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
     with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(cache,)) as pool:
         todo = iter(positions)
-        waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
+        with unheard_by_children():
+            waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
         try:
             while waiting:
                 yield waiting.popleft().result()
@@ -133,6 +154,12 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
                 f"prepare: one of {workers} worker processes was killed, perhaps for want of memory; start fewer "
                 "(--workers), the same command goes on"
             ) from error
+        except BaseException:
+            # A worker may be in the middle of a frame that takes a minute, and nobody will take what it makes.
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.kill()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -166,7 +193,7 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f"prepare: --beam needs Apache Beam ({error}); in an environment of its own, for it asks for older "
-            "versions of some packages: pip install -e '.[beam]' -c constraints-beam.txt"
+            "versions of some packages: pip install 'jaxsim-lidar[beam]'"
         ) from error
     # Beam tells a hundred lines of how it starts; its warnings are enough, unless the options say more.
     logging.getLogger("apache_beam").setLevel(logging.WARNING)

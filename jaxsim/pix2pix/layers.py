@@ -90,6 +90,7 @@ class Conv(nnx.Module):
             largest = fan**-0.5
             self.bias[...] = jax.random.uniform(rngs.params(), (out_channels,), minval=-largest, maxval=largest)
         if form.spectral:
+            # Power iteration goes on from pass to pass; where it begins matters for the first few alone.
             self.left = SpectralVector(unit(jax.random.normal(rngs.params(), (out_channels,))))
             self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
 

@@ -186,5 +186,6 @@ def perceptual(
         image, target = image.astype(compute), target.astype(compute)
     seen = vgg_features(weights, image, imagenet=imagenet)
     wanted = vgg_features(weights, target, imagenet=imagenet)
+    # Only the image learns: features of the target are held (`mean_difference`).
     terms = [mean_difference(a, b) for a, b in zip(seen, wanted, strict=True)]
     return sum(w * term for w, term in zip(LAYER_WEIGHTS, terms, strict=True))

@@ -157,6 +157,7 @@ def make_train_step(
     return partial(
         jax.jit(
             lambda state, batch, *, vgg: step(state, batch, vgg),
+            # Old and new state share their memory.
             donate_argnums=0,
             compiler_options=compiler_options() if on_cpu() else None,
         ),
@@ -167,6 +168,7 @@ def make_train_step(
 def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Array) -> Tree:
     """Moving average of the folded generator; up to `ema_start` updates it is a copy."""
     decay = jnp.where(step <= experiment.optim.ema_start, 0.0, experiment.optim.ema_decay)
+    # Kernels change by more than their parameters, for the norm changes too: the average is of what a pass uses.
     folded = fold_spectral_norm(generator.parameters, generator.vectors)
     return jax.tree.map(lambda old, new: decay * old + (1 - decay) * new, ema, folded)
 

@@ -63,6 +63,7 @@ def network_inputs(
 
     def semantic() -> Array:
         known = (seen & ~painted.occluded)[..., None]
+        # Shaped by hand below: arrays of different rank do not meet in this house.
         ids = np.asarray(prepare.classes, np.int32)
         return (known & (painted.semantic[..., None] == ids.reshape((1,) * seen.ndim + (-1,)))).astype(jnp.float32)
 
@@ -83,6 +84,7 @@ def _row_code(row: Float[Array, "*b r c"]) -> Float[Array, "*b r c code"]:
 
     Every laser has a gain of its own: a smooth ramp does not tell neighbouring lines apart, a wave of two lines does.
     """
+    # Octaves: each wave is half as long as the one before.
     phase = 2 * jnp.pi * row[..., None] * 2.0 ** jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row.ndim]
     return jnp.concatenate([2 * row[..., None] - 1, jnp.sin(phase), jnp.cos(phase)], axis=-1)
 

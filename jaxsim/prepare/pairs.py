@@ -72,6 +72,7 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
+    # To the host: pairs are kept in files.
     painted, angle, known = jax.tree.map(np.asarray, (painted, angle, known))
     nothing = np.zeros(angle.shape, np.float32)
     pair = Pair(
@@ -184,6 +185,7 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
 def _check_gaps(name: str, valid: Bool[np.ndarray, "rows columns"]) -> None:
     """Raises ValueError where empty columns keep alternating with others: the sensor fires too seldom for them."""
     hit = np.asarray(valid.any(axis=0))
+    # Borders from seen to empty columns: a hidden sector has one, gaps between firings have many.
     if (hit[:-1] & ~hit[1:]).sum() > 0.05 * len(hit):
         raise ValueError(
             f"prepare: {name}: {int((~hit).sum())} of the window's {len(hit)} columns, all over it, got no point: "

@@ -58,6 +58,7 @@ def _stretch(intrinsics: Float[Array, "*b 3 3"], depth_m: Float[Array, "*b h w"]
     cu = intrinsics[..., 0, 2, None, None]
     fv = intrinsics[..., 1, 1, None, None]
     cv = intrinsics[..., 1, 2, None, None]
+    # u = fu x + skew y + cu and v = fv y + cv, solved for the point (x, y, 1).
     y = (v - cv) / fv
     x = (u - cu - skew * y) / fu
     return jnp.sqrt(1 + x * x + y * y)

@@ -14,6 +14,8 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment
+from jaxsim.data.calibration import check_rigid
+from jaxsim.files import parse_settings
 from jaxsim.frame import Camera
 from jaxsim.geometry import LidarSpec
 
@@ -34,6 +36,13 @@ class Run:
     image_size: tuple[int, int]
     """Rows and columns of its images."""
     version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+    def __post_init__(self) -> None:
+        shapes = {"intrinsics": (3, 3), "cam_from_velo": (4, 4)}
+        wrong = [name for name, shape in shapes.items() if _shape(getattr(self, name)) != shape]
+        if wrong:
+            raise ValueError(f"{wrong[0]} must be a matrix of {shapes[wrong[0]][0]} rows and columns")
+        check_rigid(np.asarray(self.cam_from_velo, float), "cam_from_velo")
 
     @property
     def camera(self) -> Camera:
@@ -58,6 +67,10 @@ class DepthRun:
 
     experiment: DepthExperiment
     version: str = field(default_factory=lambda: version("jaxsim-lidar"))
+
+
+def _shape(matrix: Matrix) -> tuple[int, ...]:
+    return len(matrix), *{len(row) for row in matrix}
 
 
 AnyRun = Run | DetectorRun | DepthRun
@@ -90,11 +103,10 @@ class Kind:
             return TypeAdapter[Any](self.experiment).dump_json(run.experiment, indent=2)
         return TypeAdapter[Any](self.run).dump_json(run, indent=2)
 
-    def parse(self, content: bytes) -> Any:
-        """The run of a config.json. Raises pydantic's ValidationError where a setting is unknown here."""
-        if self.bare:
-            return self.run(TypeAdapter[Any](self.experiment).validate_json(content))
-        return TypeAdapter[Any](self.run).validate_json(content)
+    def parse(self, content: Any) -> Any:
+        """The run of a config.json's plain values. Raises ValueError where a setting is unknown here, or out of its
+        range."""
+        return self.run(parse_settings(self.experiment, content)) if self.bare else parse_settings(self.run, content)
 
 
 KINDS = (
@@ -125,8 +137,8 @@ def kind_of(value: AnyRun | AnyExperiment) -> Kind:
 
 def kind_in(content: Mapping[str, Any]) -> Kind:
     """The kind of the run whose config.json has this content. Raises ValueError where it is no experiment's."""
-    settings = content.get("experiment", content)
+    settings = content.get("experiment", content) if isinstance(content, Mapping) else ()
     for kind in KINDS:
-        if kind.key in settings:
+        if isinstance(settings, Mapping) and kind.key in settings:
             return kind
     raise ValueError(f"it has none of {', '.join(kind.key for kind in KINDS)}, by which experiments are known")

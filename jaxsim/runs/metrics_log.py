@@ -10,7 +10,31 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from jaxsim.files import replacing
+from jaxsim.files import parse_json, read_text, replacing
+
+
+def read_metrics(path: Path) -> list[dict[str, Any]]:
+    """The lines of a metrics.jsonl, each with its `step`; none where there is no such file.
+
+    A last line without its end is what a killed run was writing: it is left out, and the run writes it again. Raises
+    ValueError for any other line that is none.
+    """
+    if not path.is_file():
+        return []
+    *whole, _ = read_text(path, by="run").split("\n")
+    found = []
+    for number, line in enumerate(whole, 1):
+        try:
+            content = parse_json(line, finite=False)  # a score may have no value
+            if not isinstance(content, dict) or type(content.get("step")) is not int:
+                raise ValueError("it has no step")
+        except ValueError as error:
+            raise ValueError(
+                f"run: {path}, line {number} is not what a training writes there ({error}); remove that line, and the "
+                "same command resumes"
+            ) from error
+        found.append(content)
+    return found
 
 
 class TrainingDiverged(ValueError):
@@ -30,10 +54,10 @@ class MetricsLog:
         self._board: Any = None
         if not writes:
             return
+        kept = [line for line in read_metrics(self.path) if line["step"] <= start]
         if self.path.is_file():
-            kept = [line for line in self.path.read_text().splitlines() if json.loads(line)["step"] <= start]
             with replacing(self.path) as temporary:
-                temporary.write_text("".join(line + "\n" for line in kept))
+                temporary.write_text("".join(json.dumps(line) + "\n" for line in kept), encoding="utf-8")
         if importlib.util.find_spec("tensorboardX"):
             from tensorboardX import SummaryWriter
 
@@ -51,8 +75,7 @@ class MetricsLog:
 
     def judged(self, step: int) -> bool:
         """Whether the validation scores of a step are written down; their line holds nothing else."""
-        lines = self.path.read_text().splitlines() if self.path.is_file() else []
-        names = [{*line} - {"step"} for line in map(json.loads, lines) if line["step"] == step]
+        names = [{*line} - {"step"} for line in read_metrics(self.path) if line["step"] == step]
         return any(all(name.startswith("validation/") for name in line) for line in names)
 
     def stop_on_nan(self, step: int, batch: Mapping[str, Any], metrics: Mapping[str, Any]) -> NoReturn:

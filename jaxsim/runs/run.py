@@ -5,7 +5,9 @@ Everything that is needed to use the trained network again lies in it, without t
 
 from __future__ import annotations
 
-import json
+import warnings
+from collections.abc import Sequence
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,19 +16,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
-from pydantic import ValidationError
 
 from jaxsim.config import Experiment
-from jaxsim.files import claim, lock
+from jaxsim.files import check_size, claim, digest, lock, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
+MOST_CHECKPOINT = 64 * 2**30
+"""Bytes of one file of a checkpoint."""
+SUMS = "sha256"
+"""Item of a checkpoint that holds the SHA-256 of the others."""
 FREE = (
     "data.cache",
     "optim.steps",
     "optim.epochs",
+    "run.out",  # where the folder lies, which may have been moved
+    "run.name",
     "run.log_every",
     "run.save_every",
     "run.picture_every",
@@ -78,8 +85,12 @@ def run_kind(folder: Path | str) -> Kind:
         near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
         hint = f"; there are runs at {', '.join(near)}" if near else "; `jaxsim train` makes one"
         raise ValueError(f"run: no config.json in {folder}{hint}")
+    return _kind_in(path, read_json(path, by="run"))
+
+
+def _kind_in(path: Path, content: Any) -> Kind:
     try:
-        return kind_in(json.loads(path.read_bytes()))
+        return kind_in(content)
     except ValueError as error:
         raise ValueError(f"run: {path} is no run's config.json: {error}") from error
 
@@ -95,14 +106,15 @@ def load_run(folder: Path | str, wanted: type[Loaded] = Run) -> Loaded:
     Raises ValueError where the folder is no run, is one of another kind, or holds settings unknown here.
     """
     kind, path = run_kind(folder), Path(folder) / "config.json"
+    content = read_json(path, by="run")
     if kind.run is not wanted:
         asked = next(kind.name for kind in KINDS if kind.run is wanted)
         raise ValueError(
             f"run: {folder} is the run of {kind.name}, not of {asked}; name another (its card.md has scores)"
         )
     try:
-        return kind.parse(path.read_bytes())
-    except ValidationError as error:
+        return kind.parse(content)
+    except ValueError as error:
         raise ValueError(f"run: {path} does not fit this version ({version('jaxsim-lidar')}):\n{error}") from error
 
 
@@ -110,40 +122,94 @@ class Checkpoints:
     """The training state, and the network that is used, by step (orbax).
 
     Plain arrays are written, whole: a checkpoint says nothing of the devices that made it, and fits any others. Of
-    several processes one alone uses it.
+    several processes one alone uses it. Beside them it keeps the SHA-256 of each item's arrays, with which `restore`
+    compares what it reads: the format's own sums cover little of it.
     """
 
     def __init__(self, folder: Path, *, keep: int = 2):
-        path = (folder / "checkpoints").resolve()
+        self.folder, self.keep = (folder / "checkpoints").resolve(), keep
+
+    @cached_property
+    def manager(self) -> ocp.CheckpointManager:
+        """Orbax's, opened where it is first needed: looking for checkpoints makes no folder.
+
+        Raises ValueError where a file is none (a pipe, at which reading would wait for ever), or orbax's own are
+        damaged.
+        """
         me = jax.process_index()
-        path.mkdir(parents=True, exist_ok=True)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for path in self.folder.rglob("*"):
+            if not path.is_dir():
+                check_size(path, by="run", most=MOST_CHECKPOINT)
         options = ocp.CheckpointManagerOptions(
-            max_to_keep=keep,
+            max_to_keep=self.keep,
             create=False,  # orbax would wait for the other processes there
             enable_async_checkpointing=False,  # written before the call returns: what is announced exists
             multiprocessing_options=ocp.options.MultiprocessingOptions(primary_host=me, active_processes={me}),
         )
-        self.manager = ocp.CheckpointManager(path, options=options)
+        try:
+            return ocp.CheckpointManager(self.folder, options=options)
+        except ValueError as error:
+            raise ValueError(f"run: {self.folder} holds a damaged checkpoint ({error}); remove its folder") from error
 
     @property
     def latest(self) -> int | None:
-        return self.manager.latest_step()
+        return max(self.steps, default=None)
 
     @property
     def steps(self) -> list[int]:
         """Steps that are kept, rising."""
-        return sorted(self.manager.all_steps())
+        return sorted(self.manager.all_steps()) if self.folder.is_dir() else []
 
     def save(self, step: int, **items: Any) -> None:
         """Keeps trees of arrays by name; one of them is `state`."""
-        saved = {name: ocp.args.StandardSave(jax.tree.map(np.asarray, tree)) for name, tree in items.items()}
+        plain = {name: jax.tree.map(np.asarray, tree) for name, tree in items.items()}
+        saved: dict[str, Any] = {name: ocp.args.StandardSave(tree) for name, tree in plain.items()}
+        saved[SUMS] = ocp.args.JsonSave({name: _digest(tree) for name, tree in plain.items()})
         self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
 
     def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
-        """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes)."""
+        """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes).
+
+        Raises ValueError where there is none, where it is damaged, and where it differs from its SHA-256; warns where
+        an earlier version kept none.
+        """
         step = self.latest if step is None else step
         if step is None:
-            raise ValueError(f"run: no checkpoint in {self.manager.directory}; the training has not saved one yet")
+            raise ValueError(f"run: no checkpoint in {self.folder}; the training has not saved one yet")
         wanted = jax.tree.map(lambda x: np.broadcast_to(np.zeros((), x.dtype), x.shape), like)
-        items = ocp.args.Composite(**{item: ocp.args.StandardRestore(wanted)})
-        return jax.tree.map(jnp.asarray, self.manager.restore(step, args=items)[item])
+        wanted_items: dict[str, Any] = {item: ocp.args.StandardRestore(wanted)}
+        if summed := (self.folder / str(step) / SUMS).exists():
+            wanted_items[SUMS] = ocp.args.JsonRestore()
+        try:
+            found = self.manager.restore(step, args=ocp.args.Composite(**wanted_items))
+            if summed and found[SUMS][item] != _digest(found[item]):
+                raise ValueError("its arrays differ from the SHA-256 that they were saved with")
+        except Exception as error:
+            # Orbax, tensorstore and their codecs each have errors of their own for bytes that are not theirs.
+            raise ValueError(
+                f"run: step {step} in {self.folder} is damaged, or of another network ({_brief(error)}); "
+                f"remove that folder, and an earlier step is used where one is kept ({_steps(self.steps, step)})"
+            ) from error
+        if not summed:
+            warnings.warn(
+                f"run: step {step} in {self.folder} was saved without a SHA-256 by an earlier version; it "
+                "is not verified",
+                stacklevel=2,
+            )
+        return jax.tree.map(jnp.asarray, found[item])
+
+
+def _digest(tree: Any) -> str:
+    """SHA-256 of a tree's arrays and of their places in it."""
+    leaves, _ = jax.tree.flatten_with_path(tree)
+    return digest({jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf) for path, leaf in leaves})
+
+
+def _steps(steps: Sequence[int], damaged: int) -> str:
+    return ", ".join(str(step) for step in steps if step != damaged) or "none is"
+
+
+def _brief(error: Exception) -> str:
+    text = str(error).strip().split("\n")[0] or type(error).__name__
+    return text if len(text) <= 200 else f"{text[:197]}..."

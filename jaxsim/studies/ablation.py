@@ -12,7 +12,9 @@ import numpy as np
 
 from jaxsim.config import DataConfig, Experiment, InputName, PrepareConfig
 from jaxsim.data import open_dataset, select
+from jaxsim.data.select import frames_to_judge
 from jaxsim.evaluate.intensity import baseline_scores, frechet_of_run, require_images, score_pairs
+from jaxsim.files import file_of
 from jaxsim.metrics.inception import Extractor
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report import save_picture
@@ -129,7 +131,7 @@ def compare_networks(
 
     # Frames: one set for all.
     dataset = open_dataset(data)
-    judged = prepared(dataset, select(frames or data.validation, dataset), data, prepare=prepare)
+    judged = prepared(dataset, frames_to_judge(frames, dataset, validation=data.validation), data, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
     train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
@@ -161,7 +163,7 @@ def compare_networks(
     if unmeasured:
         drawn |= draw_unmeasured(sensors, *unmeasured)
     for name, picture in drawn.items():
-        save_picture(out / "pictures" / f"{name.replace('/', '_')}.png", picture)
+        save_picture(file_of(out / "pictures", name.replace("/", "_"), ".png", by="ablation"), picture)
 
     about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
     if more := besides(prepare.inputs):

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import json
 import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
-
-from pydantic import TypeAdapter, ValidationError
 
 from jaxsim.config import LoopConfig
+from jaxsim.files import parse_settings, read_json
 from jaxsim.runs.kinds import AnyExperiment, kind_in
 
 PACKAGE = Path(__file__).parents[1]
@@ -46,7 +43,7 @@ def load_experiment(name: str) -> tuple[AnyExperiment, str]:
     if name.endswith(".json"):
         return read_experiment(Path(name)), f"Settings of {name}."
     if not name.endswith(".py") and name not in _names():
-        raise ValueError(f"no experiment {name!r} in configs/; there are {', '.join(experiment_names())}")
+        raise ValueError(f"no experiment {name!r}; there are {', '.join(experiment_names())}")
     module = _module(name)
     if hasattr(module, "loop"):
         raise ValueError(f"{name} is not for `jaxsim train`: jaxsim real2sim2real --config {name}")
@@ -61,14 +58,15 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
     Raises ValueError for a name that is unknown, and for a file that holds no such settings.
     """
     if name.endswith(".json"):
+        if not Path(name).is_file():
+            known = ", ".join(loop_names())
+            raise ValueError(f"real2sim2real: no file {name}; name one of {known}, or a loop.json")
         try:
-            return TypeAdapter(LoopConfig).validate_json(Path(name).read_bytes()), f"settings of {name}"
-        except FileNotFoundError:
-            raise ValueError(f"real2sim2real: no file {name}; name one of configs/, or a loop.json") from None
-        except ValidationError as error:
+            return parse_settings(LoopConfig, read_json(name, by="real2sim2real")), f"settings of {name}"
+        except ValueError as error:
             raise ValueError(f"real2sim2real: {name} is no loop.json of this version: {error}") from error
     if not name.endswith(".py") and name not in loop_names():
-        raise ValueError(f"no Real2Sim2Real {name!r} in configs/; there are {', '.join(loop_names())}")
+        raise ValueError(f"no Real2Sim2Real {name!r}; there are {', '.join(loop_names())}")
     module = _module(name)
     if not isinstance(getattr(module, "loop", None), LoopConfig):
         raise ValueError(f"{name} holds no Real2Sim2Real; write `loop = ...` as in {CONFIGS / 'real2sim2real.py'}")
@@ -77,13 +75,14 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
 
 def read_experiment(path: Path) -> AnyExperiment:
     """The experiment in a run's config.json. Raises ValueError where the file holds none of this version."""
+    if not path.is_file():
+        raise ValueError(
+            f"no file {path}; give an experiment's name (`jaxsim train --help` lists them), or the config.json of a run"
+        )
     try:
-        content = json.loads(path.read_text())
-        kind: Any = kind_in(content).experiment
-        return TypeAdapter(kind).validate_python(content.get("experiment", content))
-    except FileNotFoundError:
-        raise ValueError(f"no file {path}; give an experiment of configs/, or the config.json of a run") from None
-    except (ValueError, AttributeError, TypeError, ValidationError) as error:
+        content = read_json(path, by="train")
+        return parse_settings(kind_in(content).experiment, content.get("experiment", content))
+    except ValueError as error:
         raise ValueError(f"{path} is not the config.json of a run of this version: {error}") from error
 
 
@@ -99,7 +98,9 @@ def _module(name: str) -> ModuleType:
     if not name.endswith(".py"):
         return importlib.import_module(f"configs.{name}")
     if not Path(name).is_file():
-        raise ValueError(f"no file {name}; give one like those of configs/, or a name: {', '.join(experiment_names())}")
+        raise ValueError(
+            f"no file {name}; give one like {CONFIGS / 'synthetic.py'}, or a name: {', '.join(experiment_names())}"
+        )
     return _run(f"configs.own_{Path(name).stem}", Path(name))
 
 

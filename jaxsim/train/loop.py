@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from jaxsim import devices
 from jaxsim.detect import LeftOut
+from jaxsim.interrupts import uninterrupted
 from jaxsim.report import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
@@ -29,7 +30,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     """Trains to the last step in the run's folder; the same experiment again resumes it.
 
     `description` is for the card. Raises ValueError where the experiment cannot be, or its folder holds another run,
-    and TrainingDiverged where a loss is not finite; an interrupt saves and ends the program.
+    and TrainingDiverged where a loss is not finite; an interrupt saves, and is raised on with what is to be said.
     """
     settings = experiment.run
     folder = run_folder(settings)
@@ -83,32 +84,34 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         scores = judge()  # killed after it saved this step, before it judged it
     try:
         for k, batch in enumerate(training.batches(start, training.steps), start):
-            updated, metrics = training.step(state, batch, k)
-            if not bool(metrics["finite"]):
-                log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
-            state = updated
-            step = k + 1
-            last = k + 1 == training.steps
-            left_out.see(metrics)
-            if step % settings.log_every == 0 or last:
-                values = {name: float(value) for name, value in metrics.items() if name != "finite"}
-                log.write(step, values | left_out.take())
-                losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
-                bar.set_postfix(losses, refresh=False)
-                if (words := left_out.words()) and (last or not told):
-                    bar.write(f"step {step}: {words}")
-                    told = True
-            bar.update()
-            # Saved before it is judged: judging may take long, and may fail.
-            if due(training.save_every):
-                save()
+            # A step gives the memory of the old state to the new one: between them there is none to save.
+            with uninterrupted():
+                updated, metrics = training.step(state, batch, k)
+                if not bool(metrics["finite"]):
+                    log.stop_on_nan(k + 1, devices.to_host(batch), devices.to_host(metrics))
+                state, step = updated, k + 1
+                last = k + 1 == training.steps
+                left_out.see(metrics)
+                if step % settings.log_every == 0 or last:
+                    values = {name: float(value) for name, value in metrics.items() if name != "finite"}
+                    log.write(step, values | left_out.take())
+                    losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
+                    bar.set_postfix(losses, refresh=False)
+                    if (words := left_out.words()) and (last or not told):
+                        bar.write(f"step {step}: {words}")
+                        told = True
+                bar.update()
+                # Saved before it is judged: judging may take long, and may fail.
+                if due(training.save_every):
+                    save()
             if due(training.judge_every):
                 scores = judge()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         bar.close()
-        save()
+        with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
+            save()
         lost = f"; {words}" if (words := left_out.words()) else ""
-        sys.exit(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}")
+        raise type(stop)(f"stopped after step {step}, saved in {folder}; the same command resumes{lost}") from None
     bar.close()
 
     # Card: what the run is and what it scored.
@@ -137,4 +140,10 @@ def train_apart(*arguments: str | Path, trainer: Sequence[str] = TRAINER) -> int
     if (CONFIGS.parent / "jaxsim").is_dir():  # a checkout, which need not be installed
         paths = (str(CONFIGS.parent), os.environ.get("PYTHONPATH", ""))
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    return subprocess.run([*trainer, *map(str, arguments)], env=environment).returncode
+    with subprocess.Popen([*trainer, *map(str, arguments)], env=environment) as process:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            process.terminate()  # it saves its state before it ends; a kill would cost that
+            process.wait()
+            raise

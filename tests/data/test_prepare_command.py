@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import signal
 import sys
 from pathlib import Path
 
@@ -66,6 +67,22 @@ def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes
     assert contents(out / SET) == contents(whole)
 
 
+def test_an_interrupted_command_ends_with_a_line_and_leaves_no_process_behind(drives, tmp_path):
+    """As a terminal interrupts: all processes of the command at once."""
+    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", tmp_path / "out", *FLAGS]
+    command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
+    with running(tmp_path, *command) as process:
+        wait_until(lambda: len(psutil.Process(process.pid).children()) >= 2, process)
+        children = psutil.Process(process.pid).children(recursive=True)
+        for one in (process, *children):
+            one.send_signal(signal.SIGINT)
+        output = process.communicate(timeout=PATIENCE_S)[0]
+    assert psutil.wait_procs(children, timeout=PATIENCE_S)[1] == []
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+    assert "the same command goes on" in output
+
+
 def test_beams_two_workers_write_the_bytes_of_the_plain_command(drives, tmp_path):
     pytest.importorskip("apache_beam", reason="Apache Beam is not installed: pip install -e '.[beam]'")
     data = DataConfig(kind="kitti_raw", root=drives)
@@ -90,7 +107,7 @@ def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, m
     with pytest.raises(SystemExit) as stop:
         main(["prepare", "kitti_raw", "--root", str(raw_root), "--out", str(tmp_path), *FLAGS, "--beam", "runner=X"])
     assert "--beam needs Apache Beam" in str(stop.value)
-    assert "pip install -e '.[beam]'" in str(stop.value)
+    assert "pip install 'jaxsim-lidar[beam]'" in str(stop.value)
 
 
 @pytest.mark.parametrize(

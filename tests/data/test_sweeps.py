@@ -13,9 +13,9 @@ UNITS = ["OS-1-32-G_v2.1.1_1024x10", "OS-2-128-U1_v2.3.0_1024x10"]
 
 @pytest.fixture
 def sweep_file(tmp_path):
-    """One firing every 2 degrees, clockwise from the rear; ring k (0 lowest) sees a wall at 10 m + k / 10."""
+    """Six firings every 2 degrees, clockwise from the rear; ring k (0 lowest) sees a wall at 10 m + k / 10."""
     elevation = preset("hdl32e").elevation_rad[::-1]
-    azimuth = np.deg2rad(179 - 2.0 * np.arange(180))[:, None]
+    azimuth = np.deg2rad(np.repeat(179 - 2.0 * np.arange(180), 6))[:, None]
     r = 10 + np.arange(32) / 10
     forward, left, up = (
         r * np.cos(elevation) * np.cos(azimuth),
@@ -46,12 +46,20 @@ def test_name_drive_and_time_come_from_the_file_name(sweep_file):
 
 
 def test_a_beam_that_did_not_come_back_is_no_point_at_the_sensor(sweep_file):
-    points = np.fromfile(sweep_file, "<f4").reshape(180, 32, 5)
-    points[40:50, 3, :3] = (0.0, -0.45, -0.01)
+    points = np.fromfile(sweep_file, "<f4").reshape(180, 6, 32, 5)
+    points[40:50, :, 3, :3] = (0.0, -0.45, -0.01)
     points.tofile(sweep_file)
     valid = read_lidar_top(sweep_file, columns=180).image.valid
     assert not valid[28, 40:50].any()
     assert valid.sum() == valid.size - 10
+
+
+def test_a_turn_cut_between_two_points_or_firings_is_refused(sweep_file):
+    whole = sweep_file.read_bytes()
+    for points in (34560 - 1, 34560 - 32 * 11, 17280, 32):
+        sweep_file.write_bytes(whole[: 20 * points])
+        with pytest.raises(ValueError, match=rf"holds {points} points; a whole turn is 1070 firings or more"):
+            read_lidar_top(sweep_file)
 
 
 def _scaled(points):
@@ -66,12 +74,22 @@ def _ring(points):
     points[:, 4] += 1
 
 
+def _millimetres(points):
+    points[:, :3] *= 1000
+
+
+def _sorted_by_ring(points):
+    points[:] = points[np.argsort(points[:, 4], kind="stable")]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (_scaled, r"intensity spans 0\.\.0\.6\d*; nuScenes stores 0\.\.255"),
-        (_nan, "1 of 5760 points are NaN"),
+        (_nan, "1 of 34560 points are NaN"),
         (_ring, r"fifth value spans 1\.\.32; it must be the ring"),
+        (_millimetres, "must be in metres"),
+        (_sorted_by_ring, "in order: the file is cut off, or was sorted"),
     ],
 )
 def test_a_spoilt_file_says_what_is_wrong(sweep_file, change, message):

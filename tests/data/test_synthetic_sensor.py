@@ -9,7 +9,7 @@ import pytest
 
 from jaxsim.data.synthetic.light import Light, lit, map_borders, map_place
 from jaxsim.data.synthetic.raycast import Candidates
-from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, Scan, cast_shadows
+from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, IdealScan, cast_shadows
 from jaxsim.data.synthetic.scene import Thing, gather, place, poses
 from jaxsim.data.synthetic.solids import Look, Model
 from jaxsim.data.synthetic.tiles import candidates
@@ -22,10 +22,10 @@ SHAPE = (64, 200)
 
 
 @pytest.fixture
-def a_scan() -> Scan:
+def a_scan() -> IdealScan:
     rng = np.random.default_rng(0)
     chance = rng.random((3, *SHAPE))
-    return Scan(
+    return IdealScan(
         range_m=rng.uniform(0.5, 140, SHAPE).astype(np.float32),
         valid=rng.random(SHAPE) < 0.9,
         incidence_rad=rng.uniform(0, 1.55, SHAPE).astype(np.float32),
@@ -38,7 +38,7 @@ def a_scan() -> Scan:
     )
 
 
-def test_the_report_follows_its_formulae(a_scan: Scan) -> None:
+def test_the_report_follows_its_formulae(a_scan: IdealScan) -> None:
     gain = beam_gain(SENSOR, 64)
     truth = report(a_scan, gain, sensor=SENSOR, spec=SPEC)
     r, t = a_scan.range_m.astype(np.float64), a_scan.incidence_rad.astype(np.float64)
@@ -56,7 +56,7 @@ def test_the_report_follows_its_formulae(a_scan: Scan) -> None:
     np.testing.assert_array_equal(truth.image.valid, met)
 
 
-def test_a_target_of_threshold_reflectance_is_seen_half_of_the_time(a_scan: Scan) -> None:
+def test_a_target_of_threshold_reflectance_is_seen_half_of_the_time(a_scan: IdealScan) -> None:
     ideal = replace(SENSOR, overlap_m=1e-3, extinction=0.0)
     plain = a_scan.replace(
         range_m=np.full(SHAPE, SENSOR.threshold_m, np.float32),
@@ -71,7 +71,7 @@ def test_a_target_of_threshold_reflectance_is_seen_half_of_the_time(a_scan: Scan
     assert np.asarray(seen.valid).mean() == pytest.approx(0.5, abs=0.02)
 
 
-def test_measurements_scatter_about_the_truth_and_lie_on_the_sensor_s_steps(a_scan: Scan) -> None:
+def test_measurements_scatter_about_the_truth_and_lie_on_the_sensor_s_steps(a_scan: IdealScan) -> None:
     level = jnp.full(SHAPE, 0.4, jnp.float32)
     image = PolarImage(jnp.full(SHAPE, 20.0, jnp.float32), level, jnp.ones(SHAPE, bool))
     truth = Truth(image, a_scan, jnp.ones(SHAPE, jnp.float32))

@@ -67,7 +67,7 @@ def test_kept_scenes_are_made_once_and_other_settings_apart(tmp_path, kitti):
         (np.zeros((0, 4)), "no points"),
         (np.zeros((5, 3)), "no intensity"),
         (np.full((5, 4), np.nan), "5 of 5 points .* NaN"),
-        (np.full((5, 4), 30.0), "must be 0..1"),
+        (np.full((5, 4), 30.0), "must lie in 0..1"),
     ],
 )
 def test_a_broken_cloud_is_refused(points, message):

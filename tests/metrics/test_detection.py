@@ -185,7 +185,7 @@ def test_files_that_cannot_be_scored_are_named(tmp_path):
         (car(0, score="nan"), "line 2: column 16 is nan"),
         (car(0, x=math.nan, score=0.5), "line 2: column 12 is nan"),
         (car(0, x=math.inf, score=0.5), "line 2: column 12 is inf"),
-        (car(0, score="high"), "line 2: could not convert.*columns 2 to 16 are numbers"),
+        (car(0, score="high"), "line 2: columns 2 to 16 are numbers: 'high' is no number"),
     ):
         (found / "000000.txt").write_text(f"{car(1, score=0.4)}\n{line}\n")
         with pytest.raises(ValueError, match=message):

@@ -59,7 +59,7 @@ def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     prepared(open_dataset(data), [0], data, prepare=plain)
     (file,) = cache_folder(data, plain).iterdir()
     file.write_bytes(file.read_bytes()[:-500])
-    with pytest.raises(ValueError, match=r"000000\.npz is damaged .*; delete it"):
+    with pytest.raises(ValueError, match=r"000000\.npz is no readable .*; delete it"):
         prepared(open_dataset(data), [0], data, prepare=plain)
 
 

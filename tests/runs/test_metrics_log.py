@@ -39,3 +39,20 @@ def test_what_broke_a_run_is_kept_and_told(tmp_path, value, cause):
     with pytest.raises(TrainingDiverged, match=f"loss/gan not finite at step 7.*{cause}"):
         MetricsLog(tmp_path, 0).stop_on_nan(7, batch, {"loss/gan": np.nan, "loss/rest": 1.0, "finite": False})
     np.testing.assert_array_equal(np.load(tmp_path / "diverged_000007.npz")["inputs"], batch["inputs"])
+
+
+def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
+    log = MetricsLog(tmp_path, 0)
+    for step in (1, 2):
+        log.write(step, {"loss": 0.5})
+    whole = (tmp_path / "metrics.jsonl").read_bytes()
+    (tmp_path / "metrics.jsonl").write_bytes(whole + b'{"step": 3, "lo')
+    assert not MetricsLog(tmp_path, 2).judged(3)
+    assert (tmp_path / "metrics.jsonl").read_bytes() == whole
+
+
+@pytest.mark.parametrize("line", ["{", "3", '{"loss": 1}', '{"step": "3"}', '{"step": true}'])
+def test_a_line_that_is_none_is_named(tmp_path, line):
+    (tmp_path / "metrics.jsonl").write_text(f'{{"step": 1}}\n{line}\n')
+    with pytest.raises(ValueError, match=r"metrics\.jsonl, line 2 is not what a training writes"):
+        MetricsLog(tmp_path, 2)

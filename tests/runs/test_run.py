@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import Experiment
+from jaxsim.files import unlock
 from jaxsim.frame import Camera, CameraFrame
 from jaxsim.geometry import preset
 from jaxsim.runs.run import describe, load_run, start_run
@@ -82,8 +83,12 @@ def test_a_folder_that_was_deleted_is_locked_anew(tmp_path):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-def test_without_locks_a_warning_says_so(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "fcntl", None)
-    with pytest.warns(UserWarning, match="cannot be locked .*no other process"):
-        start_run(tmp_path, run())
-    assert load_run(tmp_path) == run()
+def test_a_moved_run_resumes(tmp_path):
+    settings = dataclasses.replace(Experiment().run, name="a", out=tmp_path / "one")
+    first = describe(dataclasses.replace(Experiment(), run=settings), preset("hdl64e"), VIEW)
+    start_run(tmp_path / "one" / "a", first)
+    unlock(tmp_path / "one" / "a")
+    (tmp_path / "one" / "a").rename(tmp_path / "b")
+    moved = dataclasses.replace(settings, name="b", out=tmp_path)
+    start_run(tmp_path / "b", dataclasses.replace(first, experiment=dataclasses.replace(Experiment(), run=moved)))
+    assert load_run(tmp_path / "b").experiment.run == moved

@@ -87,7 +87,7 @@ def test_a_stopped_training_goes_on_to_the_weights_of_an_unstopped_one(tmp_path,
         return step(*arguments, **more)
 
     monkeypatch.setattr(depth, "train_step", interrupted)
-    with pytest.raises(SystemExit, match="stopped after step 5"):
+    with pytest.raises(KeyboardInterrupt, match="stopped after step 5"):
         train(halved, "Stopped.")
     monkeypatch.setattr(depth, "train_step", step)
     train(halved, "Stopped.")

@@ -76,7 +76,7 @@ def test_a_file_of_ones_own_is_an_experiment_and_may_build_on_those_of_configs(t
     Path("nothing.py").write_text("answer = 42\n")
     with pytest.raises(ValueError, match=r"nothing\.py holds no experiment; write `experiment = \.\.\.`"):
         load_experiment("nothing.py")
-    with pytest.raises(ValueError, match=r"no file none\.py; give one like those of configs/"):
+    with pytest.raises(ValueError, match=r"no file none\.py; give one like .*synthetic\.py"):
         load_experiment("none.py")
 
 

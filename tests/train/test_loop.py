@@ -1,6 +1,8 @@
 """The loop, on a training that only adds: what it saves, judges and writes, and that a stopped run ends the same."""
 
 import json
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 from jaxsim.config import DetectorExperiment, RunConfig
+from jaxsim.interrupts import terminable
 from jaxsim.metrics import Score
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.metrics_log import TrainingDiverged
@@ -106,7 +109,7 @@ def test_milestones_are_saved_and_judged_and_the_end_may_score_anew(tmp_path, mo
 def test_a_stopped_run_ends_with_the_lines_of_an_unstopped_one(tmp_path, monkeypatch, at):
     """Also where it stopped between saving a step and judging it."""
     whole = Adding(tmp_path / "whole").run(monkeypatch)
-    with pytest.raises((SystemExit, RuntimeError)):
+    with pytest.raises((KeyboardInterrupt, RuntimeError)):
         Adding(tmp_path / "stopped", **at).run(monkeypatch)
     assert Adding(tmp_path / "stopped").run(monkeypatch) == whole
     assert Adding(tmp_path / "stopped").run(monkeypatch) == whole  # all is done: nothing is written twice
@@ -117,3 +120,32 @@ def test_what_is_not_finite_ends_the_run_before_it_is_kept(tmp_path, monkeypatch
         Adding(tmp_path / "run", diverge=4).run(monkeypatch)
     assert np.load(tmp_path / "run" / "diverged_000005.npz")["number"] == 4
     assert Checkpoints(tmp_path / "run").latest == 3
+
+
+def test_an_interrupt_right_after_a_resume_saves_nothing_twice(tmp_path, monkeypatch):
+    whole = Adding(tmp_path / "whole").run(monkeypatch)
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt, match=r"stopped after step 4, saved in .*the same command resumes"):
+            Adding(tmp_path / "stopped", interrupt=4).run(monkeypatch)
+        assert Checkpoints(tmp_path / "stopped").steps == [3, 4]
+    assert Adding(tmp_path / "stopped").run(monkeypatch) == whole
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_a_step_waits_for_its_end(tmp_path, monkeypatch, number):
+    """The old state's memory is given to the new one's: between them there is nothing that could be saved."""
+
+    class Stopped(Adding):
+        def step(self, state, batch, k):
+            if k == 4:
+                os.kill(os.getpid(), number)
+                state.total.fill(np.nan)
+                return Sum(np.int32(5), np.float32(10)), {"loss/sum": np.float32(10), "finite": True}
+            state, metrics = super().step(state, batch, k)
+            return Sum(state.step, np.array(state.total)), metrics
+
+    whole = Adding(tmp_path / "whole").run(monkeypatch)
+    with terminable(), pytest.raises(KeyboardInterrupt, match="stopped after step 5"):
+        Stopped(tmp_path / "run").run(monkeypatch)
+    assert Checkpoints(tmp_path / "run").steps == [3, 5]
+    assert Adding(tmp_path / "run").run(monkeypatch) == whole

@@ -53,7 +53,7 @@ class View:
 
 
 @struct.dataclass
-class Scan:
+class IdealScan:
     """What the LiDAR's rays meet, before any sensor has looked."""
 
     range_m: Float[Array, "rows columns"]
@@ -190,12 +190,12 @@ def _shift(image: Float[Array, "3 h w"], by: int, axis: int) -> Float[Array, "3 
     return jax.lax.slice_in_dim(jnp.pad(image, pad, mode="edge"), start, start + image.shape[axis], axis=axis)
 
 
-def scan(scene: Scene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candidates: Candidates) -> Scan:
+def scan(scene: Scene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candidates: Candidates) -> IdealScan:
     """Casts every ray of a polar grid, each from its own beam's origin."""
     origin, direction = _beams(grid, velo_pose)
     hit = cast(scene.solids, scene.street, origin=origin, direction=direction, candidates=candidates, tile=LIDAR_TILE)
     seen = surface(scene.solids, scene.street, hit, pixel_m=BEAM_RAD * hit.distance)
-    return Scan(
+    return IdealScan(
         range_m=hit.distance,
         valid=hit.solid <= GROUND,
         incidence_rad=_incidence(hit, direction),

@@ -29,7 +29,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float
 
-from jaxsim.data.synthetic.render import Scan
+from jaxsim.data.synthetic.render import IdealScan
 from jaxsim.frame import Array, PolarImage
 from jaxsim.geometry import LidarSpec
 
@@ -80,7 +80,7 @@ class Truth:
 
     image: PolarImage
     """Exact range; intensity before noise and rounding; valid where a ray meets something within reach."""
-    scan: Scan
+    scan: IdealScan
     detection: Float[Array, "rows columns"]
     """Probability that the beam comes back."""
 
@@ -95,7 +95,7 @@ def beam_gain(sensor: TrueSensor, rows: int) -> Float[np.ndarray, " rows"]:
 
 
 @partial(jax.jit, static_argnames=("sensor", "spec"))
-def report(scan: Scan, gain: Float[Array, " rows"], *, sensor: TrueSensor, spec: LidarSpec) -> Truth:
+def report(scan: IdealScan, gain: Float[Array, " rows"], *, sensor: TrueSensor, spec: LidarSpec) -> Truth:
     """What the sensor would say of a sweep without noise."""
     r = jnp.clip(scan.range_m, 0.1, 2.0 * spec.max_range_m)
     retro = scan.retro & (scan.incidence_rad < sensor.retro_angle_rad)

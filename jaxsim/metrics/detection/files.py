@@ -6,6 +6,7 @@ Kinds may be any word here: what is neither of a class nor its neighbour takes n
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +15,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from jaxsim.files import file_of, files_in, numbers, read_text
+
+MOST = 1e5
+"""No metre, pixel or radian of an object is larger."""
 _COLUMNS = {"label": 15, "detection": 16}
 
 
@@ -63,9 +68,9 @@ def found_frames(folder: Path) -> list[str]:
     """Names of the frames that have a file. Raises ValueError where there is none."""
     if not folder.is_dir():
         raise ValueError(f"detection: there is no folder {folder}")
-    names = sorted(path.stem for path in folder.glob("*.txt"))
+    names = [path.stem for path in files_in(folder, ".txt")]
     if not names:
-        inside = "; its data/ has some, pass that" if any((folder / "data").glob("*.txt")) else ""
+        inside = "; its data/ has some, pass that" if files_in(folder / "data", ".txt") else ""
         raise ValueError(f"detection: {folder} holds no NUMBER.txt{inside}")
     return names
 
@@ -74,14 +79,16 @@ def frame_list(path: Path) -> list[str]:
     """Frames of a list such as ImageSets/val.txt, one name a line. Raises ValueError for one without names."""
     if not path.is_file():
         raise ValueError(f"detection: there is no list {path}")
-    names = path.read_text().split()
+    names = read_text(path, by="detection").split()
+    if twice := [name for name, times in Counter(names).items() if times > 1]:
+        raise ValueError(f"detection: {path} names {twice[0]} more than once; it would be judged twice")
     if not names:
         raise ValueError(f"detection: {path} names no frame; it should hold one a line (000001)")
     return names
 
 
 def _read(folder: Path, names: Sequence[str], what: str) -> Objects:
-    paths = [folder / f"{name}.txt" for name in names]
+    paths = [file_of(folder, name, ".txt", by="detection") for name in names]
     missing = [path.name for path in paths if not path.is_file()]
     if missing:
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
@@ -94,25 +101,25 @@ def _read(folder: Path, names: Sequence[str], what: str) -> Objects:
     values: list[list[float]] = []
     counts = np.zeros(len(paths), int)
     for k, path in enumerate(paths):
-        for line, text in enumerate(path.read_text().splitlines(), 1):
+        for line, text in enumerate(read_text(path, by="detection").splitlines(), 1):
             if row := text.split():
                 values.append(_numbers(path, line, row, what=what))
                 kinds.append(row[0])
                 counts[k] += 1
-    numbers = np.array(values, np.float64).reshape(len(kinds), _COLUMNS[what] - 1)
+    table = np.array(values, np.float64).reshape(len(kinds), _COLUMNS[what] - 1)
     return Objects(
         names=tuple(names),
         frame=np.repeat(np.arange(len(paths)), counts),
         kind=np.array(kinds, str),
-        bbox_px=numbers[:, 3:7],
+        bbox_px=table[:, 3:7],
         # Files have height, width, length.
-        size_m=numbers[:, [9, 8, 7]],
-        centre_m=numbers[:, 10:13],
-        yaw_rad=numbers[:, 13],
-        alpha_rad=numbers[:, 2],
-        truncated=numbers[:, 0],
-        occluded=numbers[:, 1],
-        score=numbers[:, 14] if what == "detection" else np.zeros(len(kinds)),
+        size_m=table[:, [9, 8, 7]],
+        centre_m=table[:, 10:13],
+        yaw_rad=table[:, 13],
+        alpha_rad=table[:, 2],
+        truncated=table[:, 0],
+        occluded=table[:, 1],
+        score=table[:, 14] if what == "detection" else np.zeros(len(kinds)),
     )
 
 
@@ -121,15 +128,12 @@ def _numbers(path: Path, line: int, row: list[str], *, what: str) -> list[float]
     if len(row) != wanted:
         hint = {15: " (15 is a label, without score)", 16: " (16 is a detection, with score)"}.get(len(row), "")
         raise ValueError(f"detection: {path}, line {line} has {len(row)} columns{hint}; a {what} has {wanted}")
-    try:
-        numbers = [float(value) for value in row[1:]]
-    except ValueError as error:
-        raise ValueError(f"detection: {path}, line {line}: {error}; columns 2 to {wanted} are numbers") from None
-    # One sum tells of any value that is not finite; which one it is, is asked only then.
-    if not np.isfinite(sum(numbers)):
-        bad = next(k for k, number in enumerate(numbers) if not np.isfinite(number))
+    values = numbers(row[1:], where=f"detection: {path}, line {line}: columns 2 to {wanted} are numbers")
+    # One sum tells of any value that is too large or none; which one it is, is asked only then.
+    if not sum(map(abs, values)) < MOST:
+        bad = next((k for k, number in enumerate(values) if not abs(number) < MOST), 0)
         raise ValueError(
-            f"detection: {path}, line {line}: column {bad + 2} is {row[bad + 1]}; leave out a box that is not finite "
-            "(a diverged network writes such)"
+            f"detection: {path}, line {line}: column {bad + 2} is {row[bad + 1]}; leave out a box that is not finite, "
+            f"or beyond {MOST:g} (a diverged network writes such)"
         )
-    return numbers
+    return values

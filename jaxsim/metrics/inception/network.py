@@ -169,6 +169,7 @@ class Inception(nnx.Module):
 
     def __init__(self, form: Form, rngs: nnx.Rngs) -> None:
         conv = partial(Conv, rngs=rngs)
+        # Attributes bear the published names, by which weights are read.
         self.Conv2d_1a_3x3 = conv(3, 32, 3, stride=2, same=False)
         self.Conv2d_2a_3x3, self.Conv2d_2b_3x3 = conv(32, 32, 3, same=False), conv(32, 64, 3)
         self.Conv2d_3b_1x1, self.Conv2d_4a_3x3 = conv(64, 80), conv(80, 192, 3, same=False)

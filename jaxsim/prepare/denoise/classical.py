@@ -21,6 +21,7 @@ def close_gaps(
     _, label = cv2.distanceTransformWithLabels(
         (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
+    # Every valid cell has a label of its own, which the cells nearest to it share.
     label = label.astype(np.int64)
     value_of = np.zeros(label.max() + 1, np.float32)
     value_of[label[valid]] = intensity[valid]

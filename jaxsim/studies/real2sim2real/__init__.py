@@ -16,7 +16,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from jaxsim.config import CloudRecipe, DataConfig, DetectorExperiment, Experiment, LoopConfig
-from jaxsim.files import claim
+from jaxsim.files import claim, parse_json, parse_settings
 
 REAL = "real"
 KINDS: dict[str, tuple[CloudRecipe, str]] = {
@@ -123,7 +123,7 @@ def settle_loop(config: LoopConfig) -> Loop:
         by="real2sim2real",
         text=adapter.dump_json(config, indent=1),
         filled=path.is_file() and begun,
-        read=lambda record: adapter.dump_python(adapter.validate_json(record), mode="json"),
+        read=lambda record: adapter.dump_python(parse_settings(LoopConfig, parse_json(record)), mode="json"),
         free=("kinds", "seeds", "out"),
     )
     return Loop(config)

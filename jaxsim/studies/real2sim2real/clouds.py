@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from jaxsim.files import read_entry
 from jaxsim.metrics.cloud_checks import DISTANCES_M, REST, CloudCounts, band_name, classes_in, compare_clouds
 from jaxsim.report.pictures import Rgb, save_picture
 from jaxsim.report.results import markdown_table, number_or_none, write_results
@@ -88,7 +88,7 @@ def plain_rows(counts: Counts, kind: str) -> dict[str, dict[str, float | None]]:
 def checked_kinds(out: Path) -> tuple[str, ...]:
     """Kinds of clouds that OUT/clouds.json compares; none where there is no such file."""
     path = out / "clouds.json"
-    return tuple(json.loads(path.read_text())["clouds"]) if path.is_file() else ()
+    return tuple(read_entry(path, "clouds", list[str], by="real2sim2real")) if path.is_file() else ()
 
 
 def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Rgb]:

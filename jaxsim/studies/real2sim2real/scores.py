@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import replacing
+from jaxsim.files import read_entry, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.report.results import markdown_table
@@ -90,7 +90,7 @@ class Average:
 def read_checkpoints(loop: Loop, trained: str, judged: str, *, seed: int) -> list[dict[str, Any]]:
     """What `write_score` kept of one detector, a dict a checkpoint; none where it is not scored."""
     path = loop.score(trained, judged, seed)
-    return json.loads(path.read_text())["checkpoints"] if path.is_file() else []
+    return read_entry(path, "checkpoints", list[dict[str, Any]], by="real2sim2real") if path.is_file() else []
 
 
 def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, str], difficulty: str) -> Average | None:

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.files import replacing
+from jaxsim.files import write_arrays
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check_size
 from jaxsim.prepare.denoise.lidia.network import Variant
@@ -159,6 +159,4 @@ def save_lidia(path: Path, values: Values) -> None:
     if path.suffix != ".npz":
         raise ValueError(f"lidia: weights are kept as .npz, not as {path.name}; name the file {path.stem}.npz")
     about = json.dumps({"kind": "lidia", "source": "a training of jaxsim", "published": False})
-    content: dict[str, Any] = {**to_published(values), ABOUT: np.array(about)}
-    with replacing(path) as temporary:
-        np.savez(temporary, **content)
+    write_arrays(path, {**to_published(values), ABOUT: np.array(about)})

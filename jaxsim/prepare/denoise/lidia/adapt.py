@@ -80,6 +80,7 @@ def adapt(
     side = min(settings.block, *clean.shape[1:])
     check_size(side, side, network.variant)
     images = [
+        # 0..1 to the network's [-1, 1].
         np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
         for given in (clean, clean if noisy is None else noisy)
     ]
@@ -93,6 +94,7 @@ def adapt(
         values, memory, loss = _step(values, memory, block, key=jax.random.fold_in(key, k), **form)
         if not np.isfinite(float(loss)):
             raise ValueError(f"lidia: the loss of step {k} is {float(loss)}; lower the rate (lr={settings.lr})")
+        # log10(4): squares on [-1, 1] are four times those of intensity.
         bar.set_postfix(psnr=f"{-10 * (float(loss) - np.log10(4)):.2f} dB", refresh=False)
     return replace(network, values=values)
 
@@ -123,6 +125,7 @@ class _Blocks:
             rng = np.random.default_rng([self.settings.seed, epoch])
             order = rng.permutation(len(self.places))
             for start in range(0, len(order) - self.batch + 1, self.batch):
+                # A coin each: rows mirrored, columns mirrored, rows for columns.
                 turns = rng.integers(0, 2, (self.batch, 3)) * np.array([1, 1, self.settings.transpose])
                 chosen = zip(order[start : start + self.batch], turns, strict=True)
                 blocks = [self._block(int(k), turn) for k, turn in chosen]

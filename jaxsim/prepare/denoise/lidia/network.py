@@ -137,11 +137,14 @@ class PatchDenoiser(nnx.Module):
         layers; with statistics of the image, of each chunk's patches, as in the published program.
         """
         net, p = self.separable_fc_net, self.variant.p
+        # A neighbour counts by exp(-|alpha| distance), alpha learned; 0 is the image's scale, 1 that of its blurred
+        # copy.
         weight0 = self.weights_net0(jnp.exp(-jnp.abs(self.alpha0[0]) * fine.distance), counted, statistics)
         weight1 = self.weights_net1(jnp.exp(-jnp.abs(self.alpha1[0]) * coarse.distance), counted, statistics)
 
         def part1(near: tuple[Array, ...], counted: Array) -> tuple[Array, ...]:
             index0, weight0, index1, weight1 = near
+            # (14 neighbours, patches, values): the layers mix neighbours and values in turn, each axis by itself.
             x0 = net.sep_part1_s0(fine.table[index0] * weight0[..., None], counted, statistics)
             x1 = net.sep_part1_s1(coarse.table[index1] * weight1[..., None], counted, statistics)
             return jnp.concatenate([x0, x1]), net.ver_hor_agg0_pre(x0), net.ver_hor_agg1_pre(x1)
@@ -154,6 +157,7 @@ class PatchDenoiser(nnx.Module):
             image = fold(x.reshape(*shape, -1), p, d) / counts(*shape[1:], p, d=d)
             return unfold(image if d == 1 else blur(pad(image, 1, "reflect")), p, d).reshape(1, -1, x.shape[-1])
 
+        # Patches of the coarse scale have cells two apart (d = 2).
         agreed0 = aggregate(pre0, 1)
         # At the coarse scale the patch's own factor is taken out before patches meet, and put back after.
         agreed1 = weight1[:1, :, None] * aggregate(pre1 / weight1[:1, :, None], 2)
@@ -165,6 +169,7 @@ class PatchDenoiser(nnx.Module):
             return (net.sep_part2(jnp.concatenate([features, more0, more1]), counted, statistics),)
 
         (noise,) = _by_chunks(part2, (features, agreed0, agreed1), counted, chunk=chunk)
+        # The network gives the noise; the first neighbour is the patch itself.
         clean = fine.table[fine.index[0]] - noise[0]
         # Flat patches count most where patches overlap: the weight falls with the cleaned patch's variance.
         spread = jnp.mean((clean - clean.mean(-1, keepdims=True)) ** 2, -1)
@@ -185,6 +190,7 @@ def _by_chunks(
     n = len(counted)
     if n <= chunk:
         return function(arrays, counted)
+    # One shape of chunk alone, so that one program is compiled.
     more = -n % chunk
 
     def cut(x: Array) -> Array:

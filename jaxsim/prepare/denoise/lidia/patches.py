@@ -40,6 +40,7 @@ def unfold(image: Float[Array, "b h w c"], p: int, d: int = 1) -> Float[Array, "
     rows, columns = image.shape[1] - d * (p - 1), image.shape[2] - d * (p - 1)
     row = jnp.arange(rows)[:, None, None, None] + d * jnp.arange(p)[None, None, :, None]
     column = jnp.arange(columns)[None, :, None, None] + d * jnp.arange(p)[None, None, None, :]
+    # Channels come before cells in a patch's values, as in PyTorch's unfold.
     cells = jnp.moveaxis(image[:, row, column], -1, 3)
     return cells.reshape(*cells.shape[:3], -1)
 
@@ -48,6 +49,7 @@ def fold(patches: Float[Array, "b rows columns numel"], p: int, d: int = 1) -> F
     """Sum of overlapping patches in every cell of their image."""
     b, rows, columns, numel = patches.shape
     x = jnp.moveaxis(patches.reshape(b, rows, columns, numel // (p * p), p, p), (3, 4, 5), (0, 1, 2))
+    # Along columns, then along rows: 2 p shifted sums instead of p^2.
     x = _overlap([x[:, :, j] for j in range(p)], d)  # c i b rows w
     return jnp.moveaxis(_overlap([x[:, i] for i in range(p)], d, axis=-2), 0, -1)
 

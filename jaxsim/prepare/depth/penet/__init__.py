@@ -13,7 +13,6 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +20,7 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float, UInt8
 
-from jaxsim.files import replacing
+from jaxsim.files import write_arrays
 from jaxsim.frame import Array
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.penet.geometry import Convention
@@ -136,6 +135,4 @@ def _open(path: Path, changed_ns: int) -> Penet:
 def save_penet(path: Path, values: Values) -> None:
     """Writes a network that was trained here as a file for `--prepare.depth-weights`."""
     about = json.dumps({"kind": TRAINED_KIND, "source": "a training of jaxsim", "published": False})
-    content: dict[str, Any] = {**to_published(values), ABOUT: np.array(about)}
-    with replacing(path) as temporary:
-        np.savez(temporary, **content)
+    write_arrays(path, {**to_published(values), ABOUT: np.array(about)})

@@ -54,6 +54,7 @@ def coordinates(
         v = jnp.asarray(across[0], jnp.float32)[None, :, None]
         u = jnp.asarray(across[1], jnp.float32)[None, None, :]
         z = jnp.where(valid, depth_m, 0.0)
+        # The pinhole camera inverted at depth z.
         down = z * (v - centre[:, 1]) / focal[:, 1]
         right = z * (u - centre[:, 0]) / focal[:, 0]
         result.append(jnp.stack([down, right, z], -1))

@@ -44,6 +44,7 @@ class ENet(nnx.Module):
 
     def __init__(self, width: int, rngs: nnx.Rngs):
         w = [width * 2**k for k in range(STAGES + 1)]
+        # Colour and sparse depth; sparse depth and the first branch's guess.
         self.rgb_conv_init = ConvBn(4, width, 5, relu=True, rngs=rngs)
         self.depth_conv_init = ConvBn(2, width, 5, relu=True, rngs=rngs)
         for k in range(STAGES):
@@ -71,6 +72,7 @@ class ENet(nnx.Module):
             colour.append(encode("rgb_encoder_layer", k, colour[k]))
         decoded = {STAGES: colour[STAGES]}
         for k in reversed(range(STAGES)):
+            # Skips are added, as in ENet, where a U-Net would concatenate.
             decoded[k] = getattr(self, f"rgb_decoder_layer{2 * k}")(decoded[k + 1], train=train) + colour[k]
         first = self.rgb_decoder_output(decoded[0], train=train)
 
@@ -135,7 +137,10 @@ class PENet(nnx.Module):
         ):
             size = twice if suffix else lambda x: x
             logit = getattr(self, f"mask_layer{suffix}")(features, train=train)[..., 0]
+            # Measured depths come back after every step, as far as this mask trusts them: KITTI's points are not all
+            # right.
             trust = jnp.where(known_valid, jax.nn.sigmoid(logit), 0.0)
+            # How much each size of neighbourhood (KERNELS) counts at a pixel.
             confidence = jax.nn.softmax(getattr(self, f"kernel_conf_layer{suffix}")(features, train=train), -1)
             guides = [getattr(self, f"iter_guide_layer{k}{suffix}")(features, train=train) for k in KERNELS]
             depth = propagate(

@@ -80,6 +80,7 @@ def begin_stage(state: PenetState, config: PenetConfig) -> PenetState:
 
 def rate(config: PenetConfig, stage: Stage, epoch: int) -> float:
     """Learning rate in an epoch (0, 1, ...) of a stage."""
+    # The last step of the staircase that has begun.
     shares = [share for start, share in stage.falls if epoch >= start]
     return config.lr * (shares[-1] if shares else 1.0)
 
@@ -98,6 +99,7 @@ def masked_error(guess_m: Array, batch: DepthFrame, loss: Loss = "square") -> Ar
 
 def branches_error(seen: Backbone, batch: DepthFrame, weight: Array, *, loss: Loss) -> Array:
     """The loss of `branches`: `weight` is that of each branch's own error, what is left of 1 the fused depth's."""
+    # The branches' own errors keep either from leaving all to the other while both are young.
     apart = masked_error(seen.colour, batch, loss) + masked_error(seen.depth, batch, loss)
     return (1 - 2 * weight) * masked_error(seen.fused, batch, loss) + weight * apart
 

@@ -1,0 +1,92 @@
+"""How a command ends: every failure that is to be expected becomes one line and an exit code.
+
+    0     done
+    1     something that the user can mend; the line says what
+    2     a command line that cannot be parsed (tyro's)
+    130   Ctrl-C, 143 SIGTERM: what was begun is saved or gone, and the same command goes on
+    141   nobody reads what is written (`| head`)
+
+Whatever else comes out is a fault of jaxsim's own, and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from jaxsim.interrupts import Terminated, terminable
+
+DAMAGE = (zlib.error, zipfile.BadZipFile, EOFError, RecursionError)
+"""Errors of files that no reader has named: what the packages that unpack them raise."""
+_REMEDIES = {
+    errno.ENOSPC: "the disk is full; make room, and the same command goes on",
+    errno.EDQUOT: "your quota of the disk is used up; make room, and the same command goes on",
+    errno.EFBIG: "the file would be larger than the system allows (ulimit -f)",
+    errno.EACCES: "you may not; mend its permissions, or name another place",
+    errno.EPERM: "you may not; mend its permissions, or name another place",
+    errno.EROFS: "it cannot be written to: the disk is read-only; name another place",
+    errno.EEXIST: "it is there already, and is no folder; name another place",
+    errno.ENOTDIR: "a part of the path is a file, not a folder; name another place",
+    errno.EISDIR: "it is a folder; a file belongs there",
+    errno.ENOENT: "there is no such file or folder",
+    errno.ENAMETOOLONG: "the name is too long for this disk",
+    errno.ELOOP: "it is a link that leads to itself",
+    errno.EMFILE: "too many files are open (ulimit -n)",
+}
+
+
+@contextmanager
+def stop_on_error() -> Iterator[None]:
+    """Ends the program with one line where a user can mend the cause, where it was interrupted, and quietly where
+    nobody reads on. JAXSIM_TRACEBACK=1 shows where it came from.
+    """
+    try:
+        with terminable():
+            yield
+    except BrokenPipeError:
+        # Python flushes once more at its end: into nothing.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    except KeyboardInterrupt as stop:
+        if os.environ.get("JAXSIM_TRACEBACK"):
+            raise
+        _say(str(stop) or "stopped; what was finished is kept, and the same command goes on")
+        sys.exit(143 if isinstance(stop, Terminated) else 130)
+    except Exception as error:
+        told = words_of(error)
+        if told is None or os.environ.get("JAXSIM_TRACEBACK"):
+            raise
+        sys.exit(f"error: {told}")
+
+
+def words_of(error: BaseException) -> str | None:
+    """What a user is told of an error that is to be expected; None for any other."""
+    if isinstance(error, OSError) and error.errno is not None:
+        where = f"{error.filename}: " if error.filename is not None else ""
+        return f"{where}{_REMEDIES.get(error.errno) or error.strerror}"
+    if isinstance(error, UnicodeDecodeError):
+        return f"a text is no {error.encoding}: {error}; save it as UTF-8"
+    if isinstance(error, ValueError | OSError | ModuleNotFoundError):
+        return str(error)
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+        return f"not enough memory ({_first(error)}); lower --batch or --optim.batch, or use a larger machine"
+    if isinstance(error, DAMAGE):
+        return f"a file is damaged ({type(error).__name__}: {_first(error)}); JAXSIM_TRACEBACK=1 shows where it is read"
+    return None
+
+
+def _first(error: BaseException) -> str:
+    return (str(error).strip() or "no message").splitlines()[0][:200]
+
+
+def _say(line: str) -> None:
+    """A line on stderr, which may be gone by now."""
+    try:
+        print(f"\n{line}", file=sys.stderr, flush=True)
+    except OSError:
+        return

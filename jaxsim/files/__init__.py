@@ -1,0 +1,60 @@
+"""Files: written whole or not at all, read by functions that check them, in folders that one process has at a time.
+
+    whole.py    writing, listing and naming files; what a killed process left half written
+    locks.py    keeping a folder for one process
+    claims.py   keeping results of other settings out of a folder
+    texts.py    text, numbers and JSON
+    arrays.py   .npz files, with the SHA-256 of what they hold
+    images.py   PNG and JPEG
+
+A file may be a stranger's: whatever is read is first measured, nothing in it is ever run or imported, and each reader
+raises ValueError that names the file, says what is wrong and what to do. Files' names that come out of data pass
+`file_of`.
+"""
+
+from jaxsim.files.arrays import array_names, digest, read_arrays, write_arrays
+from jaxsim.files.claims import claim, differences
+from jaxsim.files.images import check_image, image_of, read_pixels
+from jaxsim.files.locks import lock, unlock, working_in
+from jaxsim.files.texts import (
+    check_keys,
+    number,
+    numbers,
+    parse_json,
+    parse_settings,
+    read_entry,
+    read_json,
+    read_text,
+    real,
+)
+from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy
+
+__all__ = [
+    "array_names",
+    "check_image",
+    "check_keys",
+    "check_name",
+    "check_size",
+    "claim",
+    "differences",
+    "digest",
+    "file_of",
+    "files_in",
+    "image_of",
+    "lock",
+    "number",
+    "numbers",
+    "parse_json",
+    "parse_settings",
+    "read_arrays",
+    "read_entry",
+    "read_json",
+    "read_pixels",
+    "read_text",
+    "real",
+    "replacing",
+    "tidy",
+    "unlock",
+    "working_in",
+    "write_arrays",
+]

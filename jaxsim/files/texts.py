@@ -1,0 +1,146 @@
+"""Text and JSON that others wrote, read so that nothing is passed over in silence."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Collection, Iterable, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from pydantic import TypeAdapter
+
+from jaxsim.files.whole import check_size
+
+MOST_TEXT = 256 * 2**20
+"""Bytes of a text: grid.json of a million frames has 150 MB."""
+Number = TypeVar("Number", int, float)
+Settings = TypeVar("Settings")
+
+
+def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:
+    """A UTF-8 text without its byte order mark. Raises ValueError where it is none, with the line, or is too large."""
+    check_size(path, by=by, most=most)
+    content = Path(path).read_bytes()
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ValueError(
+            f"{by}: {path}, line {line}: byte 0x{content[error.start]:02x} is no UTF-8; it must be plain text: copy it "
+            "again, or save it as UTF-8"
+        ) from None
+
+
+def number(word: str, kind: type[Number], *, where: str) -> Number:
+    """A number of a text, in digits of ASCII alone.
+
+    Raises ValueError, beginning with `where`, for any other word, also for `1_0`, which Python takes for 10, and
+    for whole numbers of more than 64 bits.
+    """
+    try:
+        if "_" in word or not word.isascii():
+            raise ValueError
+        value = kind(word)
+        if isinstance(value, int) and abs(value) >= 2**63:
+            raise ValueError
+        return value
+    except ValueError:
+        raise ValueError(f"{where}: {word[:40]!r} is no number") from None
+
+
+def numbers(words: Iterable[str], *, where: str) -> list[float]:
+    """Numbers of a text. Raises ValueError as `number`."""
+    return [number(word, float, where=where) for word in words]
+
+
+def real(value: Any) -> float:
+    """A number of a JSON text. Raises ValueError for text and truth values, which Python would turn into one."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > sys.float_info.max:
+        raise ValueError(f"{value!r:.60} is no number")
+    return float(value)
+
+
+def parse_json(content: str | bytes, *, finite: bool = True) -> Any:
+    """What a JSON text holds. Raises ValueError where it is none, names a key twice, or is too deep to be read; and, if
+    `finite`, for NaN, for infinity, and for numbers that are too large to be told from it."""
+    hooks = {"parse_constant": _no_number, "parse_float": _finite} if finite else {}
+    try:
+        return json.loads(content, object_pairs_hook=_each_once, **hooks)
+    except RecursionError:
+        raise ValueError("it holds values within values, deeper than can be read") from None
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def _finite(digits: str) -> float:
+    value = float(digits)
+    if not math.isfinite(value):
+        raise ValueError(f"{digits[:40]} is too large for a number")
+    return value
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"{twice!r} is named twice")
+    return found
+
+
+def read_json(path: Path | str, *, by: str, hint: str = "") -> Any:
+    """What a JSON file holds; `hint` says what to do about one that is none. Raises ValueError as `parse_json`."""
+    text = read_text(path, by=by)
+    try:
+        return parse_json(text)
+    except ValueError as error:
+        raise ValueError(f"{by}: {path} is not JSON ({error}){hint and f'; {hint}'}") from error
+
+
+def read_entry(path: Path | str, name: str, kind: type[Any], *, by: str) -> Any:
+    """What a JSON file holds under one name, of the type `kind`, such as `list[str]`.
+
+    Raises ValueError as `read_json`, and where it holds nothing under that name, or of another type.
+    """
+    content = read_json(path, by=by)
+    try:
+        return TypeAdapter[Any](kind).validate_python(content[name], strict=True)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{by}: {path} must hold {name!r}, a {kind} ({error}); remove it, or make it anew") from error
+
+
+def check_keys(given: Mapping[str, Any], known: Collection[str], *, where: str) -> None:
+    """Raises ValueError for keys that mean nothing, which would be passed over; it names the nearest known ones."""
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        near = get_close_matches(unknown[0], known, n=1)
+        guess = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+        raise ValueError(f"{where}: {unknown[0]!r} means nothing here; {guess}")
+
+
+def parse_settings(kind: type[Settings], content: Any) -> Settings:
+    """A dataclass of settings from the plain values of a JSON text.
+
+    Types are taken as they are written (no "8" or true for a number), and keys must be known. Raises ValueError
+    (pydantic's ValidationError is one).
+    """
+    adapter = TypeAdapter[Any](kind)
+    settings = adapter.validate_json(json.dumps(content), strict=True)
+    _check_tree(content, adapter.dump_python(settings, mode="json"))
+    return settings
+
+
+def _check_tree(given: Any, known: Any, place: str = "") -> None:
+    """Raises ValueError for keys of `given` that `known`, a tree of the same form, has not."""
+    if isinstance(given, Mapping) and isinstance(known, Mapping):
+        check_keys(given, known, where=place or "settings")
+        for key, value in given.items():
+            _check_tree(value, known[key], f"{place}.{key}" if place else key)
+    elif isinstance(given, list) and isinstance(known, list):
+        for k, (one, other) in enumerate(zip(given, known, strict=False)):
+            _check_tree(one, other, f"{place}[{k}]")

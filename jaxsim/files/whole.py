@@ -1,0 +1,87 @@
+"""Files appear whole or not at all; a folder's files are listed without what is half written; names stay in it."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+TEMPORARY = re.compile(r"\.\d+\..+")
+"""Names of `replacing`'s temporary files."""
+MOST_BYTES = 4 * 2**30
+"""No file that is read whole is larger."""
+LONGEST_NAME = 200
+"""Characters of a file's name, its suffix left out: what any file system holds."""
+
+
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Gives a temporary path beside `path` to write to; it takes the name `path` when the block ends well."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # The suffix stays last: writers such as numpy and OpenCV choose the format by it.
+    temporary = path.with_name(f".{os.getpid()}.{path.name}")
+    # A link that lies there would be written through.
+    temporary.unlink(missing_ok=True)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
+    """The files of a folder with one of these suffixes (`.npz`), by name; none where there is no such folder.
+
+    Hidden files are left out: those that a killed process left half written (`replacing`), and what other programs keep
+    of their own (`._000000.bin` of macOS).
+    """
+    found = Path(folder).glob("*")
+    return sorted(path for path in found if path.suffix in suffixes and not path.name.startswith("."))
+
+
+def tidy(folder: Path | str) -> int:
+    """Removes what killed processes left half written in a folder and below it; how many files that were.
+
+    Only for who holds the folder's lock: another's temporaries are no leftovers. A folder below that has a lock of its
+    own is passed over, and so are links.
+    """
+    removed = 0
+    for where, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not os.path.lexists(os.path.join(where, name, ".lock"))]
+        for name in filter(TEMPORARY.fullmatch, names):
+            Path(where, name).unlink(missing_ok=True)
+            removed += 1
+    return removed
+
+
+def check_name(name: str, *, by: str) -> str:
+    """The same name back, where a file can bear it and stays in its folder.
+
+    Raises ValueError for a path, for names that are hidden, empty or too long, and for control characters.
+    """
+    if not name or name.startswith(".") or len(name) > LONGEST_NAME or re.search(r"[/\\:\x00-\x1f\x7f]", name):
+        shown = repr(name if len(name) <= 60 else f"{name[:57]}...")
+        raise ValueError(
+            f"{by}: {shown} came as a frame's name and would become a file's; it must be 1 to {LONGEST_NAME} "
+            "characters without / \\ : and control characters, and must not begin with a dot"
+        )
+    return name
+
+
+def file_of(folder: Path | str, name: str, suffix: str, *, by: str) -> Path:
+    """The path of a file of a folder whose name comes out of data. Raises ValueError as `check_name`."""
+    return Path(folder) / f"{check_name(name, by=by)}{suffix}"
+
+
+def check_size(path: Path | str, *, by: str, most: int = MOST_BYTES) -> int:
+    """Bytes of a file. Raises ValueError where it is none (a folder, a pipe), or larger than `most`; and OSError."""
+    about = Path(path).stat()
+    if not stat.S_ISREG(about.st_mode):
+        raise ValueError(f"{by}: {path} is no regular file")
+    if about.st_size > most:
+        raise ValueError(f"{by}: {path} has {about.st_size} bytes, and files of its kind at most {most}")
+    return about.st_size

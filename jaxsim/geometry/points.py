@@ -1,0 +1,40 @@
+"""What the points of a LiDAR's cloud can be, whoever read them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+FAR_M = 1000.0
+"""No car's LiDAR sees farther: what lies beyond is in millimetres or centimetres."""
+
+
+def check_points(points: Float[np.ndarray, "n c"], where: str) -> None:
+    """Checks rows of x, y, z (m) and, where there is a fourth column, intensity (0..1); `where` begins the errors.
+
+    Raises ValueError for a cloud without points, points that are not finite, ones that no LiDAR sees, and intensity
+    that is off its scale.
+    """
+    if points.ndim != 2 or points.shape[1] not in (3, 4):
+        raise ValueError(f"{where}: a cloud of shape {points.shape}; it must be rows of x, y, z and intensity")
+    if not len(points):
+        raise ValueError(f"{where}: the cloud holds no points; leave the frame out, or look at what made it")
+    broken = int((~np.isfinite(points).all(axis=1)).sum())
+    if broken:
+        raise ValueError(
+            f"{where}: {broken} of {len(points)} points are NaN or infinite; a ray without return is no point: leave "
+            "these out"
+        )
+    far = float(np.abs(points[:, :3]).max())
+    if far > FAR_M:
+        raise ValueError(
+            f"{where}: a point lies {far:g} off along an axis, and no LiDAR sees beyond {FAR_M:g} m; coordinates must "
+            "be in metres (divide millimetres by 1000)"
+        )
+    if points.shape[1] == 4:
+        low, high = float(points[:, 3].min()), float(points[:, 3].max())
+        if low < 0 or high > 1:
+            raise ValueError(
+                f"{where}: intensity spans {low:g}..{high:g}; it must lie in 0..1, so this is another sensor's file or "
+                "one that was rescaled (divide 0..255 by 255)"
+            )

@@ -1,0 +1,48 @@
+"""Numbers out of their range are refused wherever they come from."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.config import Experiment, OptimConfig, PrepareConfig, RunConfig
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("simulate RUN --out OUT --batch -3", "batch .* is -3; it must be 1 or more"),
+        ("simulate RUN --out OUT --batch 0", "batch .* is 0; it must be 1 or more"),
+        ("export --out OUT --workers 0", "workers .* is 0; it must be 1 or more"),
+        ("export --out OUT --filled 2 0.5", "filled .* it must be 0 or more and 1 or less, each"),
+        ("prepare synthetic --out OUT --pairs-a-file 0", "pairs-a-file .* is 0"),
+        ("detect RUN --clouds C --out OUT --pictures -1", "pictures .* is -1; it must be 0 or more"),
+        ("discover RUN --out OUT --nulls -1", "nulls .* is -1"),
+        ("train demo --optim.lr nan", "lr .* is nan; it must be a finite number"),
+        ("train demo --run.keep 0", "keep .* is 0; it must be 1 or more"),
+    ],
+)
+def test_a_flag_out_of_its_range_is_refused_by_its_name(tmp_path, monkeypatch, capsys, words, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(words.split())
+    said = " ".join(f"{stop.value.code} {capsys.readouterr()}".replace("│", " ").replace("\\n", " ").split())
+    assert re.search(message, said), said
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: OptimConfig(batch=0),
+        lambda: OptimConfig(betas=(0.5, 1.5)),
+        lambda: OptimConfig(lr=float("inf")),
+        lambda: RunConfig(save_every=-1),
+        lambda: PrepareConfig(image_crop=(352, -1)),
+        lambda: replace(Experiment().generator, filters=0),
+    ],
+)
+def test_so_is_a_value_in_python(make):
+    with pytest.raises(ValueError, match="it must be"):
+        make()

@@ -1,0 +1,132 @@
+"""Scans that were cut between two points, and clouds that no LiDAR measures, come through no reader."""
+
+import numpy as np
+import pytest
+
+from jaxsim.data import KittiRaw
+from jaxsim.data.clouds import cloud_files, read_cloud, read_scan
+from jaxsim.data.polar_frames import read_frame
+from jaxsim.evaluate.cloud_folder import read_points
+from jaxsim.evaluate.generation import open_folder
+from tests.data.round_room import scan
+
+
+@pytest.mark.parametrize("share", [0.995, 0.98, 0.75, 0.5, 0.1])
+def test_a_scan_that_is_cut_between_two_points_is_refused(tmp_path, share):
+    points = scan()
+    path = tmp_path / "a.bin"
+    points.tofile(path)
+    assert len(read_scan(path, "file_order").xyz_m) == len(points)
+    points[: int(share * len(points))].tofile(path)
+    with pytest.raises(ValueError, match=r"ends in laser line \d+ of 63 .*the file is cut off"):
+        read_scan(path, "file_order")
+
+
+def test_a_cloud_that_was_cropped_to_a_camera_is_not_taken_for_a_cut_one(tmp_path):
+    points = scan()
+    ahead = points[np.abs(np.arctan2(points[:, 1], points[:, 0])) < np.deg2rad(40)]
+    ahead = ahead[ahead[:, 2] > -1]
+    ahead.tofile(tmp_path / "a.bin")
+    assert len(read_scan(tmp_path / "a.bin", "file_order").xyz_m) == len(ahead)
+
+
+def test_real_scans_are_whole_and_their_halves_are_not(samples, tmp_path):
+    files = [*samples.glob("kitti_raw/2011_09_26/*/velodyne_points/data/*.bin")]
+    files += [*samples.glob("kitti_object/training/velodyne/*.bin"), *samples.glob("semantickitti*/**/velodyne/*.bin")]
+    assert files
+    for path in files:
+        read_scan(path, "file_order")
+    whole = np.fromfile(files[0], "<f4").reshape(-1, 4)
+    for count in np.linspace(1000, len(whole) - 200, 20).astype(int):
+        whole[:count].tofile(tmp_path / "a.bin")
+        with pytest.raises(ValueError, match="the file is cut off"):
+            read_scan(tmp_path / "a.bin", "file_order")
+
+
+def test_a_drive_in_millimetres_is_refused(raw_root):
+    for path in raw_root.glob("2011_09_26/*/velodyne_points/data/*.bin"):
+        points = np.fromfile(path, "<f4").reshape(-1, 4)
+        points[:, :3] *= 1000
+        points.tofile(path)
+    with pytest.raises(ValueError, match="must be in metres"):
+        KittiRaw(raw_root)[0]
+
+
+def _spoilt(k: int, value: float):
+    def change(points):
+        points[3, k] = value
+
+    return change
+
+
+WRONG = {
+    "nan": (_spoilt(0, np.nan), "1 of 500 points are NaN or infinite"),
+    "far": (_spoilt(1, 1e30), "no LiDAR sees beyond 1000 m"),
+    "high": (_spoilt(3, 7.0), "it must lie in 0..1"),
+    "low": (_spoilt(3, -3.0), "it must lie in 0..1"),
+    "intensity nan": (_spoilt(3, np.nan), "NaN or infinite"),
+}
+
+
+def write(folder, suffix, points):
+    folder.mkdir(exist_ok=True)
+    if suffix == ".bin":
+        points.astype("<f4").tofile(folder / "a.bin")
+    else:
+        np.savez(folder / "a.npz", xyz=points[:, :3], intensity=points[:, 3])
+    return folder / f"a{suffix}"
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("suffix", [".bin", ".npz"])
+def test_every_reader_of_clouds_refuses_what_no_lidar_measures(tmp_path, suffix, wrong):
+    points = np.random.default_rng(0).uniform(0, 1, (500, 4))
+    readers = {
+        "read_cloud": read_cloud,
+        "jaxsim detect": read_points,
+        "eval generation": lambda path: open_folder(path.parent).points("a"),
+    }
+    path = write(tmp_path / "clouds", suffix, points)
+    for read in readers.values():
+        assert read(path).shape == (500, 4)
+    change, message = WRONG[wrong]
+    change(points)
+    write(tmp_path / "clouds", suffix, points)
+    for read in readers.values():
+        with pytest.raises(ValueError, match=message):
+            read(path)
+
+
+def test_polar_frames_in_millimetres_are_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", range=np.full((2, 2), 20e3), intensity=np.ones((2, 2)))
+    with pytest.raises(ValueError, match="must be in metres, and no LiDAR sees beyond 1000 m"):
+        read_frame(tmp_path, "a")
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"xyz": np.ones((3, 2))},
+        {"xyz": np.ones(3)},
+        {"xyz": np.full((3, 3), "x")},
+        {"xyz": np.ones((3, 3)), "intensity": np.ones(2)},
+        {"xyz": np.ones((3, 3)), "intensity": np.ones(3, bool)},
+    ],
+)
+def test_arrays_that_are_no_cloud_are_refused(tmp_path, arrays):
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ValueError, match=r"holds (no array xyz|intensity)"):
+        read_cloud(tmp_path / "a.npz")
+
+
+def test_intensity_is_the_fourth_column_in_whatever_order_a_file_has_it(tmp_path):
+    np.savez(tmp_path / "a.npz", intensity=np.zeros(3), xyz=np.ones((3, 3)))
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.npz"), np.float32([[1, 1, 1, 0]] * 3))
+
+
+def test_a_name_that_comes_with_both_suffixes_is_judged_by_nobody(tmp_path):
+    for suffix in (".bin", ".npz"):
+        write(tmp_path / "clouds", suffix, np.random.default_rng(0).uniform(0, 1, (5, 4)))
+    for read in (cloud_files, open_folder):
+        with pytest.raises(ValueError, match=r"holds a twice, as \.bin and \.npz"):
+            read(tmp_path / "clouds")

@@ -1,0 +1,75 @@
+"""Images are measured before they are unpacked."""
+
+import struct
+import tracemalloc
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.data.kitti_depth import read_depth
+from jaxsim.data.kitti_files import read_image
+from jaxsim.data.vkitti2_files import read_indexed
+from jaxsim.files import read_pixels
+from jaxsim.files.images import PNG
+
+IMAGE = np.random.default_rng(0).integers(0, 255, (20, 30, 3)).astype(np.uint8)
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def huge(columns: int, rows: int) -> bytes:
+    """A small PNG that says it is large; its rows would unpack to nothing but zeros."""
+    about = chunk(b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0))
+    return PNG + about + chunk(b"IDAT", zlib.compress(bytes(10**6))) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_an_image_is_decoded_as_opencv_does(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    cv2.imwrite(str(path), IMAGE)
+    found = read_pixels(path, cv2.IMREAD_COLOR, by="test")
+    np.testing.assert_array_equal(found, cv2.imread(str(path), cv2.IMREAD_COLOR))
+
+
+@pytest.mark.parametrize("read", [read_image, read_depth, read_indexed])
+@pytest.mark.parametrize("size", [(40000, 40000), (2**31 - 1, 1), (8193, 8192)])
+def test_a_png_of_40000_by_40000_is_refused_before_it_is_unpacked(tmp_path, read, size):
+    (tmp_path / "a.png").write_bytes(huge(*size))
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=rf"a\.png is an image of {size[0]} x {size[1]} pixels"):
+        read(tmp_path / "a.png")
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_cut_image_is_refused_not_filled_with_grey(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    cv2.imwrite(str(path), IMAGE)
+    whole = path.read_bytes()
+    for length in (0, 1, 8, 30, len(whole) // 2, len(whole) - 3):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match=f"a{suffix} is not an image that can be read"):
+            read_image(path)
+
+
+def test_no_flipped_bit_of_a_png_gives_other_pixels(tmp_path):
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), IMAGE)
+    whole = path.read_bytes()
+    for place in np.random.default_rng(1).integers(0, 8 * len(whole), 100):
+        flipped = bytearray(whole)
+        flipped[place // 8] ^= 1 << (place % 8)
+        path.write_bytes(flipped)
+        with pytest.raises(ValueError, match=r"a\.png is (not )?an image"):
+            read_image(path)
+
+
+def test_other_formats_are_named(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"GIF89a" + bytes(100))
+    with pytest.raises(ValueError, match="neither PNG nor JPEG"):
+        read_image(tmp_path / "a.png")

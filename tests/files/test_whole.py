@@ -1,0 +1,70 @@
+"""What is half written is never taken for a file, and no name leaves its folder."""
+
+import os
+
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import frame_names, write_frame
+from jaxsim.evaluate.cloud_folder import cloud_files
+from jaxsim.evaluate.generation import open_folder
+from jaxsim.files import check_size, file_of, files_in, replacing, tidy
+from jaxsim.frame import PolarImage
+from jaxsim.metrics.detection.files import found_frames
+
+
+def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path):
+    np.savez(tmp_path / "a.npz", xyz=np.ones((1, 3)), intensity=np.ones(1))
+    (tmp_path / "a.txt").write_text("")
+    for name in (".4711.b.npz", ".4711.b.bin", ".4711.b.txt", "._a.npz", "._a.txt"):
+        (tmp_path / name).write_bytes(b"half")
+    assert [path.name for path in files_in(tmp_path, ".npz", ".bin")] == ["a.npz"]
+    assert frame_names(tmp_path) == [path.stem for path in cloud_files(tmp_path)] == ["a"]
+    assert open_folder(tmp_path).names == ("a",)
+    assert found_frames(tmp_path) == ["a"]
+
+
+def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):
+    (tmp_path / "polar").mkdir()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / ".lock").touch()
+    for place in ("polar", "other"):
+        (tmp_path / place / ".4711.b.npz").touch()
+    (tmp_path / "polar" / ".hidden").touch()
+    (tmp_path / "polar" / "b.npz").touch()
+    assert tidy(tmp_path) == 1
+    assert sorted(path.name for path in (tmp_path / "polar").iterdir()) == [".hidden", "b.npz"]
+    assert (tmp_path / "other" / ".4711.b.npz").exists()
+
+
+def test_a_link_where_the_temporary_goes_is_not_written_through(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (tmp_path / f".{os.getpid()}.a.txt").symlink_to(victim)
+    with replacing(tmp_path / "a.txt") as path:
+        path.write_text("new")
+    assert victim.read_text() == "mine"
+    assert (tmp_path / "a.txt").read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    "name", ["/x/y", "../../y", "..", ".", "", ".hidden", "a/b", "a\\b", "C:a", "a\0b", "a\n", "a" * 300]
+)
+def test_a_name_that_would_leave_the_folder_is_refused(tmp_path, name):
+    with pytest.raises(ValueError, match="came as a frame's name and would become a file's"):
+        file_of(tmp_path, name, ".png", by="eval")
+    ones = np.ones((2, 2), np.float32)
+    with pytest.raises(ValueError, match="would become a file's"):
+        write_frame(tmp_path / "polar", name, PolarImage(ones, ones, ones > 0))
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_drives_name_stays_as_it_is(tmp_path):
+    name = "2011_09_26_drive_0001_sync-0000000005"
+    assert file_of(tmp_path, name, ".png", by="eval") == tmp_path / f"{name}.png"
+
+
+def test_a_pipe_is_no_file_and_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ValueError, match="no regular file"):
+        check_size(tmp_path / "pipe", by="test")

@@ -1,0 +1,127 @@
+"""`python -m tests.fuzz N SEED`: N mutations over all readers, what came of them, exit code 1 for bad outcomes.
+
+The last line counts all readers and gives the seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+from tests.fuzz.judge import BAD, COLUMNS
+from tests.fuzz.worker import Outcome, run, table
+
+PATIENCE_S = 180.0
+"""Until a worker that says nothing is ended: one that waits for ever takes no processor time."""
+
+
+class Worker:
+    """A process that reads, and the number that it is at."""
+
+    def __init__(self, work: Path, seed: int, only: str):
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=run, args=(theirs, work, seed, only), daemon=True)
+        work.mkdir(parents=True, exist_ok=True)
+        self.process.start()
+        theirs.close()
+        if (said := self.pipe.recv()) != "ready":
+            raise RuntimeError(f"a valid tree cannot be made or read:\n{said}")
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+def outcomes(numbers: Iterator[int], seed: int, *, workers: int, only: str, work: Path) -> Iterator[Outcome]:
+    """What came of these mutations, as they end; a worker that hangs or dies is replaced."""
+    names = [name for name in table() if only in name]
+    place = iter(range(10**9))
+    idle = [Worker(work / str(next(place)), seed, only) for _ in range(workers)]
+    busy: dict[Connection, tuple[Worker, int, float]] = {}
+    again: list[int] = []
+    todo = True
+    while todo or busy or again:
+        while idle and (todo or again):
+            number = again.pop() if again else next(numbers, None)
+            todo = todo and number is not None
+            if number is not None:
+                worker = idle.pop()
+                worker.pipe.send(number)
+                busy[worker.pipe] = worker, number, time.monotonic()
+        ready = wait(list(busy), timeout=1.0) if busy else []
+        late = [pipe for pipe, (*_, begun) in busy.items() if time.monotonic() - begun > PATIENCE_S]
+        for pipe in {*ready, *late}:
+            worker, number, _ = busy.pop(pipe)  # type: ignore[index]
+            try:
+                answer = worker.pipe.recv() if pipe in ready else "late"
+            except (EOFError, OSError):
+                answer = "died"
+            if isinstance(answer, Outcome):
+                yield answer
+                idle.append(worker)
+                continue
+            if answer not in ("late", "died"):
+                raise RuntimeError(f"mutation {number} cannot be made:\n{answer}")
+            worker.end()
+            code = worker.process.exitcode
+            if code == -signal.SIGTERM:  # from outside, as a busy machine's watchman does
+                again.append(number)
+            else:
+                # What ends without a word ran out of memory, or crashed in code that is not Python's.
+                column = "hang" if answer == "late" else "memory"
+                yield Outcome(number, names[number % len(names)], column, "?", f"exit code {code}")
+            idle.append(Worker(work / str(next(place)), seed, only))
+    for worker in idle:
+        worker.end()
+
+
+def show(counts: dict[str, Counter[str]], seed: int) -> str:
+    """The table, a line a reader, and the seed."""
+    wide = max(map(len, counts)) + 2
+    lines = [" " * wide + " | ".join(COLUMNS)]
+    for name in sorted(counts):
+        lines.append(f"{name:<{wide}}" + " | ".join(f"{counts[name][c]:>{len(c)}}" for c in COLUMNS))
+    total = sum(counts.values(), Counter())
+    told = ", ".join(f"{column} {total[column]}" for column in COLUMNS)
+    return "\n".join([*lines, f"seed {seed}, {len(counts)} readers, {total.total()} mutations: {told}"])
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("count", type=int, help="mutations")
+    parser.add_argument("seed", type=int)
+    parser.add_argument("--first", type=int, default=0, help="number of the first mutation: repeats a single one")
+    parser.add_argument("--only", default="", help="readers whose name holds this")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--each", type=int, default=2, help="bad outcomes to show of each reader and column")
+    given = parser.parse_args(argv)
+    names = [name for name in table() if given.only in name]
+    counts: dict[str, Counter[str]] = {name: Counter() for name in names}
+    numbers = iter(range(given.first, given.first + given.count))
+    with tempfile.TemporaryDirectory() as work:
+        found = outcomes(numbers, given.seed, workers=given.workers, only=given.only, work=Path(work))
+        for outcome in found:
+            counts[outcome.reader][outcome.column] += 1
+            if outcome.column in BAD and counts[outcome.reader][outcome.column] <= given.each:
+                print(
+                    f"{outcome.column}: {outcome.reader}, mutation {outcome.number}, {outcome.mutation}\n"
+                    f"    {outcome.text}",
+                    flush=True,
+                )
+    print(show(counts, given.seed))
+    return int(any(counts[name][column] for name in names for column in BAD))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""Commands that write folders, each with small inputs, and a digest of what it wrote."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.frame import PolarImage
+from tests.detect.tiny import EXPERIMENT as DETECTOR
+from tests.detect.tiny import scene
+from tests.discover.toy import toy
+from tests.untrained import untrained_detector
+
+INTENSITY = """
+from dataclasses import replace
+from configs.synthetic import experiment as base
+
+experiment = replace(
+    base,
+    data=replace(base.data, train="0,4", validation="8", cache="cache"),
+    prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+    generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    discriminator=replace(base.discriminator, filters=4, max_filters=8),
+    optim=replace(base.optim, steps=9, batch=2),
+    run=replace(base.run, name="tiny", log_every=1, save_every=3, picture_every=3),
+)
+"""
+DEPTH = """
+from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, RunConfig, Stage
+
+experiment = DepthExperiment(
+    data=DataConfig(kind="synthetic", train="0-7:4", validation="1920-1920", cache="cache"),
+    image_crop=(64, 128),
+    penet=PenetConfig(width=2, stages=(Stage("branches", 2, 1, (32, 64), ()),) * 2),
+    run=RunConfig(name="depth", log_every=1, save_every=3, picture_every=100),
+)
+"""
+_DETECTOR_FLAGS = (
+    *("--data.train=0,8", "--data.validation=0", "--data.cache=cache", "--optim.epochs=4", "--run.log-every=1"),
+    *("--run.save-every=1", "--voxels.max-voxels-train=2000", "--voxels.max-voxels=2000", "--augment.sampled=0"),
+    *("--detector.train-proposals.after=16", "--detector.roi.rois=8", "--detector.roi.grid=3"),
+    *("--detector.backbone.widths", "4", "4", "4", "4", "--detector.backbone.out=4"),
+)
+PASSING = {".lock", ".lock.owner", "card.md", "_CHECKPOINT_METADATA", "loop.log"}
+"""Files that hold a time or a process, or nothing."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command line, made to run in a folder of its own where its inputs lie."""
+
+    words: tuple[str, ...]
+    results: str
+    """Folder of what it writes."""
+    inputs: Callable[[Path], None] = lambda work: None
+
+
+def _text(name: str, content: str) -> Callable[[Path], None]:
+    return lambda work: (work / name).write_text(content) and None
+
+
+def _clouds(work: Path) -> None:
+    """A detector that never learned, and clouds for it."""
+    untrained_detector(work / "detector", replace(DETECTOR, run=replace(DETECTOR.run, name="detector")))
+    (work / "clouds").mkdir()
+    for k in range(6):
+        scene(k).points.astype("<f4").tofile(work / "clouds" / f"{k:06d}.bin")
+
+
+def _toy_folders(work: Path) -> None:
+    """Two folders of polar frames of a flat road, one with gains of its beams."""
+    scan, measured = toy(12, gain=0.2)
+    frames = {f"{k:03d}": {"scene": f"s{k}", "time": 30.0 * k} for k in range(12)}
+    for side in ("simulated", "measured"):
+        write_grid(work / side, scan.grid, frames=frames)
+    for k, name in enumerate(frames):
+        image = PolarImage(
+            *(np.asarray(leaf)[k] for leaf in (scan.image.range_m, scan.image.intensity, scan.image.valid))
+        )
+        write_frame(work / "simulated", name, image, semantic=np.asarray(scan.semantic)[k])
+        seen = PolarImage(*(np.asarray(leaf)[k] for leaf in (measured.range_m, measured.intensity, measured.valid)))
+        write_frame(work / "measured", name, seen)
+
+
+COMMANDS: dict[str, Command] = {
+    "train": Command(("train", "tiny.py"), "runs", _text("tiny.py", INTENSITY)),
+    "train depth": Command(("train", "depth.py"), "runs", _text("depth.py", DEPTH)),
+    "train detector": Command(("train", "voxel_rcnn_small", *_DETECTOR_FLAGS), "runs"),
+    "prepare": Command(
+        ("prepare", "synthetic", "--train", "0-12:4", "--out", "out", "--pairs-a-file", "1", "--workers", "2"), "out"
+    ),
+    "simulate": Command(
+        ("simulate", "embedded", "--data.kind", "synthetic", "--frames", "0-3", "--out", "out", "--batch", "1"), "out"
+    ),
+    "export": Command(
+        ("export", "--data.kind", "synthetic", "--frames", "0-3", "--validation", "3", "--out", "out"), "out"
+    ),
+    "detect": Command(("detect", "detector", "--clouds", "clouds", "--out", "out"), "out", _clouds),
+    "discover": Command(
+        ("discover", "--measured", "measured", "--simulated", "simulated", "--out", "out"), "out", _toy_folders
+    ),
+    "ablation": Command(
+        ("eval", "ablation", "--train", "tiny.py", "--out", "runs", "--", "--optim.steps", "3"),
+        "runs",
+        _text("tiny.py", INTENSITY),
+    ),
+}
+"""By what they do."""
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every result. Of a checkpoint those that it keeps of its arrays: its files hold times and places."""
+    found = {}
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and p.name not in PASSING):
+        name = str(path.relative_to(folder))
+        if "checkpoints" not in path.parts or "sha256" in path.parts[-2]:
+            content = path.read_bytes()
+            if path.suffix == ".json" and "seconds" in path.read_text():
+                content = json.dumps(_timeless(json.loads(content))).encode()
+            found[name] = hashlib.sha256(content).hexdigest()
+    return found
+
+
+def _timeless(value: object) -> object:
+    """JSON without what it took: `seconds` are those of a machine."""
+    if isinstance(value, dict):
+        return {key: _timeless(one) for key, one in value.items() if "seconds" not in key}
+    return [_timeless(one) for one in value] if isinstance(value, list) else value
+
+
+def fresh(inputs: Path, work: Path) -> Path:
+    """A copy of a command's inputs."""
+    shutil.rmtree(work, ignore_errors=True)
+    return Path(shutil.copytree(inputs, work))

@@ -1,0 +1,83 @@
+"""A checkpoint is what was saved, or it is refused."""
+
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jaxsim.runs.run import SUMS, Checkpoints
+
+TREE = {"kernel": np.random.default_rng(0).normal(size=(40, 50)).astype(np.float32), "step": np.int32(7)}
+
+
+def saved(folder: Path) -> Path:
+    """A run with one checkpoint; the files that hold its arrays lie in the folder that comes back."""
+    Checkpoints(folder).save(7, state=TREE)
+    return folder / "checkpoints" / "7" / "state"
+
+
+def restored(folder: Path):
+    return Checkpoints(folder).restore("state", TREE)
+
+
+def same(tree) -> bool:
+    return jax.tree.all(jax.tree.map(lambda a, b: np.asarray(a).tobytes() == b.tobytes(), tree, TREE))
+
+
+def test_what_was_saved_is_restored_and_verified(tmp_path):
+    saved(tmp_path)
+    assert same(restored(tmp_path))
+
+
+def test_no_flipped_bit_of_150_gives_other_arrays(tmp_path):
+    """A bit of the format that means nothing may be flipped; whatever changes an array is refused."""
+    folder = saved(tmp_path)
+    data = max((path for path in folder.rglob("*") if path.is_file()), key=lambda path: path.stat().st_size)
+    whole = data.read_bytes()
+    random = np.random.default_rng(1)
+    checkpoints, refused = Checkpoints(tmp_path), 0
+    for place in random.integers(0, 8 * len(whole), 150):
+        flipped = bytearray(whole)
+        flipped[place // 8] ^= 1 << (place % 8)
+        data.write_bytes(flipped)
+        try:
+            found = checkpoints.restore("state", TREE)
+        except ValueError as error:
+            assert "is damaged" in str(error)  # noqa: PT017
+            refused += 1
+        else:
+            assert same(found)
+    assert refused >= 140
+    data.write_bytes(whole)
+    assert same(restored(tmp_path))
+
+
+def test_a_checkpoint_of_an_earlier_version_is_taken_with_a_word(tmp_path):
+    shutil.rmtree(saved(tmp_path).parent / SUMS)
+    with pytest.warns(UserWarning, match="saved without a SHA-256 by an earlier version; it is not verified"):
+        assert int(restored(tmp_path)["step"]) == 7
+
+
+def test_looking_for_checkpoints_and_restoring_one_writes_nothing(tmp_path):
+    assert Checkpoints(tmp_path / "run").latest is None
+    assert Checkpoints(tmp_path / "run").steps == []
+    assert not (tmp_path / "run").exists()
+    saved(tmp_path)
+
+    def state() -> dict[Path, tuple[int, int]]:
+        return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in tmp_path.rglob("*")}
+
+    before = state()
+    assert same(restored(tmp_path))
+    assert state() == before
+
+
+def test_a_moved_run_has_its_checkpoints_and_saves_on(tmp_path):
+    saved(tmp_path / "before")
+    (tmp_path / "before").rename(tmp_path / "after")
+    assert same(restored(tmp_path / "after"))
+    Checkpoints(tmp_path / "after").save(8, state=TREE)
+    assert Checkpoints(tmp_path / "after").steps == [7, 8]
+    assert not (tmp_path / "before").exists()

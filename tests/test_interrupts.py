@@ -1,0 +1,76 @@
+"""Signals: SIGTERM is an interrupt, and what must not stop half way does not."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from jaxsim.interrupts import SIGNALS, Terminated, terminable, unheard_by_children, uninterrupted
+
+
+def test_sigterm_is_an_interrupt_in_the_block_and_what_it_was_after_it():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(Terminated), terminable():
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert issubclass(Terminated, KeyboardInterrupt)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_waits_until_the_block_has_ended(number):
+    done = []
+
+    def work() -> None:
+        with terminable():
+            with uninterrupted():
+                os.kill(os.getpid(), number)
+                done.append("first half")
+                os.kill(os.getpid(), number)
+                done.append("second half")
+            done.append("what follows")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["first half", "second half"]
+
+
+def test_blocks_may_lie_in_one_another():
+    done = []
+
+    def work() -> None:
+        with uninterrupted():
+            with uninterrupted():
+                os.kill(os.getpid(), signal.SIGINT)
+            done.append("the outer block goes on")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done
+
+
+def test_other_threads_pass_through():
+    seen = []
+
+    def work() -> None:
+        with terminable(), uninterrupted():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.getsignal(signal.SIGINT)]
+
+
+def test_children_do_not_hear_what_a_terminal_sends_to_all():
+    says = "import signal, time; print('ready', flush=True); time.sleep(0.3); print('unharmed')"
+    with unheard_by_children():
+        child = subprocess.Popen([sys.executable, "-c", says], stdout=subprocess.PIPE, text=True)
+    with child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "ready\n"
+        child.send_signal(signal.SIGINT)
+        assert child.stdout.read() == "unharmed\n"
+    assert child.returncode == 0
