@@ -1,4 +1,4 @@
-"""Which columns of which frames are looked at, the units that they belong to, and their rays as simulated."""
+"""Which columns of which frames are looked at, the scenes that they belong to, and their rays as simulated."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ GUARD_COLUMNS = 4
 
 @dataclass(frozen=True)
 class Blocks:
-    """Columns of frames, with the name of the unit that each block belongs to."""
+    """Columns of frames, with the name of each block's scene: a drive, or a sector of the only one."""
 
     frame: Int[np.ndarray, " b"]
     column: Int[np.ndarray, "b c"]
-    unit: tuple[str, ...]
+    scene: tuple[str, ...]
 
 
 def blocks(scenes: Sequence[str], rows: int, columns: int, *, rays: int = RAYS, seed: int = 0) -> Blocks:
     """Columns spread evenly over each frame, the first at random; of frames of one scene, sectors of the scan.
 
-    Where all frames are of one scene, a sector of all of them is one unit: what a car or a wall does to one frame it
+    Where all frames are of one scene, a sector of all of them counts as one: what a car or a wall does to one frame it
     does to the next. Raises ValueError where sectors would be too narrow.
     """
     rng = np.random.default_rng(seed)

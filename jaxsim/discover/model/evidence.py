@@ -1,8 +1,8 @@
 """What is compared: thinned rays of the simulation beside what the sensor said of them.
 
-Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where there is but one scan. A unit
-is what statistics count: a scene (drive), or a sector. Whole columns are kept, since columns are lost whole; of the n
-that a scan has, c are looked at.
+Letters: b blocks, c columns, r rows. A block is a frame, or a sector of one where all frames are of one drive. A
+scene is what statistics count: a drive, or such a sector. Whole columns are kept, since columns are lost whole; of the
+n that a scan has, c are looked at.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.cast import Cast, RayIndex, cast, ray_index
+from jaxsim.discover.model.kinds import kinds_of
 from jaxsim.discover.model.lattice import FINEST, lattice_step
 from jaxsim.discover.model.simulator import OF_DETAIL, AtRays, Meant, at_rays
 from jaxsim.discover.model.surfaces import Surfaces, edges, surfaces_of
@@ -43,14 +44,18 @@ BLURRED = 3.0
 DARK = 0.2
 """Noise of the sensor, the same for all intensities, over the predicted one from which on intensities are not compared:
 the mean of the logarithm is then off by half its square."""
+FULL = 0.9995
+"""Intensity from which a reading lies at the end of the sensor's scale: what is brighter reads the same ..."""
+MOST_FULL = 0.05
+"""... so surfaces of which more than this share reads it are not compared: the others of them are the dark ones."""
 LEAST_SLANT = 0.03
 """Cosine of incidence below which a range tells nothing: it changes by 33 times what the surface does."""
 POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
 """Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
-AFTER_CLASSES = 4
-"""Features behind the classes: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
+AFTER_KINDS = 4
+"""Features behind the kinds: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
 
 
 @struct.dataclass
@@ -84,7 +89,7 @@ class Evidence:
     pose: Float[Array, "b c r 6"]
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
-    """Columns of the design matrix of ln I, 0 where not `compared`: 1 (the gain), class indicators, curvature in the
+    """Columns of the design matrix of ln I, 0 where not `compared`: 1 (the gain), kinds of surfaces, curvature in the
     incidence, and how much brighter the surface would be with the normal of the simulator's own range image, on flat
     ground, on terrain and elsewhere (the simulator's normals may be noisy)."""
     ridge: Float[Array, " p"]
@@ -93,7 +98,7 @@ class Evidence:
     """As in `Surfaces`, and the next two."""
     surface: Int[Array, " t"]
     precision: Float[Array, " s"]
-    unit: Int[Array, " b"]
+    scene: Int[Array, " b"]
     known_variance: Float[Array, "#b #c #r"]
     """Squared standard deviation of ln I that follows from levels read off the frames, nats^2: of what the simulator
     means, where noise of its own hides it; and of the sensor's readings by noise that is the same for all."""
@@ -101,9 +106,11 @@ class Evidence:
     """The same of the range that the simulator means, m^2."""
     own_step: Float[Array, " 2"]
     """Lattices of the simulator's own intensities and ranges; 0 for none."""
-    units: int = struct.field(pytree_node=False, default=0)
-    after_classes: int = struct.field(pytree_node=False, default=AFTER_CLASSES)
-    """Features behind the classes."""
+    scenes: int = struct.field(pytree_node=False, default=0)
+    kinds: tuple[str, ...] = struct.field(pytree_node=False, default=())
+    """Of the features behind the gain: classes, or what stands in for them (`kinds`)."""
+    after_kinds: int = struct.field(pytree_node=False, default=AFTER_KINDS)
+    """Features behind the kinds of surfaces."""
 
     @property
     def smooth(self) -> Bool[Array, "b c r"]:
@@ -122,12 +129,12 @@ def gather(
     *,
     frame: Int[np.ndarray, " b"],
     column: Int[np.ndarray, "b c"],
-    unit: Int[np.ndarray, " b"],
+    scene: Int[np.ndarray, " b"],
     given_rad: Float[Array, "f r n"] | None = None,
     rays: Cast | None = None,
     simulator: Meant | None = None,
 ) -> Evidence:
-    """The evidence of chosen columns: `frame`, `column` and `unit` of each block.
+    """The evidence of chosen columns: `frame`, `column` and `scene` of each block.
 
     `given_rad` are the simulator's own incidence angles, where those of `scan` are better (`with_planes`);
     `rays` what `cast` gives for these columns, where it was asked before; `simulator` what is known of its own noise,
@@ -137,7 +144,7 @@ def gather(
     values = np.asarray(measured.intensity)[index]
     valid = np.asarray(measured.valid)[index]
     step = lattice_step(values[valid], finest=FINEST["intensity_quantization"])
-    classes = np.unique(np.asarray(scan.semantic)[index])
+    kinds = kinds_of(scan, index)
     given = scan.incidence_rad if given_rad is None else given_rad
     surfaces = surfaces_of(scan, index)
     return _gather(
@@ -147,16 +154,18 @@ def gather(
         index=index,
         given_rad=given,
         surfaces=surfaces,
-        unit=unit.astype(np.int32),
+        scene=scene.astype(np.int32),
         darkest=np.float32(BLURRED * step),
+        cut=_cut_off(values, valid, surfaces),
         lowest=np.float32(np.log(np.min(values, where=valid & (values > FLOOR), initial=1.0))),
         own=at_rays(scan, index, surfaces=surfaces, given_rad=given, simulator=simulator),
-        classes=tuple(int(c) for c in classes),
-        units=int(unit.max()) + 1,
+        kinds=kinds.share,
+        kind_names=kinds.names,
+        scenes=int(scene.max()) + 1,
     )
 
 
-@partial(jax.jit, static_argnames=("classes", "units"))
+@partial(jax.jit, static_argnames=("kind_names", "scenes"))
 def _gather(
     scan: Scan,
     measured: Measured,
@@ -165,12 +174,14 @@ def _gather(
     index: RayIndex,
     given_rad: Float[Array, "f r n"],
     surfaces: Surfaces,
-    unit: Int[Array, " b"],
+    scene: Int[Array, " b"],
     darkest: Float[Array, ""],
+    cut: Bool[Array, "#b #c #r"],
     lowest: Float[Array, ""],
     own: AtRays,
-    classes: tuple[int, ...],
-    units: int,
+    kinds: Float[Array, "b c r k"],
+    kind_names: tuple[str, ...],
+    scenes: int,
 ) -> Evidence:
     rays, pose = simulated.rays, simulated.pose
     # What the simulator itself loses at random is no loss of the sensor's.
@@ -192,7 +203,7 @@ def _gather(
     # Nor by noise, which would choose the brighter of the dark rays as well.
     expected = rays.log_intensity - own.over_trend
     clear = expected > jnp.log(jnp.maximum(darkest, FLOOR))
-    compared = rays.hit & returned & near & ~edge & moderate & clear & own.trusted
+    compared = rays.hit & returned & near & ~edge & moderate & clear & ~cut & own.trusted
     # Of the logarithm of a reading that noise may halve the mean is off, and its scatter as large as itself.
     seen = rays.hit & returned & near & clear
     log_measured = jnp.log(jnp.maximum(measured.intensity[index], FLOOR))
@@ -200,8 +211,8 @@ def _gather(
     dark = own.constant * jnp.exp(-level)
     compared = compared & (dark < DARK)
     known_variance = own.variance + jnp.minimum(dark, DARK) ** 2
-    features = _features(rays, given, classes)
-    ridge = _ridge(len(classes))
+    features = _features(rays, given, kinds)
+    ridge = _ridge(len(kind_names))
     if own.detail is not None:
         features = jnp.concatenate([features, own.detail], axis=-1)
         ridge = np.append(ridge, np.full(OF_DETAIL, 1 / DETAIL_SD**2, np.float32))
@@ -222,30 +233,45 @@ def _gather(
         strip=surfaces.strip,
         surface=surfaces.surface,
         precision=surfaces.precision,
-        unit=unit,
+        scene=scene,
         known_variance=known_variance,
         known_range_variance=own.range_variance,
         own_step=own.step,
-        units=units,
-        after_classes=AFTER_CLASSES + (0 if own.detail is None else OF_DETAIL),
+        scenes=scenes,
+        kinds=kind_names,
+        after_kinds=AFTER_KINDS + (0 if own.detail is None else OF_DETAIL),
     )
 
 
-def _features(rays: Rays, given_rad: Float[Array, "b c r"], classes: tuple[int, ...]) -> Float[Array, "b c r p"]:
+def _cut_off(
+    intensity: Float[np.ndarray, "b c r"], valid: Bool[np.ndarray, "b c r"], surfaces: Surfaces
+) -> Bool[np.ndarray, "#b #c #r"]:
+    """Whether a ray, or much of its surface, reads the end of the sensor's scale."""
+    full = valid & (intensity >= FULL)
+    if not full.any():
+        return np.zeros((1, 1, 1), bool)
+    surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
+    count = np.bincount(surface.ravel(), valid.ravel())
+    share = np.bincount(surface.ravel(), full.ravel()) / np.maximum(count, 1)
+    return full | (share > MOST_FULL)[surface]
+
+
+def _features(rays: Rays, given_rad: Float[Array, "b c r"], kinds: Float[Array, "b c r k"]) -> Float[Array, "b c r p"]:
     """`Evidence.features`, of all rays."""
     given = jnp.minimum(given_rad, STEEPEST_RAD)
     fitted = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
-    one_hot = [(rays.semantic == c).astype(jnp.float32) for c in classes]
     disagreement = jnp.clip(jnp.log(jnp.cos(fitted)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
     ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
     terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))
     # Apart, since a range image gives the normals of ground better than those of hedges.
     disagreements = [jnp.where(kind, disagreement, 0) for kind in (ground, terrain, ~ground & ~terrain)]
     # E ln cos(angle + noise) is below ln cos(angle) by half the variance times sec^2.
-    return jnp.stack([jnp.ones_like(given), *one_hot, 0.5 / jnp.cos(given) ** 2, *disagreements], axis=-1)
+    return jnp.stack(
+        [jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), 0.5 / jnp.cos(given) ** 2, *disagreements], axis=-1
+    )
 
 
-def _ridge(classes: int) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many classes."""
+def _ridge(kinds: int) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces."""
     others = [1 / CURVATURE_SD**2, *[1 / NORMALS_SD**2] * 3]
-    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * classes, *others], np.float32)
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others], np.float32)

@@ -69,7 +69,7 @@ class Problem:
     @cached_property
     def null_fits(self) -> list[Fit]:
         """The null on each fold (`folds`)."""
-        return [fit_noise(self, fitted) for fitted in folds(np.asarray(self.ev.unit))]
+        return [fit_noise(self, fitted) for fitted in folds(np.asarray(self.ev.scene))]
 
 
 @dataclass(frozen=True)
@@ -103,10 +103,11 @@ class Objective:
     priors."""
 
     def __init__(self, effect: Law, problem: Problem, fitted: Float[np.ndarray, " b"]):
-        self.effect, self.problem, self.rows = effect, problem, problem.ev.rays.row.shape[-1]
+        self.effect, self.problem = effect, problem
+        self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
         self.fitted = jnp.asarray(fitted, jnp.float32)
-        self.channels, self.clutter = channels_of(effect), problem.clutter or effect.name in CLUTTER
+        self.channels, self.clutter = channels_of(effect), problem.clutter or effect.plain_name in CLUTTER
         neutral = (to_z(effect, {}, self.rows), problem.noise)
         self.first, self.restore = ravel(neutral), restorer(neutral)
         self.own = len(self.first) - len(jax.tree.leaves(problem.noise))
@@ -254,4 +255,4 @@ def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated
     # Reported intensities served the law alone: the likelihood keeps the predicted ones.
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
-    return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.name in CLUTTER)
+    return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.plain_name in CLUTTER)

@@ -88,9 +88,13 @@ def value_and_gradient(
     `fitted` > 0; `value` counts those with `counted` > 0."""
     parts: list[Gradient] = []
     if "intensity" in channels:
-        parts.append(_of_intensity(fields, constant, ev, noise, equations, fitted, counted))
+        parts.append(
+            _of_intensity(fields, constant, ev, noise=noise, equations=equations, fitted=fitted, counted=counted)
+        )
     if {"range", "drop"} & set(channels):
-        parts.append(_of_returns(fields, constant, ev, noise, equations, counted, clutter=clutter))
+        parts.append(
+            _of_returns(fields, constant, ev, noise=noise, equations=equations, counted=counted, clutter=clutter)
+        )
     # Channels that an effect leaves alone cost nothing to climb.
     if len(parts) == 1:
         return parts[0]
@@ -108,6 +112,7 @@ def _of_intensity(
     fields: Fields,
     constant: Fields,
     ev: Evidence,
+    *,
     noise: Noise,
     equations: NormalEquations,
     fitted: Float[Array, " b"],
@@ -124,10 +129,10 @@ def _of_returns(
     fields: Fields,
     constant: Fields,
     ev: Evidence,
+    *,
     noise: Noise,
     equations: NormalEquations,
     counted: Float[Array, " b"],
-    *,
     clutter: bool,
 ) -> Gradient:
     def by_block(rays: Rays, noise: Noise) -> Float[Array, "b 3"]:
@@ -165,8 +170,9 @@ _sum = jax.jit(lambda a, b: jax.tree.map(jnp.add, a, b))
 def effect_with_gradient(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> EffectGradient:
     """The rays with an effect, and the pullback of derivatives in their fields."""
     if effect.casts:
+        # In two steps: casting again knows no effect, and is compiled once for all that turn or move rays.
         by, to_z = _displaced(effect, z, rays)
-        fields, constant, to_by = _recast_fields(by, effect.casts, rays, scan)
+        fields, constant, to_by = _recast_fields(by, effect.casts, rays, scan=scan)
         return EffectGradient(fields, constant, (to_by, to_z))
     fields, constant, to_z = _effect_fields(effect, z, rays)
     return EffectGradient(fields, constant, (to_z,))
@@ -174,6 +180,7 @@ def effect_with_gradient(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> Effect
 
 def gradient_in_z(pullbacks: tuple[Pullback, ...], by_fields: Fields) -> Z:
     """Derivatives in z, of those in the fields of the `EffectGradient` that holds `pullbacks`."""
+    # Reverse mode by hand: the chain rule's factors, last step first.
     gradient: Any = by_fields
     for pullback in pullbacks:
         gradient = _pulled_back(pullback, gradient)
@@ -183,7 +190,7 @@ def gradient_in_z(pullbacks: tuple[Pullback, ...], by_fields: Fields) -> Z:
 def with_effect(effect: Law, z: Z, rays: Rays, *, scan: Scan) -> Rays:
     """The rays with an effect."""
     if effect.casts:
-        return _recast(_displaced(effect, z, rays)[0], effect.casts, rays, scan)
+        return _recast(_displaced(effect, z, rays)[0], effect.casts, rays, scan=scan)
     return _applied(effect, z, rays)
 
 
@@ -215,7 +222,7 @@ def _displaced(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Pullback]:
     return jax.vjp(by, z)
 
 
-def _cast_again(by: Fields, passes: Array, rays: Rays, scan: Scan) -> Rays:
+def _cast_again(by: Fields, passes: Array, rays: Rays, *, scan: Scan) -> Rays:
     displaced = {name: getattr(rays, name) + more for name, more in by.items()}
     return recast(replace(rays, **displaced), scan, passes)
 
@@ -224,8 +231,8 @@ _recast = jax.jit(_cast_again)
 
 
 @jax.jit
-def _recast_fields(by: Fields, passes: Array, rays: Rays, scan: Scan) -> tuple[Fields, Fields, Pullback]:
-    fields, back, constant = jax.vjp(lambda by: _fields(_cast_again(by, passes, rays, scan)), by, has_aux=True)
+def _recast_fields(by: Fields, passes: Array, rays: Rays, *, scan: Scan) -> tuple[Fields, Fields, Pullback]:
+    fields, back, constant = jax.vjp(lambda by: _fields(_cast_again(by, passes, rays, scan=scan)), by, has_aux=True)
     return fields, constant, back
 
 

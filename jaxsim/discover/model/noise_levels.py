@@ -31,10 +31,10 @@ LEAST_RANGE_M = 0.004
 """Range noise below which a simulator counts as ideal: curved surfaces have as much."""
 LEAST_INTENSITY = 0.01
 """The same of intensity, as a share of it."""
-AS_WELL = 1.1
-"""Ratio of variances up to which intensities follow the cosine as well as they follow none."""
 LEAST_INCIDENCE_RAD = np.deg2rad(0.5)
 """The same of angles of incidence."""
+AS_WELL = 1.1
+"""Ratio of variances up to which intensities follow the cosine as well as they follow none."""
 LEAST_LOSS = 0.001
 """Share of rays lost within smooth surfaces below which holes are the street's."""
 MOST_VALUES = 200_000
@@ -87,6 +87,7 @@ def noise_levels(scan: Scan) -> Levels:
         return steps
     range_m = np.asarray(scan.range_m, np.float64)
     bend = _second_difference(1 / np.maximum(range_m, 0.1))
+    # An error e of the range is one of e / range^2 of 1 / range.
     range_sd = _sd_of(np.abs(bend * range_m**2)[inner])
     slant_sd = _sd_of(np.abs(_second_difference(np.asarray(scan.incidence_rad, np.float64)))[inner])
     loss = hole.sum() / max(hole.sum() + inner.sum(), 1)
@@ -115,7 +116,7 @@ def own_steps(scan: Scan) -> Levels:
 
 
 def _second_difference(x: Float[np.ndarray, "f r c"]) -> Float[np.ndarray, "f r c"]:
-    """Of each ray with its neighbours along the row, over sqrt 6. Past the borders it means nothing."""
+    """The second difference of each ray and its neighbours along the row, over sqrt 6; at the borders it wraps."""
     return (np.roll(x, 1, 2) - 2 * x + np.roll(x, -1, 2)) / np.sqrt(6)
 
 
@@ -145,7 +146,7 @@ def _intensity_noise(scan: Scan, inner: Bool[np.ndarray, "f r c"]) -> tuple[floa
     (share, constant), _ = nnls(design, np.ones_like(level))
     if np.median(np.sqrt(variance) / level) < LEAST_INTENSITY:
         return 0.0, 0.0, False
-    # A constant that even the darkest readings hardly show is none.
+    # A constant that is less than four fifths of the darkest bin's variance is none.
     if constant < 4 * share * level[0] ** 2:
         return 0.0, float(np.sqrt(np.median(variance / level**2))), follows_cosine
     return float(np.sqrt(constant)), float(np.sqrt(share)), follows_cosine
@@ -167,7 +168,8 @@ def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
 @jax.jit
 def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c"]]:
     """Rays whose neighbours to both sides go on with their surface; and rays that hit nothing between two such."""
-    left, right = (beside(scan, k) for k in (1, -1))
+    left, right = beside(scan, 1), beside(scan, -1)
+    # A surface goes on where class, instance and, within 10 % of 1 / range, both neighbours' distances agree.
     alike = left.hit & right.hit & (left.semantic == right.semantic) & (left.instance == right.instance)
     q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
     middle = (q_left + q_right) / 2
@@ -187,3 +189,21 @@ def beside(scan: Scan, shift: int) -> Scan:
         for name in ("range_m", "hit", "intensity", "incidence_rad", "semantic", "instance", "rgb")
     }
     return replace(scan, **(turned | {"hit": turned["hit"] & inside[None, None]}))
+
+
+@jax.jit
+def filled(scan: Scan) -> Scan:
+    """The scan with single rays put back that it lost within a surface: between their two neighbours."""
+    _, hole = neighbourhoods(scan)
+    left, right = beside(scan, 1), beside(scan, -1)
+    between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
+    return replace(
+        scan,
+        hit=scan.hit | hole,
+        range_m=jnp.where(hole, between, scan.range_m),
+        intensity=jnp.where(hole, (left.intensity + right.intensity) / 2, scan.intensity),
+        incidence_rad=jnp.where(hole, (left.incidence_rad + right.incidence_rad) / 2, scan.incidence_rad),
+        semantic=jnp.where(hole, left.semantic, scan.semantic),
+        instance=jnp.where(hole, left.instance, scan.instance),
+        rgb=jnp.where(hole[..., None], left.rgb, scan.rgb),
+    )

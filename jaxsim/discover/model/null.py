@@ -36,14 +36,21 @@ def fit_null(
     """
     noise, residuals = START, first_residuals(ev)
     for _ in range(ROUNDS):
-        problem = Problem(scan, ev, normal_equations(ev, noise, *residuals), noise, clutter)
+        problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
         noise = fit_noise(problem, fitted).noise
         residuals = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
-    problem = Problem(scan, ev, normal_equations(ev, noise, *residuals), noise, clutter)
+    problem = Problem(scan, ev, normal_equations(ev, noise, residuals), noise, clutter)
     null = fit_noise(problem, fitted)
     # Effects that cut by power see it as uncertain as it is.
     ev = with_power_spread(ev, null.noise, implied_level(ev, problem.equations))
     return replace(problem, ev=ev, noise=null.noise, loss=null.loss), null
+
+
+def with_own_weights(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
+    """Random effects weighed by the residuals that the problem itself leaves, not by those of its null."""
+    raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
+    off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
+    return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
 
 
 @jax.jit
@@ -59,7 +66,7 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     all rays' where the class has few. 0 where nothing is hit."""
     hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
     residual = np.where(compared, np.asarray(ev.log_intensity) - np.asarray(ev.rays.log_intensity), 0)
-    unexplained, _ = conditional_residuals(ev, eq, np.ones(len(ev.unit), np.float32))
+    unexplained, _ = conditional_residuals(ev, eq, np.ones(len(ev.scene), np.float32))
     explained = np.asarray(residual - np.asarray(unexplained), float)
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     # From coarse to fine: each group is off what the coarser ones say.

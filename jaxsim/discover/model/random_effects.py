@@ -77,9 +77,10 @@ class NormalEquations:
 
 @jax.jit
 def normal_equations(
-    ev: Evidence, noise: Noise, residual_i: Float[Array, "b c r"], residual_r: Float[Array, "b c r"]
+    ev: Evidence, noise: Noise, off: tuple[Float[Array, "b c r"], Float[Array, "b c r"]]
 ) -> NormalEquations:
-    """The equations at the residuals of the null model, `residual_i` (nats) and `residual_r` (m)."""
+    """The equations at the null model's residuals `off`, of ln I in nats and of the range in m."""
+    residual_i, residual_r = off
     # A Student-t is a normal whose precision follows a gamma law: (DEGREES + 1) / (DEGREES + z^2) is its expectation.
     variance = intensity_variance(ev, noise)
     weight_i = jnp.where(ev.compared, (DEGREES + 1) / (DEGREES + residual_i**2 / variance) / variance, 0.0)
@@ -90,10 +91,10 @@ def normal_equations(
     strips = _strips(ev, weight_i, weighted)
     surfaces = _surfaces(ev, strips)
     gram = jnp.einsum("bcrp,bcrq->bpq", weighted, ev.features)
-    gram = gram - strips.gram_of_levels(len(ev.unit)) - surfaces.gram_of_levels(len(ev.unit))
+    gram = gram - strips.gram_of_levels(len(ev.scene)) - surfaces.gram_of_levels(len(ev.scene))
     # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
     kinds = jnp.arange(gram.shape[-1])
-    classes = ((kinds > 0) & (kinds < gram.shape[-1] - ev.after_classes)).astype(gram.dtype)
+    classes = ((kinds > 0) & (kinds < gram.shape[-1] - ev.after_kinds)).astype(gram.dtype)
     kept = jnp.outer(classes, classes)[None]
     prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
     street = jnp.linalg.inv(gram * kept + prior[None]) * kept
@@ -106,7 +107,7 @@ def _strips(ev: Evidence, weight: Float[Array, "b c r"], weighted: Float[Array, 
     """The rays of each strip together."""
     features = weighted.reshape(-1, weighted.shape[-1])
     strip, count = ev.strip.reshape(-1), len(ev.surface)
-    block = jnp.broadcast_to(jnp.arange(len(ev.unit))[:, None, None], ev.strip.shape).reshape(-1)
+    block = jnp.broadcast_to(jnp.arange(len(ev.scene))[:, None, None], ev.strip.shape).reshape(-1)
     return Groups(
         weight=jax.ops.segment_sum(weight.reshape(-1), strip, count),
         features=jax.ops.segment_sum(features, strip, count),
@@ -128,7 +129,7 @@ def _surfaces(ev: Evidence, strips: Groups) -> Groups:
 
 
 @struct.dataclass
-class Levels:
+class ReflectanceLevels:
     """Of reflectance over the simulator's, nats."""
 
     shared: Float[Array, " p"]
@@ -151,13 +152,13 @@ def reflectance(
     levels = levels_of(ev, eq, fitted, residual=residual)
     cost = 0.5 / STREET_SD**2 * jnp.sum(levels.street**2, axis=-1)
     for groups, level in ((eq.strips, levels.strip), (eq.surfaces, levels.surface)):
-        cost = cost + jax.ops.segment_sum(0.5 * groups.precision * level**2, groups.block, len(ev.unit))
+        cost = cost + jax.ops.segment_sum(0.5 * groups.precision * level**2, groups.block, len(ev.scene))
     return jnp.where(ev.compared, explained_by(ev, levels), 0), cost
 
 
 def levels_of(
     ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b"], *, residual: Float[Array, "b c r"]
-) -> Levels:
+) -> ReflectanceLevels:
     """The levels that fit `residual` (nats) best, given their priors; shared ones from the `fitted` blocks."""
     strips, surfaces = eq.strips, eq.surfaces
     of_strip, of_surface, right = _sums(ev, eq, residual)
@@ -168,10 +169,10 @@ def levels_of(
     surface = (of_surface - jnp.sum(surfaces.features * features[surfaces.block], axis=-1)) * surfaces.variance
     strip = of_strip - jnp.sum(strips.features * features[strips.block], axis=-1)
     strip = (strip - strips.weight * surface[ev.surface]) * strips.variance
-    return Levels(shared, street, features, surface, strip)
+    return ReflectanceLevels(shared, street, features, surface, strip)
 
 
-def explained_by(ev: Evidence, levels: Levels) -> Float[Array, "b c r"]:
+def explained_by(ev: Evidence, levels: ReflectanceLevels) -> Float[Array, "b c r"]:
     """Nats by which levels make each compared ray brighter than simulated."""
     own = (levels.strip + levels.surface[ev.surface])[ev.strip.reshape(-1)].reshape(ev.strip.shape)
     return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + own
@@ -183,7 +184,7 @@ def _sums(
     """Weighted residuals of each strip and surface, and of each block's features with the former taken out."""
     strips = eq.strips
     surfaces = eq.surfaces
-    blocks = len(ev.unit)
+    blocks = len(ev.scene)
     weighted = jnp.where(ev.compared, residual, 0) * eq.intensity
     of_strip = jax.ops.segment_sum(weighted.reshape(-1), ev.strip.reshape(-1), len(ev.surface))
     # Of each strip's sum the share that its own level does not take up.
@@ -202,8 +203,8 @@ def _shared(
     shared = fitted @ (right - jnp.einsum("bpq,bqs,bs->bp", eq.gram, eq.street, right))
     shared = jnp.linalg.solve(jnp.einsum("b,bpq->pq", fitted, gram) + jnp.diag(ev.ridge), shared)
     # Gain and angles are free; only classes are held.
-    classes = jnp.clip(shared[1 : -ev.after_classes], -CLASS_MOST, CLASS_MOST)
-    return jnp.concatenate([shared[:1], classes, shared[-ev.after_classes :]])
+    classes = jnp.clip(shared[1 : -ev.after_kinds], -CLASS_MOST, CLASS_MOST)
+    return jnp.concatenate([shared[:1], classes, shared[-ev.after_kinds :]])
 
 
 @jax.jit
@@ -211,7 +212,7 @@ def gain_and_classes(ev: Evidence, eq: NormalEquations, fitted: Float[Array, " b
     """ln of the overall gain, and of each class's reflectance over the simulator's, classes in order."""
     residual = ev.log_intensity - ev.rays.log_intensity
     _, _, right = _sums(ev, eq, residual)
-    return _shared(ev, eq, fitted, right=right)[: -ev.after_classes]
+    return _shared(ev, eq, fitted, right=right)[: -ev.after_kinds]
 
 
 def poses(

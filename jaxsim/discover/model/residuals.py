@@ -52,15 +52,19 @@ def residuals(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, Re
         "range": (off_r, sd_r, ev.smooth),
         "drop": ((~ev.returned).astype(jnp.float32) - p, jnp.sqrt(p * (1 - p)), ev.rays.hit),
     }
-    return {name: _standardised(name, *map(np.asarray, by_channel[name])) for name in CHANNELS}
+    return {name: _standardised(*map(np.asarray, by_channel[name]), heavy_tails=name != "drop") for name in CHANNELS}
 
 
 def _standardised(
-    channel: str, off: Float[np.ndarray, "b c r"], sd: Float[np.ndarray, "b c r"], counts: Bool[np.ndarray, "b c r"]
+    off: Float[np.ndarray, "b c r"],
+    sd: Float[np.ndarray, "b c r"],
+    counts: Bool[np.ndarray, "b c r"],
+    *,
+    heavy_tails: bool,
 ) -> Residuals:
     z = off / sd
     # Heavy tails must not decide; a lost ray is as far off as its probability says.
-    if channel != "drop":
+    if heavy_tails:
         z = np.clip(z, -CLIP, CLIP)
     return Residuals(off, z / max(float(z[counts].std()), 1e-3) if counts.any() else z, counts)
 

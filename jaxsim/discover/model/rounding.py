@@ -10,11 +10,9 @@ from jaxtyping import Float
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.lattice import FINEST, lattice_step, log_rounding
 from jaxsim.discover.model.likelihood import CHANNELS
+from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect
 from jaxsim.effects.rays import FLOOR
-
-COARSER = 1.5
-"""A sensor's step is an effect if it is this many times the simulator's: else the simulation is rounded as well."""
 
 
 def rounded(ev: Evidence) -> dict[str, float]:
@@ -24,7 +22,7 @@ def rounded(ev: Evidence) -> dict[str, float]:
     steps = {}
     for name, measured in _readings(ev).items():
         step = lattice_step(measured[returned], finest=FINEST[name])
-        if step > COARSER * simulated[name]:
+        if step > RULES.coarser_step * simulated[name]:
             steps[name] = step
     return steps
 
@@ -32,7 +30,7 @@ def rounded(ev: Evidence) -> dict[str, float]:
 def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray, "b 3"]:
     """Nats that each block's readings gain, by channel, where they are known to lie on the lattices of `steps` (by
     effect; steps that count as no rounding gain nothing)."""
-    gain = np.zeros((len(ev.unit), len(CHANNELS)))
+    gain = np.zeros((len(ev.scene), len(CHANNELS)))
     returned = np.asarray(ev.returned)
     for name, values in _readings(ev).items():
         if steps.get(name, 0.0) > FINEST[name]:

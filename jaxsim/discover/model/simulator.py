@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -23,14 +22,14 @@ from jaxsim.discover.model.noise_levels import (
     FEWEST,
     STEEPEST_COSINE,
     Levels,
-    beside,
     cosine_of,
-    neighbourhoods,
+    filled,
     noise_levels,
     own_steps,
 )
-from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
+from jaxsim.discover.model.smooth import Smooth, smooth_frames
 from jaxsim.discover.model.surfaces import Surfaces
+from jaxsim.discover.model.windows import half_width
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array
@@ -113,6 +112,7 @@ def meant(
         if noise.of_intensity:
             scan, intensities = _meant_intensities(scan, smooth, noise)
     if ranges is not None or noise.loss > 0:
+        # Slopes of surfaces follow from ranges, which have changed.
         slopes = [slopes_of(scan.grid, r, h) for r, h in zip(scan.range_m, scan.hit, strict=True)]
         scan = replace(scan, slopes=jnp.stack(slopes))
     return Meant(scan, noise, sensor, ranges, intensities)
@@ -125,32 +125,14 @@ def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan,
     variance = noise.variance(level)
     trusted = np.asarray(scan.hit & smooth.trusted)
     trust = reliability(detail, variance, level, semantic=np.asarray(scan.semantic), where=trusted)
-    left = MeantIntensities(
+    intensities = MeantIntensities(
         detail=smooth.detail,
         detail_variance=jnp.asarray(variance * trust * (1 - trust), jnp.float32),
         trusted=smooth.trusted,
         level=jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
         leverage=smooth.leverage,
     )
-    return replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32)), left
-
-
-@jax.jit
-def filled(scan: Scan) -> Scan:
-    """The scan with single rays put back that it lost within a surface: between their two neighbours."""
-    _, hole = neighbourhoods(scan)
-    left, right = beside(scan, 1), beside(scan, -1)
-    between = 2 / (1 / jnp.maximum(left.range_m, 0.1) + 1 / jnp.maximum(right.range_m, 0.1))
-    return replace(
-        scan,
-        hit=scan.hit | hole,
-        range_m=jnp.where(hole, between, scan.range_m),
-        intensity=jnp.where(hole, (left.intensity + right.intensity) / 2, scan.intensity),
-        incidence_rad=jnp.where(hole, (left.incidence_rad + right.incidence_rad) / 2, scan.incidence_rad),
-        semantic=jnp.where(hole, left.semantic, scan.semantic),
-        instance=jnp.where(hole, left.instance, scan.instance),
-        rgb=jnp.where(hole[..., None], left.rgb, scan.rgb),
-    )
+    return replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32)), intensities
 
 
 @struct.dataclass
@@ -191,9 +173,9 @@ def at_rays(
     )
     if simulator is None or simulator.intensities is None:
         return own
-    left = simulator.intensities
-    trusted = np.asarray(left.trusted)[index]
-    level = np.asarray(left.level)[index].astype(float)
+    intensities = simulator.intensities
+    trusted = np.asarray(intensities.trusted)[index]
+    level = np.asarray(intensities.level)[index].astype(float)
     semantic = np.asarray(scan.semantic)[index]
     surface = np.asarray(surfaces.surface)[np.asarray(surfaces.strip)]
     expected = level.copy()
@@ -206,19 +188,19 @@ def at_rays(
     )
     over_trend = level - expected
     # By what is expected, not by what is read, which would take the darker of the noisy levels for dark surfaces.
-    variance = noise.variance(np.exp(expected)) * np.asarray(left.leverage)[index]
+    variance = noise.variance(np.exp(expected)) * np.asarray(intensities.leverage)[index]
     trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
     still_over = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
     # How far noise hides what is meant differs between bright and dark surfaces.
     dark = noise.constant_part(np.exp(expected))
-    own_detail = np.asarray(left.detail)[index]
+    own_detail = np.asarray(intensities.detail)[index]
     detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
     return replace(
         own,
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
         excess=((1 - trust) * over_trend).astype(np.float32),
         over_trend=still_over.astype(np.float32),
-        variance=(np.asarray(left.detail_variance)[index] + variance * trust).astype(np.float32),
+        variance=(np.asarray(intensities.detail_variance)[index] + variance * trust).astype(np.float32),
         trusted=trusted,
     )
 
@@ -266,5 +248,6 @@ def trend(
         # A class of few rays says nothing of angles.
         columns = design[of] if of.sum() >= FEWEST_OF_CLASS else design[of][:, :1]
         result[of] = columns @ np.linalg.lstsq(columns, level[of], rcond=None)[0]
+    # A surface's mean residual is its own brightness; what single rays have beyond it is noise or detail.
     _, at = np.unique(surface, return_inverse=True)
     return result + (np.bincount(at, level - result) / np.bincount(at))[at]

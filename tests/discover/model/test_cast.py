@@ -16,7 +16,7 @@ FRAMES = np.arange(6)
 
 def test_a_single_scan_is_cut_into_sectors_with_gaps_between():
     cut = blocks(["drive"], 64, 1024)
-    assert len(set(cut.unit)) == SECTORS
+    assert len(set(cut.scene)) == SECTORS
     for left, right in zip(cut.column, cut.column[1:], strict=False):
         assert right.min() - left.max() > GUARD_COLUMNS
 
@@ -30,19 +30,19 @@ def test_a_narrow_single_scan_is_an_error():
 def test_frames_of_one_drive_are_cut_into_the_same_sectors(frames):
     cut = blocks(["drive"] * frames, 44, 372)
     assert cut.frame.tolist() == [f for f in range(frames) for _ in range(SECTORS)]
-    assert len(cut.unit) == len(cut.column) == frames * SECTORS
-    of_unit = {name: cut.column[[unit == name for unit in cut.unit]] for name in set(cut.unit)}
-    assert len(of_unit) == SECTORS
-    spans = sorted((columns.min(), columns.max()) for columns in of_unit.values())
+    assert len(cut.scene) == len(cut.column) == frames * SECTORS
+    of_scene = {name: cut.column[[scene == name for scene in cut.scene]] for name in set(cut.scene)}
+    assert len(of_scene) == SECTORS
+    spans = sorted((columns.min(), columns.max()) for columns in of_scene.values())
     assert all(right[0] - left[1] > 2 * GUARD_COLUMNS for left, right in pairwise(spans))
-    assert all(columns.size >= FEWEST_COLUMNS for columns in of_unit.values())
+    assert all(columns.size >= FEWEST_COLUMNS for columns in of_scene.values())
     assert cut.column.size * 44 <= max(RAYS, SECTORS * frames * 44)
     # No column twice in a block.
     assert all(len(set(columns)) == len(columns) for columns in cut.column.tolist())
 
 
 def test_frames_of_several_drives_keep_their_drives():
-    assert blocks(["a", "a", "b"], 44, 372).unit == ("a", "a", "b")
+    assert blocks(["a", "a", "b"], 44, 372).scene == ("a", "a", "b")
 
 
 def test_rays_are_the_cells_of_whole_columns():
@@ -56,9 +56,9 @@ def test_rays_are_the_cells_of_whole_columns():
 
 def test_rays_that_were_cast_with_other_frames_give_the_same_evidence():
     scan, measured = device(*toy())
-    alone = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], unit=FRAMES[1:])
+    alone = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], scene=FRAMES[1:])
     rays = cast(scan, FRAMES, COLUMNS).part(FRAMES > 0)
-    shared = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], unit=FRAMES[1:], rays=rays)
+    shared = gather(scan, measured, frame=FRAMES[1:], column=COLUMNS[1:], scene=FRAMES[1:], rays=rays)
     for one, other in zip(jax.tree.leaves(alone), jax.tree.leaves(shared), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
 

@@ -22,7 +22,7 @@ def test_angles_of_either_side_must_be_moderate(frames):
     scan, measured = frames
     given = np.full_like(scan.incidence_rad, 0.3)
     given[:, :, 4] = STEEPEST_RAD + 0.1
-    ev = gather(*device(scan, measured), frame=FRAMES, column=COLUMNS, unit=FRAMES, given_rad=jax.numpy.asarray(given))
+    ev = gather(*device(scan, measured), frame=FRAMES, column=COLUMNS, scene=FRAMES, given_rad=jax.numpy.asarray(given))
     compared = np.asarray(ev.compared)
     assert not compared[:, 1].any()  # the second column that is looked at
     assert compared[:, 2].any()
@@ -34,7 +34,7 @@ def test_readings_that_rounding_blurs_are_not_compared(frames):
     step = 0.05
     rounded = replace(measured, intensity=(np.round(measured.intensity / step) * step).astype(np.float32))
     fine, coarse = (
-        gather(*device(scan, given), frame=FRAMES, column=COLUMNS, unit=FRAMES) for given in (measured, rounded)
+        gather(*device(scan, given), frame=FRAMES, column=COLUMNS, scene=FRAMES) for given in (measured, rounded)
     )
     predicted = np.exp(np.asarray(fine.rays.log_intensity))
     dark = np.asarray(fine.compared) & (predicted < BLURRED * step)
@@ -42,3 +42,18 @@ def test_readings_that_rounding_blurs_are_not_compared(frames):
     assert not np.asarray(coarse.compared)[dark].any()
     bright = np.asarray(fine.compared) & (predicted > BLURRED * step)
     assert np.asarray(coarse.compared)[bright].all()
+
+
+def test_surfaces_at_the_end_of_the_sensors_scale_are_not_compared(frames):
+    scan, measured = frames
+    wall = np.asarray(scan.semantic) == 11
+    bright = replace(measured, intensity=np.where(wall, np.minimum(2.2 * measured.intensity, 1), measured.intensity))
+    before, cut = (
+        np.asarray(gather(*device(scan, given), frame=FRAMES, column=COLUMNS, scene=FRAMES).compared)
+        for given in (measured, bright)
+    )
+    wall = wall[FRAMES[:, None, None], np.arange(16)[None, None], COLUMNS[:, :, None]]
+    assert before[wall].mean() > 0.7
+    # Most of the wall reads 1; those that noise left a little below say nothing of it either.
+    assert not cut[wall].any()
+    np.testing.assert_array_equal(cut[~wall], before[~wall])

@@ -19,7 +19,7 @@ EVERYONE = np.ones(3, np.float32)
 @pytest.fixture(scope="module")
 def problem(standard_promotion):
     scan, measured = device(*toy(frames=3, seed=2))
-    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 3), (3, 20)), unit=FRAMES)
+    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 3), (3, 20)), scene=FRAMES)
     return fit_null(scan, ev, EVERYONE)[0]
 
 

@@ -29,7 +29,7 @@ BROAD = START.replace(range_=jnp.float32(np.log(0.2)))
 )
 def test_no_return_and_all_ranges_together_have_probability_one(evidence, change):
     rays = replace(evidence.rays, **{k: jnp.full(evidence.edge.shape, v, jnp.float32) for k, v in change.items()})
-    w = normal_equations(evidence, START, jnp.zeros(evidence.edge.shape), jnp.zeros(evidence.edge.shape))
+    w = normal_equations(evidence, START, (jnp.zeros(evidence.edge.shape),) * 2)
     # Weights of 0: no pose is fitted to the ranges that are swept here.
     w = w.replace(range_=w.range_ * 0)
     at = np.concatenate([np.arange(0.05, 40, 0.1), np.arange(40, 400, 2.0)])
@@ -60,7 +60,7 @@ _compiled = None
 
 def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_free(evidence):
     zero = jnp.zeros(evidence.edge.shape)
-    w = normal_equations(evidence, START, zero, zero)
+    w = normal_equations(evidence, START, (zero, zero))
 
     def total(change):
         rays = replace(evidence.rays, log_intensity=evidence.rays.log_intensity + change)
@@ -73,7 +73,7 @@ def test_the_right_gain_is_more_likely_than_a_wrong_one_and_a_constant_gain_is_f
 
 def test_channels_that_are_not_asked_for_are_zero(evidence):
     zero = jnp.zeros(evidence.edge.shape)
-    w = normal_equations(evidence, START, zero, zero)
+    w = normal_equations(evidence, START, (zero, zero))
     fields = {name: getattr(evidence.rays, name) for name in DIFFERENTIATED}
     constant = {name: getattr(evidence.rays, name) for name in CONSTANT}
     one, by = jnp.ones(6), {}
@@ -96,7 +96,7 @@ def test_a_reading_of_nothing_has_the_probability_of_all_that_is_weaker():
 
 def test_a_zero_costs_little_where_the_simulation_is_as_dark_as_the_sensor_can_tell(evidence):
     zero = jnp.zeros(evidence.edge.shape)
-    w, fitted = normal_equations(evidence, START, zero, zero), jnp.zeros(6)
+    w, fitted = normal_equations(evidence, START, (zero, zero)), jnp.zeros(6)
     dark = replace(evidence, log_intensity=jnp.full_like(evidence.log_intensity, float(np.log(1e-4))))
     dim = replace(evidence.rays, log_intensity=zero + evidence.lowest - 0.5)
     bright = replace(evidence.rays, log_intensity=zero - 0.5)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.model.evidence import AFTER_CLASSES, POSE_SD
+from jaxsim.discover.model.evidence import AFTER_KINDS, POSE_SD
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.random_effects import normal_equations, pose_shift, reflectance
 from jaxsim.discover.model.surfaces import FIRM, STREET_SD, STRIP_SD
@@ -21,7 +21,7 @@ def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_stree
     hold = np.concatenate([[FIRM], np.where(np.arange(48) % 2, 1 / 0.2**2, 1 / 0.1**2)]).astype(np.float32)
     ev = evidence.replace(strip=jnp.asarray(strip), surface=jnp.asarray(of), precision=jnp.asarray(hold))
     residual = jnp.asarray(rng.normal(0, 0.2, strip.shape), jnp.float32)
-    w = normal_equations(ev, START, residual * 0, residual * 0)
+    w = normal_equations(ev, START, (residual * 0, residual * 0))
     fitted = jnp.asarray([1, 1, 1, 1, 0, 0], jnp.float32)
     found, cost = (np.asarray(x, np.float64) for x in reflectance(ev, w, fitted, residual=residual))
 
@@ -29,7 +29,7 @@ def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_stree
     block = np.broadcast_to(np.arange(6)[:, None, None], on.shape)[on]
     x, y = np.asarray(ev.features, np.float64)[on], np.asarray(residual, np.float64)[on]
     precision = np.asarray(w.intensity, np.float64)[on]
-    kinds = x.shape[1] - 1 - AFTER_CLASSES
+    kinds = x.shape[1] - 1 - AFTER_KINDS
     # One column a strip, one a surface, and one a class and frame; their priors.
     streets = [x[:, 1 : 1 + kinds] * (block == b)[:, None] for b in range(6)]
     z = np.concatenate([np.eye(97)[strip[on]][:, 1:], np.eye(49)[of[strip[on]]][:, 1:], *streets], axis=1)
@@ -55,7 +55,7 @@ def test_pose_is_ridge_regression_of_each_frame(evidence):
     reading = evidence.rays.reading_m
     on = evidence.rays.hit & evidence.returned & ~evidence.edge
     ev = evidence.replace(range_m=jnp.where(on, reading + jnp.asarray(residual, jnp.float32), evidence.range_m))
-    w = normal_equations(ev, START, jnp.zeros(on.shape), jnp.zeros(on.shape))
+    w = normal_equations(ev, START, (jnp.zeros(on.shape), jnp.zeros(on.shape)))
     found, cost = (np.asarray(x) for x in pose_shift(ev, w, reading, on=on))
     for b in range(6):
         x = np.asarray(ev.pose[b], np.float64).reshape(-1, 6)
@@ -74,7 +74,7 @@ def test_a_tilted_sensor_is_taken_up_far_down_the_road(evidence):
     down = -np.asarray(rays.elevation_rad, np.float64)
     moved = np.asarray(rays.range_m) * np.sin(down) / np.sin(down + tilt * np.cos(np.asarray(rays.azimuth_rad)))
     ev = evidence.replace(range_m=jnp.asarray(np.where(road, moved, 0), jnp.float32), returned=jnp.asarray(road))
-    w = normal_equations(ev, START, jnp.zeros(road.shape), jnp.zeros(road.shape))
+    w = normal_equations(ev, START, (jnp.zeros(road.shape), jnp.zeros(road.shape)))
     found, _ = pose_shift(ev, w, rays.reading_m, on=jnp.asarray(road))
     left = (moved - np.asarray(rays.reading_m) - np.asarray(found))[road]
     assert np.abs(left).max() < 0.03 * np.abs(moved - np.asarray(rays.reading_m))[road].max()
@@ -85,5 +85,5 @@ def test_what_an_effect_scatters_is_no_outlier_to_the_pose(evidence):
     sure = START.replace(range_=jnp.float32(np.log(1e-3)))
     usual = START.replace(range_=jnp.float32(np.log(np.hypot(1e-3, 0.05 / np.sqrt(12)))))
     rounded = evidence.replace(rays=replace(evidence.rays, range_step_m=jnp.float32(0.05)))
-    by_step = normal_equations(rounded, sure, off, off)
-    np.testing.assert_allclose(by_step.range_, normal_equations(evidence, usual, off, off).range_, rtol=1e-4)
+    by_step = normal_equations(rounded, sure, (off, off))
+    np.testing.assert_allclose(by_step.range_, normal_equations(evidence, usual, (off, off)).range_, rtol=1e-4)

@@ -1,0 +1,62 @@
+"""Frames as they would be seen from elsewhere, held against frames that were cast there."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jaxsim.discover.model.moved import same_surfaces, seen_from
+from jaxsim.effects.scan import scan_of
+from tests.discover.rooms import GRID, measured_of, rooms, seen
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+POSES = np.array([[0.4, -0.2, 0.1, 0, 0, 0], [0, 0, 0, 0.01, -0.005, 0.03], [3.0, 0, 0, 0, 0, 0.02]])
+
+
+def effects(poses):
+    yaw, pitch, roll = Rotation.from_rotvec(poses[:, 3:]).as_euler("ZYX").T
+    x, y, z = poses[:, :3].T
+    return {
+        "extrinsic_rotation": {"roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw},
+        "extrinsic_translation": {"x_m": x, "y_m": y, "z_m": z},
+    }
+
+
+def test_ranges_are_those_seen_from_there():
+    streets = rooms(3)
+    moved = seen_from(scan_of(GRID, [seen(room) for room in streets]), effects(POSES))
+    truth = np.stack([np.asarray(seen(r, p).range_m) for r, p in zip(streets, POSES, strict=True)])
+    off = np.abs(moved.range_m - truth) / truth
+    assert np.median(off) < 1e-4
+    assert np.quantile(off, 0.9) < 0.03
+
+
+def test_lifted_beams_see_what_lies_higher():
+    streets = rooms(3)
+    lift = {"beam_elevation_error": {"error_rad": np.full(24, 0.0087)}}
+    moved = seen_from(scan_of(GRID, [seen(room) for room in streets]), lift)
+    truth = np.stack([np.asarray(seen(room, lift=0.0087).range_m) for room in streets])
+    assert np.median(np.abs(moved.range_m - truth) / truth) < 1e-4
+
+
+def test_a_sensor_that_stays_sees_what_it_saw():
+    scan = scan_of(GRID, [seen(room) for room in rooms(2)])
+    same = seen_from(scan, effects(np.zeros((2, 6))))
+    np.testing.assert_allclose(same.range_m, scan.range_m, rtol=1e-6)
+    np.testing.assert_allclose(same.intensity, scan.intensity, rtol=1e-5)
+    np.testing.assert_array_equal(same.semantic, scan.semantic)
+
+
+def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
+    streets = rooms(2)
+    scan = scan_of(GRID, [seen(room) for room in streets])
+    measured = measured_of([seen(room) for room in streets])
+    moving = np.zeros(scan.hit.shape, bool)
+    moving[:, 4:12, 20:30] = True
+    measured.range_m[moving] -= 2
+    measured.valid[0, 15, 100] = False
+    one, other = same_surfaces(scan, measured)
+    assert not one.hit[moving].any()
+    assert not other.valid[moving].any()
+    assert one.hit[0, 15, 100]
+    assert not other.valid[0, 15, 100]
+    assert one.hit[~moving].all()
