@@ -25,6 +25,9 @@ from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.model.surfaces import with_planes
+from jaxsim.discover.register import register
+from jaxsim.discover.register.notes import other_moments, speeds_read
+from jaxsim.discover.register.registration import Registration
 from jaxsim.discover.scenes import Split, split
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
@@ -46,6 +49,10 @@ class Comparison:
     """The scene of each frame."""
     notes: tuple[str, ...] = ()
     """What a reader of the verdict must know of the folders."""
+    registration: Registration | None = None
+    """The sensor's motion from where the simulator has it."""
+    speeds: dict[str, float] | None = None
+    """Of each scene, m/s, where they are not given and the frames tell them."""
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
@@ -82,10 +89,14 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         raise ValueError(
             f"discover: {simulated} and {measured} hold the same readings; compare a simulation with a sensor"
         )
-    check_pairs(names, images, sensed)
+    about = [{**recorded.about.get(name, {}), **predicted.about.get(name, {})} for name in names]
+    scenes = [str(fact.get("scene", name)) for name, fact in zip(names, about, strict=True)]
+    scan = scan_of(grid, images, extra, about=about)
+    heard = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
+    registration = register(scan, heard.range_m, heard.valid, scenes)
+    check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
     notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
-    facts = []
     for name in names:
         ours = predicted.about.get(name, {})
         theirs = recorded.about.get(name, {})
@@ -94,15 +105,20 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
                 f"discover: {name} is of scene {ours['scene']!r} in {simulated}, of {theirs['scene']!r} in {measured}; "
                 "frames of the same name must be a pair"
             )
-        facts.append({**theirs, **ours})
+    if registration.early_or_late:
+        notes.append(other_moments(registration, np.asarray(scan.speed_mps)))
+    speeds = None if any("speed" in fact for fact in about) else registration.speeds(scenes)
+    if speeds:
+        notes.append(speeds_read(speeds))
+        scan = replace(scan, speed_mps=np.array([speeds[scene] for scene in scenes], np.float32))
     return Comparison(
-        scan=scan_of(grid, images, extra, about=facts),
-        measured=Measured(
-            *(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid"))
-        ),
+        scan=scan,
+        measured=heard,
         names=tuple(names),
-        scenes=tuple(str(fact.get("scene", name)) for name, fact in zip(names, facts, strict=True)),
-        notes=(*notes, *sceneless(names, facts)),
+        scenes=tuple(scenes),
+        notes=(*notes, *sceneless(names, about)),
+        registration=registration,
+        speeds=speeds,
     )
 
 
@@ -136,16 +152,16 @@ class Division:
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
-        return cls(scan, given, simulator, measured, chosen, rays, split(chosen.unit))
+        return cls(scan, given, simulator, measured, chosen, rays, split(chosen.scene))
 
     def evidence(
         self, names: Sequence[str], known: SensorModel = NOTHING_YET
     ) -> tuple[Evidence, Int[np.ndarray, " b"]]:
         """The evidence of the named scenes with the `known` effects in place, and the index of each block's scene
         among `names`."""
-        keep = np.array([scene in names for scene in self.blocks.unit])
+        keep = np.array([scene in names for scene in self.blocks.scene])
         order = {name: k for k, name in enumerate(names)}
-        scene = np.array([order[name] for name in self.blocks.unit if name in order])
+        scene = np.array([order[name] for name in self.blocks.scene if name in order])
         frame = self.blocks.frame[keep]
         column = self.blocks.column[keep]
         ev = gather(
@@ -153,7 +169,7 @@ class Division:
             self.measured,
             frame=frame,
             column=column,
-            unit=scene,
+            scene=scene,
             given_rad=self.given.incidence_rad,
             rays=self.rays.part(keep),
             simulator=self.simulator,

@@ -1,0 +1,179 @@
+"""An error of the sensor's mounting, as the registration of ranges found it.
+
+From far away no fit of the likelihood arrives there: frames' own poses (`random_effects`) take up a part, and which
+rays lie at edges is another matter. So the simulated scan is brought to where the sensor stood before anything else is
+asked, and the motion is reported as the effects of a mounting.
+
+What it gains: frames' own numbers p_f are normal about what the sensor's mounting is off by, with `evidence.POSE_SD`.
+Held against 0, each scene gains sum over its frames of (|p_f|^2 - |p_f - m|^2) / 2 sd^2 nats, with m from the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from jaxsim.discover.model.evidence import POSE_SD
+from jaxsim.discover.model.moved import same_surfaces, seen_from
+from jaxsim.discover.read import NOTHING_YET, Comparison
+from jaxsim.discover.register.registration import PARTS, Registration
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
+from jaxsim.discover.verdict import Interval, Named, Registered
+from jaxsim.effects import EFFECTS
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.rays import Scan
+
+SD = np.append(POSE_SD, POSE_SD[-1])
+"""Of a frame's own pose and lift of beams, m and rad."""
+Values = dict[str, dict[str, Float[np.ndarray, " k"]]]
+"""Of effects: a number for every frame, or beam."""
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """Effects of a mounting that were put in place, and the comparison with them there."""
+
+    effects: tuple[str, ...]
+    """Those that the registration found."""
+    comparison: Comparison
+    known: SensorModel
+    """What was known besides."""
+
+
+def brought(comparison: Comparison, candidates: Collection[str], known: SensorModel = NOTHING_YET) -> Mounting:
+    """The comparison with simulated frames as seen from where the sensor stood, if that is surely elsewhere: from each
+    frame's own place where they are of other moments, else from the mounting that all share. That is told by effects
+    among the `candidates` alone, or by those that are `known`, as they stand."""
+    registered = comparison.registration
+    if registered is None:
+        return Mounting((), comparison, known)
+    scan = comparison.scan
+    if registered.early_or_late:
+        moved = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
+        scan, measured = same_surfaces(moved, comparison.measured)
+        return Mounting((), replace(comparison, scan=scan, measured=measured), known)
+    given = dict(known.effects)
+    found = tuple(name for name in registered.sure if name in candidates)
+    stated = tuple(name for name in registered.sure if name in given)
+    if not found and not stated:
+        return Mounting((), comparison, known)
+    everywhere = np.repeat(registered.motion[None], len(scan.range_m), axis=0)
+    motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in found}
+    motion |= {name: _as_stated(name, known, scan) for name in stated}
+    rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
+    return Mounting(found, replace(comparison, scan=seen_from(scan, motion)), rest)
+
+
+def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> Values:
+    """Frames' motions as parameters of the effects of PARTS."""
+    yaw, pitch, roll = Rotation.from_rotvec(motion[:, 3:6]).as_euler("ZYX").T
+    x, y, z = motion[:, :3].T
+    # Beams are of the sensor: they cannot differ from frame to frame.
+    lift = np.full(rows, np.median(motion[:, 6]))
+    return {
+        "extrinsic_rotation": {"roll_rad": roll, "pitch_rad": pitch, "yaw_rad": yaw},
+        "extrinsic_translation": {"x_m": x, "y_m": y, "z_m": z},
+        "beam_elevation_error": {"error_rad": lift},
+    }
+
+
+def _as_stated(name: str, known: SensorModel, scan: Scan) -> dict[str, Float[np.ndarray, " k"]]:
+    """An effect's parameters as a sensor model has them, for every frame, or beam."""
+    frames, rows, _ = scan.range_m.shape
+    values = EFFECTS[name].values(dict(known.effects)[name], rows)
+    return {key: np.broadcast_to(value, rows if np.ndim(value) else frames) for key, value in values.items()}
+
+
+def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
+    """Of an effect of a mounting, with intervals, within the catalogue's bounds; beams' is that of each."""
+    values = {
+        "extrinsic_rotation": registered.rotation,
+        "extrinsic_translation": registered.translation,
+        "beam_elevation_error": {"error_rad": float(registered.motion[6])},
+    }[effect]
+    of = EFFECTS[effect].parameters
+    halves = map(float, registered.half[PARTS[effect]])
+    return {
+        name: Interval(
+            *(float(np.clip(v, of[name].low, of[name].high)) for v in (value, value - half, value + half)),
+            unit=of[name].unit,
+        )
+        for (name, value), half in zip(values.items(), halves, strict=True)
+    }
+
+
+def registered_of(comparison: Comparison) -> Registered | None:
+    """What a verdict says of the registration."""
+    one = comparison.registration
+    if one is None:
+        return None
+    of_sides = zip((one.near_as_given, one.near), (one.given_m, one.predicted_m), strict=True)
+    told = [(float(np.median(near)), float(np.nanmedian(np.abs(at_m - one.measured_m)))) for near, at_m in of_sides]
+    return Registered(
+        motion={
+            key: value
+            for name in PARTS
+            if name != "beam_elevation_error" or name in one.sure
+            for key, value in parameters(one, name).items()
+        },
+        sure=one.sure,
+        other_moments=one.early_or_late,
+        near=(told[0][0], told[1][0]),
+        off_m=(told[0][1], told[1][1]),
+        speeds=comparison.speeds,
+    )
+
+
+def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tuple[Named, ...], tuple[Named, ...]]:
+    """The effects of a mounting that are confirmed on judge scenes, and those that are not, for a sensor of so many
+    beams."""
+    registered = mounting.comparison.registration
+    confirmed: list[Named] = []
+    others: list[Named] = []
+    if registered is None:
+        return (), ()
+    for name in mounting.effects:
+        find, judge = gains(registered.frames, PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
+        gain = clipped(find)
+        values = parameters(registered, name)
+        vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}
+        one = Named(
+            name=name,
+            look_alikes=(),
+            tell_apart={},
+            channels=EFFECTS[name].channels,
+            p_value=p_value(gain),
+            gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
+            parameters={**values, **vectors},
+        )
+        sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
+        (confirmed if sure and mean_interval(judge)[0] > 0 else others).append(one)
+    return tuple(confirmed), tuple(others)
+
+
+def gains(
+    motion: Float[np.ndarray, "f 8"], part: slice, *, scenes: Sequence[str], parts: Split
+) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " t"]]:
+    """Nats that find scenes gain, each by the poses of the other find scenes, and judge scenes by those of all find
+    scenes. Of one drive alone, which is cut into sectors, frames find and judge in turn."""
+    names = np.asarray(scenes)
+    find = list(parts.find)
+    judge = list(parts.judge)
+    if len(np.unique(names)) == 1:
+        names = np.arange(len(motion)).astype(str)
+        judge = list(names[::3])
+        find = [name for name in names if name not in judge]
+    z = motion[:, part] / SD[part]
+
+    def gain(scene: str, others: Sequence[str]) -> float:
+        own = z[names == scene]
+        middle = np.median(z[np.isin(names, others)], axis=0)
+        return 0.5 * float(np.sum(own**2 - (own - middle) ** 2))
+
+    held_out = [gain(one, [other for other in find if other != one]) for one in find]
+    return np.array(held_out), np.array([gain(one, find) for one in judge])

@@ -1,0 +1,138 @@
+"""Robust least squares of points on the planes that they meet: loss, Gauss and Newton's steps, and intervals.
+
+Weights are Tukey's, of a width that shrinks from what two degrees move far surfaces by to what noise leaves; they leave
+out edges and moving objects.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from jaxsim.discover.register.sides import (
+    LIFT,
+    NUMBERS,
+    POSE,
+    TRAVEL,
+    Met,
+    Motion,
+    Points,
+    Sides,
+    meet,
+    origin_of,
+    turned,
+)
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import student_reach
+
+__all__ = ["COARSE", "FINE", "LIFT", "NUMBERS", "POSE", "TRAVEL", "Free", "Motion", "climb", "loss", "sandwich"]
+COARSE = np.geomspace(1.0, 0.15, 12)
+"""Widths of Tukey's weights, m at the sensor, from step to step ..."""
+FINE = np.geomspace(0.5, 0.15, 8)
+"""... and where frames begin near their place ..."""
+FINAL_STEPS = 6
+"""... with the last so many times again ..."""
+FAR_M = 15.0
+"""... and twice as wide at this range."""
+NOISE_M = 0.05
+"""Of a point about its plane: what priors are weighed against."""
+
+
+class Free(NamedTuple):
+    """Standard deviations of a motion's numbers, m and rad; 0 holds one where it is."""
+
+    sd: tuple[float, ...]
+
+    def with_sd(self, number: int, sd: float) -> Free:
+        """The same with another standard deviation of one number."""
+        return Free((*self.sd[:number], sd, *self.sd[number + 1 :]))
+
+    @property
+    def numbers(self) -> Int[np.ndarray, " k"]:
+        """Those that are fitted."""
+        return np.flatnonzero(self.sd)
+
+    @property
+    def precision(self) -> Float[np.ndarray, "k k"]:
+        """Of their prior, in units of a point's."""
+        return np.diag((NOISE_M / np.asarray(self.sd)[self.numbers]) ** 2)
+
+
+def loss(sides: Sides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
+    """How badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's)."""
+    place = turned(sides, motion)[0] + origin_of(sides, motion)
+    met = meet(sides, place)
+    square = (_off(met, place) / _width(sides, width)) ** 2
+    return np.sum(np.where(met.inside, square / (1 + square), 0), -1) / np.maximum(met.inside.sum(-1), 1)
+
+
+def climb(
+    sides: Sides,
+    motion: Motion,
+    widths: Float[np.ndarray, " k"],
+    *,
+    free: Free,
+    pooled: bool,
+    centre: Float[np.ndarray, " 8"] | None = None,
+) -> Motion:
+    """The motions in the valley where they begin, of all frames together (`pooled`) or of each, held to `centre`."""
+    middle = np.zeros(NUMBERS) if centre is None else centre
+    for width in [*widths, *[widths[-1]] * FINAL_STEPS]:
+        matrix, right = _equations(sides, motion, width, free=free)
+        if pooled:
+            matrix = matrix.sum(0, keepdims=True)
+            right = right.sum(0, keepdims=True)
+        right = right + (middle - motion)[:, free.numbers] @ free.precision
+        step = np.zeros((len(right), NUMBERS))
+        step[:, free.numbers] = np.linalg.solve(matrix + free.precision, right[..., None])[..., 0]
+        rotation = Rotation.from_rotvec(step[:, 3:6]) * Rotation.from_rotvec(motion[:, 3:6])
+        motion = motion + step
+        motion[:, 3:6] = rotation.as_rotvec()
+    return motion
+
+
+def sandwich(
+    sides: Sides, motion: Float[np.ndarray, " 8"], scene: Int[np.ndarray, " f"], *, free: Free
+) -> Float[np.ndarray, " 8"]:
+    """Half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes, or
+    the curvature's where that is wider. 0 for what is held."""
+    matrix, right = _equations(sides, motion[None], COARSE[-1], free=free)
+    count = int(scene.max()) + 1
+    slopes = np.zeros((count, right.shape[1]))
+    np.add.at(slopes, scene, right)
+    inverse = np.linalg.inv(matrix.sum(0) + free.precision)
+    slopes = slopes - slopes.mean(0)
+    scatter = inverse @ (slopes.T @ slopes * count / max(count - 1, 1)) @ inverse
+    sd = np.sqrt(np.maximum(np.diag(scatter), NOISE_M**2 * np.diag(inverse)))
+    half = np.zeros(NUMBERS)
+    half[free.numbers] = RULES.interval_widening * float(student_reach(count)) * sd
+    return half
+
+
+def _equations(
+    sides: Sides, motion: Motion, width: float, *, free: Free
+) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
+    """Gauss and Newton's, of each frame at its motion: matrix and right side of the step in what is free."""
+    ray, lifted = turned(sides, motion)
+    place = ray + origin_of(sides, motion)
+    met = meet(sides, place)
+    off = _off(met, place)
+    weight = np.where(met.inside, np.maximum(1 - (off / _width(sides, width)) ** 2, 0) ** 2, 0)
+    driven = met.normal[..., 0] * sides.late
+    lift = np.sum(met.normal * lifted, -1)
+    slope = np.concatenate([met.normal, np.cross(ray, met.normal), lift[..., None], driven[..., None]], axis=-1)
+    slope = slope[..., free.numbers]
+    weighted = slope * weight[..., None]
+    return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
+
+
+def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:
+    """By how much planes lie beyond points, m."""
+    return met.away_m - np.sum(met.normal * place, -1)
+
+
+def _width(sides: Sides, width: float) -> Float[np.ndarray, "f n"]:
+    return width * (1 + sides.range_m / FAR_M)

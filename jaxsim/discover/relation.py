@@ -1,0 +1,59 @@
+"""Whether the two sides' intensities have anything to do with each other.
+
+Where they have not (frames of other streets that share a road, a channel that holds something else) any effect that
+flattens the simulated intensity gains: it takes away what misleads. No effect on intensities can be named then.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import rankdata
+
+from jaxsim.discover.model.evidence import Evidence
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import p_value
+from jaxsim.effects import Effect
+
+UNRELATED = (
+    "the two sides' intensities have no relation beyond chance: surfaces that the simulator has brighter are not "
+    "brighter measured (rank correlation {mean:+.2f} in the mean of {scenes} scenes, p {chance:.2g}). No effect on "
+    "intensities is named; check that both folders hold the same streets, and intensities on both sides"
+)
+"""What a verdict notes of it."""
+
+
+def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray, " s"]:
+    """Of each scene, the rank correlation (Spearman's) between measured and simulated ln I, means of its surfaces; NaN
+    where a scene shows too few surfaces, or one side has them all alike."""
+    counts = np.asarray(ev.compared)
+    surface = np.asarray(ev.surface)[np.asarray(ev.strip)][counts]
+    of = np.broadcast_to(np.asarray(scene)[:, None, None], counts.shape)[counts]
+    sides = [np.asarray(side)[counts] for side in (ev.log_intensity, ev.rays.log_intensity)]
+    found = []
+    for one in np.unique(scene):
+        _, group = np.unique(surface[of == one], return_inverse=True)
+        size = np.bincount(group)
+        known = size >= RULES.related_rays
+        measured, simulated = (np.bincount(group, side[of == one])[known] / size[known] for side in sides)
+        alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
+        found.append(np.nan if alike else np.corrcoef(rankdata(measured), rankdata(simulated))[0, 1])
+    return np.array(found)
+
+
+def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
+    """A note where the scenes' correlations are no more than chance; None where they are, or nothing can be ranked (a
+    simulator whose intensity is the same everywhere is no stranger)."""
+    known = by_scene[np.isfinite(by_scene)]
+    # Fewer scenes cannot agree at this level, whatever they say.
+    if 2.0 ** -len(known) > RULES.agreement_level:
+        return None
+    chance = p_value(known)
+    if chance <= RULES.agreement_level:
+        return None
+    return UNRELATED.format(mean=known.mean(), scenes=len(known), chance=chance)
+
+
+def of_ranges(effect: Effect) -> bool:
+    """Whether an effect can be told without intensities."""
+    return "intensity" not in effect.channels or "range" in effect.channels

@@ -1,0 +1,115 @@
+"""A mounting that is off by the same in all scenes, put in place and priced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.evidence import POSE_SD
+from jaxsim.discover.mounting import brought, gains, named_mounting, registered_of
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.register.registration import PARTS
+from jaxsim.discover.scenes import split
+from jaxsim.discover.verdict import Interval
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.scan import scan_of
+from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+NAMES = tuple(f"s{k}" for k in range(12))
+
+
+def comparison(poses, **more) -> Comparison:
+    rng = np.random.default_rng(2)
+    streets = rooms(len(NAMES))
+    ours = [seen(room) for room in streets]
+    poses = np.broadcast_to(poses, (len(NAMES), 6))
+    theirs = [seen(r, p, noise_m=0.02, rng=rng, **more) for r, p in zip(streets, poses, strict=True)]
+    scan = scan_of(GRID, ours)
+    return Comparison(scan, measured_of(theirs), NAMES, NAMES, registration=registered(ours, theirs, NAMES))
+
+
+def off_m(one: Comparison) -> float:
+    both = one.scan.hit & one.measured.valid
+    return float(np.median(np.abs(one.scan.range_m - one.measured.range_m)[both]))
+
+
+def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_there():
+    one = brought(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    assert one.effects == ("extrinsic_rotation",)
+    assert off_m(one.comparison) < 0.02
+    (turn,), unsure = named_mounting(one, split(NAMES), rows=24)
+    assert not unsure
+    pitch = turn.parameters["pitch_rad"]
+    assert isinstance(pitch, Interval)
+    assert pitch.low < 0.0087 < pitch.high
+    assert pitch.high - pitch.low < 0.002
+    assert turn.gain.value == pytest.approx(0.5 * 8.7**2, rel=0.15)
+    told = registered_of(one.comparison)
+    assert told is not None
+    assert told.motion["pitch_rad"] == pitch
+    assert told.near[1] > told.near[0]
+    assert told.off_m[1] < told.off_m[0]
+
+
+def test_beams_that_all_point_higher_are_named_for_each_beam():
+    one = brought(comparison(np.zeros(6), lift=0.0087), PARTS)
+    assert one.effects == ("beam_elevation_error",)
+    assert off_m(one.comparison) < 0.02
+    (lift,), _ = named_mounting(one, split(NAMES), rows=24)
+    beams = lift.parameters["error_rad"]
+    assert isinstance(beams, tuple)
+    assert len(beams) == 24
+    # Rows of this room are 20 mrad apart.
+    assert beams[5].value == pytest.approx(0.0087, abs=1.5e-3)
+
+
+@pytest.mark.parametrize("candidates", [(), ("extrinsic_translation", "beam_gain")])
+def test_what_is_no_candidate_is_left(candidates):
+    given = comparison([0, 0, 0, 0, 0, 0.02])
+    assert brought(given, candidates).comparison is given
+
+
+def test_a_known_mounting_is_put_in_place_as_it_stands():
+    given = comparison([0, 0, 0, 0, 0, 0.02])
+    known = SensorModel((("extrinsic_rotation", {"yaw_rad": 0.02}), ("random_dropout", {"probability": 0.1})))
+    one = brought(given, ("beam_gain",), known)
+    assert one.effects == ()
+    assert [name for name, _ in one.known.effects] == ["random_dropout"]
+    assert off_m(one.comparison) < 0.02
+
+
+def test_a_sensor_in_its_place_changes_nothing():
+    given = comparison(np.zeros(6))
+    one = brought(given, PARTS)
+    assert one.comparison is given
+    assert named_mounting(one, split(NAMES), rows=24) == ((), ())
+    assert registered_of(replace(given, registration=None)) is None
+
+
+def test_frames_of_other_moments_are_each_brought_to_their_place():
+    poses = np.zeros((12, 6))
+    poses[:, 0] = np.linspace(0, 4, 12)
+    one = brought(comparison(poses), PARTS)
+    assert one.effects == ()
+    assert off_m(one.comparison) < 0.03
+    told = registered_of(one.comparison)
+    assert told is not None
+    assert told.other_moments
+
+
+def test_scenes_are_priced_by_what_the_others_say():
+    poses = np.zeros((12, 8))
+    poses[:, 0] = 0.1
+    poses[0, 0] = -0.1
+    parts = split(NAMES)
+    find, judge = gains(poses, PARTS["extrinsic_translation"], scenes=NAMES, parts=parts)
+    nats = 0.5 * (0.1 / POSE_SD[0]) ** 2
+    expected = [-3 * nats if name == "s0" else nats for name in (*parts.find, *parts.judge)]
+    np.testing.assert_allclose([*find, *judge], expected, rtol=1e-6)
+
+
+def test_frames_of_one_drive_find_and_judge_in_turn():
+    poses = np.full((9, 8), 0.1)
+    find, judge = gains(poses, PARTS["extrinsic_rotation"], scenes=["drive"] * 9, parts=split(NAMES))
+    assert (len(find), len(judge)) == (6, 3)
