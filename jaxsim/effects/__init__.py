@@ -10,8 +10,8 @@ In the order of reading:
     learned.py      what no effect describes, as numbers along covariates
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
     origin.py       effects of one's own, and where they come from
-    own.py          `known_effects`: the catalogue with those of packages and files (check.py: what they must keep to;
-                    street.py: what they are checked on)
+    own.py          `known_effects`: the catalogue with those of packages and files (what they must keep to: check.py,
+                    check_apply.py, and street.py, on which they are tried)
     scan.py         a `Scan` of frames as they are read from files, with the surfaces of their range images
     page.py         the catalogue in words, docs/effects.md
 

@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.clutter import clutter_range
@@ -24,7 +24,8 @@ from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
-from jaxsim.files import replacing
+from jaxsim.effects.region import WHOLE, Region, kept
+from jaxsim.files import check_keys, read_json, real, replacing
 from jaxsim.frame import PolarImage
 
 LEVELS = {
@@ -41,10 +42,19 @@ Value = float | tuple[float, ...]
 
 
 @partial(jax.jit, static_argnames="effects")
-def apply_effects(effects: tuple[Effect, ...], values: tuple[dict[str, Array], ...], rays: Rays, *, scan: Scan) -> Rays:
-    """Applies effects one after the other, each with its arrays of parameters; differentiable in these."""
+def apply_effects(
+    effects: tuple[Effect, ...],
+    values: tuple[dict[str, Array], ...],
+    rays: Rays,
+    *,
+    scan: Scan,
+    inside: Mapping[str, Bool[Array, "*n"]] | None = None,
+) -> Rays:
+    """Applies effects one after the other, each with its arrays of parameters; differentiable in these. `inside` gives
+    by name the rays on which an effect acts, if not on all."""
     for effect, given in zip(effects, values, strict=True):
-        rays = apply_law(effect, given, rays, scan=scan)
+        after = apply_law(effect, given, rays, scan=scan)
+        rays = kept(inside[effect.name], rays, after) if inside and effect.name in inside else after
     return rays
 
 
@@ -89,6 +99,7 @@ def sample(
     reading = rays.reading_m + share * (rays.between_m - rays.reading_m)
     reading = jnp.where(glare, rays.ghost_m, reading)
     reading = jnp.where(early, clutter_range(chance(5), rays, end_m), reading)
+    # Independent noises: their variances add up.
     spread = jnp.sqrt(jnp.square(rays.noise_m) + jnp.square(jnp.asarray(noise_m, jnp.float32)))
     reading = _rounded(reading + spread * jax.random.normal(keys[6], shape), rays.range_step_m)
 
@@ -104,6 +115,7 @@ def sample(
 
     groups = -(-shape[-1] // columns)
     luck = jax.random.uniform(keys[8], (*shape[:-2], 1, groups))
+    # A packet holds neighbouring columns, all rows of them: one draw for all.
     lost = jnp.repeat(luck, columns, axis=-1)[..., : shape[-1]] < rays.column_loss
     valid = (surface | glare | early) & ~lost & (reading > 0)
     return PolarImage(jnp.where(valid, reading, 0.0), jnp.where(valid, intensity, 0.0), valid)
@@ -129,6 +141,8 @@ class SensorModel:
     """Noise and losses of the sensor that no effect explains, by the names of LEVELS; drawn with all that is drawn."""
     learned: tuple[Learned, ...] = ()
     """What no effect describes; acts after all effects, in this order."""
+    regions: Mapping[str, Region] = field(default_factory=dict)
+    """Where effects act, by name, if not everywhere."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
@@ -138,6 +152,11 @@ class SensorModel:
                 raise ValueError(f"levels: {name!r} is not known; known are {', '.join(LEVELS)}")
             if not 0 <= value <= LEVELS[name]:
                 raise ValueError(f"levels: {name} is {value:g}; it must lie within 0 and {LEVELS[name]:g}")
+        for name in self.regions:
+            if name not in {effect for effect, _ in checked} or name in WHOLE:
+                raise ValueError(
+                    f"where: {name} has no part; it may be given for effects of the model but {', '.join(WHOLE)}"
+                )
         object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:
@@ -150,7 +169,8 @@ class SensorModel:
     def apply(self, rays: Rays, scan: Scan) -> Rays:
         """What becomes of rays of this scan: expectations and probabilities, nothing drawn yet."""
         chain = tuple(get_effect(name) for name, _ in self.effects)
-        rays = apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan=scan)
+        inside = {name: region.holds(rays, scan) for name, region in self.regions.items()}
+        rays = apply_effects(chain, self.values(scan.range_m.shape[1]), rays, scan=scan, inside=inside)
         for law in self.learned:
             rays = law.apply(rays)
         return rays
@@ -196,6 +216,7 @@ class SensorModel:
         entries = [
             {"name": name, "parameters": {p: list(v) if isinstance(v, tuple) else v for p, v in parameters.items()}}
             | ({"from": origin} if (origin := origin_of(name)) else {})
+            | ({"where": self.regions[name].to_json()} if name in self.regions else {})
             for name, parameters in self.effects
         ]
         with replacing(path) as temporary:
@@ -213,12 +234,16 @@ class SensorModel:
         path = Path(path)
         if not path.is_file():
             raise ValueError(f"sensor: no file {path}; `jaxsim discover` writes one as OUT/sensor.json")
+        content = read_json(path, by="sensor")
         try:
-            content = json.loads(path.read_text())
-            entries = [(entry["name"], {**entry.get("parameters", {})}) for entry in content["effects"]]
-            levels = {name: float(value) for name, value in content.get("levels", {}).items()}
+            check_keys(content, ("effects", "levels", "learned"), where="sensor.json")
+            for entry in content["effects"]:
+                check_keys(entry, ("name", "parameters", "from", "where"), where=f"effect {entry['name']}")
+            entries = [(entry["name"], _plain(entry.get("parameters", {}))) for entry in content["effects"]]
+            levels = {name: real(value) for name, value in content.get("levels", {}).items()}
             origins = {entry["name"]: entry.get("from") for entry in content["effects"]}
             given = [dict(entry) for entry in content.get("learned", [])]
+            parts = {entry["name"]: entry["where"] for entry in content["effects"] if "where" in entry}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise ValueError(
                 f'sensor: {path} is not {{"effects": [{{"name": ..., "parameters": {{...}}}}, ...]}} ({error!r})'
@@ -226,7 +251,8 @@ class SensorModel:
         try:
             for name, origin in origins.items():
                 check_origin(name, origin)
-            model = cls(tuple(entries), levels, tuple(map(Learned.from_json, given)))
+            regions = {name: Region.from_json(part) for name, part in parts.items()}
+            model = cls(tuple(entries), levels, tuple(map(Learned.from_json, given)), regions)
             if rows is not None:
                 model.values(rows)
                 for law in model.learned:
@@ -245,6 +271,11 @@ def frame_of(scan: Scan, k: int) -> Scan:
     """One frame of a scan, as a scan."""
     grid = scan.grid
     return replace(jax.tree.map(lambda leaf: leaf[k : k + 1], replace(scan, grid=None)), grid=grid)
+
+
+def _plain(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters as JSON has them. Raises ValueError for what is neither a number nor a list of numbers."""
+    return {name: [*map(real, value)] if isinstance(value, list) else real(value) for name, value in parameters.items()}
 
 
 def _checked(effect: Effect, parameters: Mapping[str, Any]) -> dict[str, Value]:

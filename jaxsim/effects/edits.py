@@ -68,6 +68,7 @@ def add_intensity(rays: Rays, added: Float[Array, "*n"], floor: float) -> Rays:
 
 def lose(rays: Rays, probability: Float[Array, "*n"]) -> Rays:
     """Loses the surface's echo with a probability, independently of other losses."""
+    # Probabilities of staying multiply, so their logarithms add up.
     return replace(rays, log_keep=rays.log_keep + jnp.log1p(-jnp.clip(probability, 0.0, MOST_PROBABLE)))
 
 

@@ -63,9 +63,14 @@ class Law:
     ray."""
     covariates: tuple[str, ...] = ()
     """Of `COVARIATES`: what residuals depend on where it acts."""
-    starts: tuple[dict[str, float], ...] = ()
+    starts: tuple[dict[str, Any], ...] = ()
     """Where fits begin if nothing can be learned at neutral; what is not named starts at neutral. Numbers stand
     for every beam or class."""
+
+    @property
+    def plain_name(self) -> str:
+        """The name of the effect that acts in a part alone (`region.within`), else its own."""
+        return self.name.partition("@")[0]
 
     def __hash__(self) -> int:
         return hash(self.name)

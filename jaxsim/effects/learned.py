@@ -1,9 +1,10 @@
 """Learned laws: what no effect of the catalogue describes, as numbers along a covariate of the rays or two of them.
 
     curve       linear between knots
-    table       a number for each value (a beam, a class), none for others
+    table       a number for each value (a beam, a class) or pair of values (a beam's column), none for others
     periodic    linear between knots, and from the last to the first across the end of the turn
     product     bilinear between the knots of two covariates
+    wave        a cosine and a sine; the one knot of each covariate is how many periods there are in a unit of it
 
 Outside its knots a law holds its end values: nothing is extrapolated. `discover` makes them, sensor.json holds them
 (`SensorModel.learned`), and they act after all effects.
@@ -12,7 +13,7 @@ Outside its knots a law holds its end values: nothing is extrapolated. `discover
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -22,8 +23,9 @@ from jaxtyping import Float
 
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.files import check_keys, real
 
-KINDS = ("curve", "table", "periodic", "product")
+KINDS = ("curve", "table", "periodic", "product", "wave")
 TURN = 2 * np.pi
 LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
 """Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
@@ -47,6 +49,7 @@ READ: dict[str, Callable[[Rays], Array]] = {
     "azimuth": lambda r: r.azimuth_rad,
     "even rows": lambda r: r.row % 2,
     "even columns": lambda r: r.column % 2,
+    "column": lambda r: r.column,
     "class": lambda r: r.semantic,
     "power": lambda r: r.log_power,
     "intensity": lambda r: r.log_intensity,
@@ -59,13 +62,17 @@ READ: dict[str, Callable[[Rays], Array]] = {
     "heading": lambda r: jnp.mod(r.azimuth_rad + r.heading_rad, TURN),
     "rgb": lambda r: r.rgb.mean(-1),
     "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
+    "hue angle": lambda r: jnp.arctan2(
+        jnp.sqrt(3.0) * (r.rgb[..., 1] - r.rgb[..., 2]), 2 * r.rgb[..., 0] - r.rgb[..., 1] - r.rgb[..., 2]
+    ),
 }
-"""Covariates as `discover` compares them (its own, on the host, are in `discover.covariates`)."""
-TABLES = ("row", "class", "even rows", "even columns")
-TURNING = ("azimuth", "heading")
+"""Covariates as `discover` compares them (its own, on the host, are in `discover.covariates`); the column serves what
+repeats alone, curves go by the azimuth."""
+TABLES = ("row", "column", "class", "even rows", "even columns")
+TURNING = ("azimuth", "heading", "hue angle")
 NEEDS = {
     **dict.fromkeys(("speed", "speed x time"), "speed"),
-    **dict.fromkeys(("rgb", "hue"), "rgb"),
+    **dict.fromkeys(("rgb", "hue", "hue angle"), "rgb"),
     "frame": "time",
     "heading": "heading",
     "class": "semantic",
@@ -104,17 +111,21 @@ class Learned:
             raise refuse(f"kind {self.kind!r} is not known; known are {', '.join(KINDS)}")
         if unknown := [name for name in self.covariates if name not in READ]:
             raise refuse(f"covariate {unknown[0]!r} is not known; known are {', '.join(READ)}")
-        wanted = 2 if self.kind == "product" else 1
-        if not len(self.covariates) == len(self.knots) == wanted:
-            raise refuse(f"a {self.kind} has {wanted} covariates, and knots of each; {len(self.covariates)} and "
-                         f"{len(self.knots)} came")  # fmt: skip
+        wanted = {"product": (2,), "table": (1, 2), "wave": (1, 2)}.get(self.kind, (1,))
+        if len(self.covariates) != len(self.knots) or len(self.knots) not in wanted:
+            raise refuse(f"a {self.kind} has {' or '.join(map(str, wanted))} covariates, and knots of each; "
+                         f"{len(self.covariates)} and {len(self.knots)} came")  # fmt: skip
+        fewest = {"wave": 1, "table": 1}.get(self.kind, 2)
         for name, knots in zip(self.covariates, self.knots, strict=True):
-            if len(knots) < 2 or not np.isfinite(knots).all() or not all(a < b for a, b in pairwise(knots)):
-                raise refuse(f"knots of {name} must be two or more finite numbers that rise")
-        size = int(np.prod([len(knots) for knots in self.knots]))
+            if len(knots) < fewest or not np.isfinite(knots).all() or not all(a < b for a, b in pairwise(knots)):
+                raise refuse(f"knots of {name} must be finite numbers that rise, {fewest} or more")
+        if self.kind == "wave" and any(len(knots) > 1 for knots in self.knots):
+            raise refuse("a wave has one knot of each covariate: its periods in a unit of it")
+        size = 2 if self.kind == "wave" else int(np.prod([len(knots) for knots in self.knots]))
         if not len(self.values) == len(self.sd) == size:
-            raise refuse(f"{len(self.values)} values and {len(self.sd)} sd came for {size} knots; one each")
+            raise refuse(f"{len(self.values)} values and {len(self.sd)} sd came; {size} of each are right")
         low, high = LIMITS[self.channel]
+        low = -high if self.kind == "wave" else low
         if not all(low <= value <= high for value in self.values):
             raise refuse(f"values must lie within {low:g} and {high:g} {UNITS[self.channel]}")
         if not all(0 <= sd < np.inf for sd in self.sd):
@@ -132,13 +143,20 @@ class Learned:
         x = [READ[name](rays).astype(jnp.float32) for name in self.covariates]
         knots = [jnp.asarray(one, jnp.float32) for one in self.knots]
         if self.kind == "table":
+            places = [jnp.clip(jnp.searchsorted(of, one), 0, len(of) - 1) for one, of in zip(x, knots, strict=True)]
             # A beam or class that was not seen is left as it is.
-            at = jnp.clip(jnp.searchsorted(knots[0], x[0]), 0, len(self.knots[0]) - 1)
-            height = jnp.where(knots[0][at] == x[0], heights[at], 0.0)
+            seen = [of[at] == one for one, of, at in zip(x, knots, places, strict=True)]
+            table = heights.reshape([len(of) for of in knots])
+            height = jnp.where(jnp.stack(seen).all(0), table[tuple(places)], 0.0)
+        elif self.kind == "wave":
+            angle = TURN * jnp.stack([one * of[0] for one, of in zip(x, knots, strict=True)]).sum(0)
+            height = heights[0] * jnp.cos(angle) + heights[1] * jnp.sin(angle)
+            if self.channel == "drop":
+                # No share of echoes is less than none.
+                height = height + jnp.hypot(heights[0], heights[1])
         elif self.kind == "product":
-            first, second = (_hats(one, of) for one, of in zip(x, knots, strict=True))
             grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
-            height = jnp.einsum("...i,ij,...j->...", first, grid, second)
+            height = jnp.einsum("...i,ij,...j->...", _hats(x[0], knots[0]), grid, _hats(x[1], knots[1]))
         else:
             height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)
         return jnp.where(rays.hit, height, 0.0)
@@ -164,7 +182,7 @@ class Learned:
     def check_rows(self, rows: int) -> None:
         """Raises ValueError where knots along the rows lie beyond those of a sensor of so many beams."""
         for name, knots in zip(self.covariates, self.knots, strict=True):
-            if name == "row" and knots[-1] >= rows:
+            if name == "row" and self.kind != "wave" and knots[-1] >= rows:
                 raise ValueError(f"{self.name} was learned of {knots[-1] + 1:g} beams or more; the sensor has {rows}")
 
     def to_json(self) -> dict[str, Any]:
@@ -176,8 +194,9 @@ class Learned:
         """The law of an entry of sensor.json. Raises ValueError, KeyError or TypeError where it is none."""
 
         def floats(numbers: Any) -> Numbers:
-            return tuple(float(number) for number in numbers)
+            return tuple(map(real, numbers))
 
+        check_keys(entry, [field.name for field in fields(cls)], where="`learned`")
         return cls(
             channel=entry["channel"],
             kind=entry["kind"],

@@ -51,6 +51,8 @@ class Scan:
     """Since the first frame of the recording."""
     speed_mps: Float[Array, " f"]
     heading_rad: Float[Array, " f"]
+    tags: dict[str, Bool[Array, " f"]] = struct.field(default_factory=dict)
+    """Of each tag that some frame has, which frames have it."""
 
 
 @struct.dataclass
@@ -182,6 +184,7 @@ def rays_at(scan: Scan, at: Places) -> Rays:
         glare_rad=scan.glare_rad[at],
         met_log_intensity=log_intensity,
         log_intensity=log_intensity,
+        # Sensors correct their intensity for the fall-off with the square of the range; the echo's power still has it.
         log_power=log_intensity - 2 * jnp.log(jnp.maximum(r, 0.1) / REFERENCE_M),
         log_power_sd=zero,
         log_keep=zero,

@@ -42,7 +42,8 @@ def scan_of(
     """The scan of simulated frames on one grid.
 
     `more` holds each frame's further rasters by the names of the polar-frame format (incidence rad, semantic,
-    instance, rgb 0..255, time s within the scan), `about` what its grid.json says (time s, speed m/s, heading rad).
+    instance, rgb 0..255, time s within the scan), `about` what its grid.json says (time s, speed m/s, heading rad,
+    tags).
     What is missing: incidence comes from the range image, the place within the scan from the column, the rest is 0.
     Frame times count from the first frame's. Raises ValueError for frames that do not fit the grid or hold
     impossible values.
@@ -65,7 +66,14 @@ def scan_of(
         time_s=(time_s - time_s.min()).astype(np.float32),
         speed_mps=_per_frame(about, "speed", np.float32),
         heading_rad=_per_frame(about, "heading", np.float32),
+        tags=_tags(about),
     )
+
+
+def _tags(about: Sequence[Mapping[str, Any]]) -> dict[str, Bool[np.ndarray, " f"]]:
+    """Which frames have each tag."""
+    names = sorted({tag for entry in about for tag in entry.get("tags", ())})
+    return {name: np.array([name in entry.get("tags", ()) for entry in about]) for name in names}
 
 
 def _per_frame(about: Sequence[Mapping[str, Any]], key: str, dtype: Any) -> np.ndarray:

@@ -16,7 +16,12 @@ from jaxsim.frame import PolarGrid, PolarImage
 
 HEIGHT_M = 1.73
 """Of the sensor over the road."""
-ROAD, HOUSE, POLE, SIGN, TREE, CAR = 7, 11, 17, 20, 21, 26
+ROAD = 7
+HOUSE = 11
+POLE = 17
+SIGN = 20
+TREE = 21
+CAR = 26
 ALBEDO = {ROAD: 0.15, HOUSE: 0.4, POLE: 0.5, SIGN: 0.95, TREE: 0.3, CAR: 0.6}
 Box = tuple[int, tuple[float, float, float], tuple[float, float, float]]
 """Class, middle and half sizes, m."""

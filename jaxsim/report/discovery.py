@@ -16,9 +16,11 @@ from jaxsim.report.learned import learned
 from jaxsim.report.own import own_effects
 from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
+from jaxsim.report.regimes import regimes
+from jaxsim.report.registered import where_it_stood
 from jaxsim.report.words import number, verdict_sentence
 
-FIGURES = r"chance|(map|curve|parameter|unexplained|learned)_.*"
+FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"
 """Names of a report's figures."""
 LEFT, RIGHT = 96, 700
 BOTTOM = 112
@@ -54,9 +56,11 @@ def write_report(folder: Path, result: Result) -> Path:
         sections=[
             unexplained(verdict.unexplained, draw, missing=True) if outside else "",
             named_effects(verdict.effects, draw),
+            regimes(verdict.regimes, draw),
             own_effects(verdict.own),
             learned(verdict, draw),
             repeats(verdict.repeats),
+            where_it_stood(verdict.registered),
             where(verdict.where),
             maps(result, draw),
             curves(result.curves, draw),

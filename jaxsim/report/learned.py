@@ -14,6 +14,13 @@ from jaxsim.report.charts import curve_chart
 from jaxsim.report.page import Draw, file_name, paragraph, section, table
 from jaxsim.report.words import AXES, CHANNELS, Axis, number, span
 
+OUTSIDE = {
+    **dict.fromkeys(("curve", "product"), "Outside its knots it holds its end values."),
+    "periodic": "From its last knot it goes on to the first.",
+    "table": "What it does not hold is left as it is.",
+    "wave": "They are those of its cosine and its sine.",
+}
+"""What becomes of rays that a law was not fitted to, by its kind."""
 BAND = 2.0
 """Standard deviations to either side of a learned law that its band shows."""
 
@@ -22,16 +29,15 @@ def learned(verdict: Verdict, draw: Draw) -> str:
     """Each learned law with its band and what it gains on judge scenes, and the formula."""
     if not verdict.learned:
         return ""
-    parts = [_law(law, verdict, draw) for law in verdict.learned]
+    parts = [_law(law, verdict, draw, str(k) if k else "") for k, law in enumerate(verdict.learned)]
     return section("What was learned and added", "".join(parts) + (_formula(verdict.law) if verdict.law else ""))
 
 
-def _law(law: Learned, verdict: Verdict, draw: Draw) -> str:
+def _law(law: Learned, verdict: Verdict, draw: Draw, mark: str) -> str:
     words = (
         f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
-        f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. Outside its knots it holds "
-        "its end values."
-    )
+        f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "
+    ) + OUTSIDE[law.kind]
     gained = verdict.gap[law.channel].gained if law.channel in verdict.gap else None
     if gained:
         words += (
@@ -39,7 +45,7 @@ def _law(law: Learned, verdict: Verdict, draw: Draw) -> str:
             f"(90 % interval {number(gained.low)} to {number(gained.high)})."
         )
     name, *others = law.covariates
-    if others:
+    if others or law.kind == "wave":
         return paragraph(words)
     # Finer looks at a covariate have no axis of their own.
     axis = AXES.get(name, Axis(name))
@@ -52,7 +58,7 @@ def _law(law: Learned, verdict: Verdict, draw: Draw) -> str:
         joined=law.kind != "table",
         whole=law.kind == "table",
     )
-    file = file_name("learned", law.channel, NAMED.get(name, name))
+    file = file_name("learned", law.channel, NAMED.get(name, name), *filter(None, [mark]))
     caption = (
         f"The learned law of {law.channel} along {name}, with two standard deviations to either side (jackknife over "
         "groups of scenes)."

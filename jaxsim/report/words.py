@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.verdict import Interval, Repeat, Unexplained, Verdict
+from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
 Line = Float[np.ndarray, " k"]
@@ -133,16 +133,35 @@ def verdict_sentence(verdict: Verdict) -> str:
     named = [f"{e.name} ({title})" if (title := title_of(e.name)) else e.name for e in verdict.effects]
     lacks = f"The simulation lacks {listed(named)}" if named else ""
     besides = f" Besides, {repeated(verdict.repeats[0])}." if verdict.repeats else ""
+    besides += _together(verdict)
+    besides = "".join(_acts(one) for one in verdict.regimes) + besides
     if verdict.verdict == "named":
         return lacks + _closed(verdict) + "." + _choice(verdict) + besides
     if verdict.verdict == "not_in_catalogue":
         rest = f": a {dependence(verdict.unexplained)}" if verdict.unexplained else ""
+        if verdict.repeats and verdict.unexplained and verdict.unexplained.formula == verdict.repeats[0].formula:
+            # What repeats is all that there is.
+            rest, besides = f": {repeated(verdict.repeats[0])}", ""
         head = f"{lacks}, and something else" if lacks else "The simulation lacks something"
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict) + besides
     return (
         "No missing effect was found: nothing in the catalogue explains held-out scenes better than the null model "
         f"by enough to be named, with {len(verdict.find)} scenes to find it in.{besides}"
     )
+
+
+def _together(verdict: Verdict) -> str:
+    """What keeps the two sides apart, or kept them; empty where nothing does."""
+    told = verdict.registered
+    words = ""
+    if verdict.unrelated:
+        words += " The two sides' intensities have no relation to each other, so no effect on them could be asked."
+    if told and told.other_moments:
+        words += " The measured frames are of other moments than the simulated ones."
+    elif told and told.sure:
+        words += f" So registered, ranges agree on {percent(told.near[1])} of the points, as given on "
+        words += f"{percent(told.near[0])}."
+    return words
 
 
 def _closed(verdict: Verdict) -> str:
@@ -183,6 +202,32 @@ def repeated(one: Repeat) -> str:
     size = f"{number(one.size.value)} {one.size.unit}"
     period = "" if one.period is None else f", period {number(one.period)} {_counted(one.along)}"
     return f"{one.channel} off by {size} in every scene at the same {_counted(one.along)} ({one.place}{period})"
+
+
+def part_of(one: Regime) -> str:
+    """Where an effect acts, in words."""
+    where = one.where
+    if where.azimuth_rad:
+        low, high = np.rad2deg(where.azimuth_rad).tolist()
+        return f"between {_degrees(low)} and {_degrees(high)} of azimuth"
+    if where.time_s:
+        first, last = where.time_s
+        if last is None:
+            return f"from {number(first)} s on"
+        return f"until {number(last)} s" if first is None else f"from {number(first)} s to {number(last)} s"
+    if where.tag is not None:
+        return f"in frames tagged {where.tag}"
+    return f"in {len(where.scenes)} drives that nothing in grid.json tells from the others"
+
+
+def _degrees(angle: float) -> str:
+    return f"{round((angle + 180) % 360 - 180)}°".replace("-", "−")
+
+
+def _acts(one: Regime) -> str:
+    """Where a named effect acts, and that it is not applied where simulations cannot know."""
+    left = "" if one.applied else "; simulations cannot know where, and do not apply it"
+    return f" {one.effect} acts {part_of(one)} alone ({percent(one.share)} of the rays){left}."
 
 
 def _counted(along: str) -> str:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import COVARIATES
+from jaxsim.discover.covariates import COVARIATES, MORE
 from jaxsim.effects import all_rays
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import READ, TABLES, Learned, kind_of
@@ -31,12 +31,12 @@ def rays(scan):
     return jax.jit(all_rays)(scan)
 
 
-@pytest.mark.parametrize("name", sorted(READ))
+@pytest.mark.parametrize("name", sorted(set(READ) - {"column"}))
 def test_a_covariate_is_read_as_discover_compares_it(rays, name):
     np.testing.assert_allclose(
-        np.asarray(READ[name](rays)), COVARIATES[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
+        np.asarray(READ[name](rays)), (COVARIATES | MORE)[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
     )
-    assert set(READ) == set(COVARIATES)
+    assert set(READ) == {*COVARIATES, *MORE, "column"}
 
 
 def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):
@@ -49,6 +49,30 @@ def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):
     assert not change[~hit].any()
     # Light is lost before it is measured: the power falls with it.
     np.testing.assert_allclose(np.asarray(after.log_power - rays.log_power), change, atol=1e-5)
+
+
+def test_a_table_of_beams_and_columns_holds_a_number_for_each_pair(rays):
+    values = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+    law = Learned("range", "table", ("row", "column"), ((1.0, 3.0), (0.0, 4.0, 5.0)), values, (0.0,) * 6)
+    hit, row, column = (np.asarray(one) for one in (rays.hit, rays.row, rays.column))
+    change = np.asarray(law.apply(rays).reading_m - rays.reading_m)
+    wanted = np.zeros(hit.shape)
+    for k, (r, c) in enumerate((r, c) for r in (1, 3) for c in (0, 4, 5)):
+        wanted[(row == r) & (column == c)] = values[k]
+    assert wanted[hit].any()
+    np.testing.assert_allclose(change[hit], wanted[hit], atol=1e-5)
+
+
+def test_a_wave_runs_over_rows_and_columns(rays):
+    law = Learned("intensity", "wave", ("row", "column"), ((0.25,), (0.1,)), (0.3, -0.2), (0.0, 0.0))
+    angle = 2 * np.pi * (0.25 * np.asarray(rays.row) + 0.1 * np.asarray(rays.column))
+    wanted = 0.3 * np.cos(angle) - 0.2 * np.sin(angle)
+    hit = np.asarray(rays.hit)
+    change = np.asarray(law.apply(rays).log_intensity - rays.log_intensity)
+    np.testing.assert_allclose(change[hit], wanted[hit], atol=1e-4)
+    lost = 1 - np.exp(np.asarray(replace(law, channel="drop", values=(0.3, 0.2)).apply(rays).log_keep))[hit]
+    height = 0.3 * np.cos(angle) + 0.2 * np.sin(angle) + np.hypot(0.3, 0.2)
+    np.testing.assert_allclose(lost, height[hit], atol=1e-4)
 
 
 def test_a_table_leaves_beams_that_it_does_not_hold(rays):
@@ -103,10 +127,12 @@ def test_a_sensor_model_applies_them_after_its_effects(scan, rays):
         ({"kind": "spline"}, "kind 'spline' is not known; known are curve"),
         ({"covariates": ("mood",)}, "covariate 'mood' is not known; known are range"),
         ({"kind": "product"}, "a product has 2 covariates"),
-        ({"knots": ((0.0, 0.0, 1.0),)}, "knots of azimuth must be two or more finite numbers that rise"),
-        ({"values": (0.1, 0.2)}, "2 values and 3 sd came for 3 knots"),
+        ({"knots": ((0.0, 0.0, 1.0),)}, "knots of azimuth must be finite numbers that rise, 2 or more"),
+        ({"values": (0.1, 0.2)}, "2 values and 3 sd came; 3 of each are right"),
         ({"values": (0.1, 0.2, 9.0)}, "values must lie within -2 and 2 nats"),
         ({"values": (0.1, 0.2, float("nan"))}, "values must lie within"),
+        ({"kind": "wave"}, "a wave has one knot of each covariate: its periods in a unit of it"),
+        ({"kind": "table", "covariates": ("row",) * 3}, "a table has 1 or 2 covariates"),
         ({"sd": (0.1, -0.2, 0.1)}, "sd must be finite and not negative"),
     ],
 )

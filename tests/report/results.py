@@ -21,6 +21,7 @@ from jaxsim.discover.verdict import (
     Where,
 )
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
 from jaxsim.frame import PolarGrid
 from jaxsim.report import write_report
 
@@ -135,5 +136,8 @@ def repeating() -> Result:
     ripple = Repeat(
         "intensity", "wave", "column", "periods: 16 over the columns", 24.0, formula, size, p_value=0.001, p_judge=0.03
     )
+    law = Learned("intensity", "wave", ("column",), ((16 / 384,),), (0.11, -0.17), (0.004, 0.004))
+    left = Unexplained("intensity", "column", "periodic", formula)
+    more = {"verdict": "not_in_catalogue", "unexplained": left, "repeats": (ripple,), "learned": (law,)}
     result = none()
-    return replace(result, verdict=replace(result.verdict, repeats=(ripple,)))
+    return replace(result, verdict=replace(result.verdict, **more))

@@ -45,3 +45,17 @@ def test_a_product_is_told_in_words(tmp_path: Path):
     law = Learned("drop", "product", ("range", "hue"), ((1.0, 2.0), (0.0, 1.0)), (0.1,) * 4, (0.0,) * 4)
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, learned=(law,))))
     assert "a product of 4 heights of drop along range and hue" in text
+
+
+def test_a_wave_over_columns_is_told_in_words(tmp_path: Path):
+    text = page(tmp_path, results.repeating())
+    assert "a wave of 2 heights of intensity along column. They are those of its cosine and its sine." in text
+
+
+def test_two_laws_of_one_covariate_have_a_figure_each(tmp_path: Path):
+    result = results.not_in_catalogue()
+    page(tmp_path, replace(result, verdict=replace(result.verdict, learned=(WAVE, WAVE))))
+    assert {path.stem for path in (tmp_path / "figures").glob("learned*")} == {
+        "learned_intensity_range",
+        "learned_intensity_range_1",
+    }

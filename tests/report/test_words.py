@@ -54,7 +54,8 @@ def test_what_repeats_is_in_the_sentence():
         "period 24.0 columns)."
     )
     found = results.repeating().verdict
-    assert verdict_sentence(found).startswith("No missing effect was found")
-    assert verdict_sentence(found).endswith(f"Besides, {ripple}")
+    assert verdict_sentence(found) == f"The simulation lacks something that is not in the catalogue: {ripple}"
+    beside = replace(found, unexplained=results.not_in_catalogue().verdict.unexplained)
+    assert verdict_sentence(beside).endswith(f"periodic dependence of intensity on range. Besides, {ripple}")
     named = replace(results.named().verdict, repeats=found.repeats)
     assert verdict_sentence(named).endswith(f"Besides, {ripple}")

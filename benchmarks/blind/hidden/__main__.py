@@ -8,6 +8,8 @@ import sys
 from benchmarks.blind.hidden.case import key_path, make_case
 from benchmarks.blind.hidden.catalogue import EFFECTS, OUTSIDE
 from benchmarks.blind.hidden.nuisance import LEVELS
+from benchmarks.blind.hidden.part import KINDS
+from benchmarks.blind.hidden.placed import Placed
 from benchmarks.blind.hidden.score import describe, score_case
 from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.hidden.units import write_table
@@ -29,6 +31,13 @@ def main(argv: list[str] | None = None) -> int:
     make.add_argument("--severity", type=float, default=2.0, help="multiple of the effect's unit, see units.json")
     make.add_argument("--nuisance", choices=LEVELS, default="default")
     make.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side")
+    make.add_argument(
+        "--turned", nargs=3, type=float, default=(0, 0, 0), metavar="DEG", help="sensor: roll, pitch, yaw"
+    )
+    make.add_argument("--moved", nargs=3, type=float, default=(0, 0, 0), metavar="M", help="sensor: x, y, z")
+    make.add_argument("--lifted", type=float, default=0.0, metavar="DEG", help="all beams point higher")
+    make.add_argument("--late", type=float, default=0.0, metavar="S", help="measured frames are later than simulated")
+    make.add_argument("--part", choices=KINDS, help="the effects act in a part alone; frames have tags")
     make.add_argument("--scenes", type=int, default=16)
     make.add_argument("--frames", type=int, default=1, help="frames a scene")
     make.add_argument("--rows", type=int, default=48)
@@ -40,7 +49,10 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     try:
         if args.command == "make":
-            options = {k: v for k, v in vars(args).items() if k not in ("command", "folder")}
+            own = ("command", "folder", "turned", "moved", "lifted", "late")
+            options = {k: v for k, v in vars(args).items() if k not in own}
+            placed = Placed(tuple(args.turned), tuple(args.moved), args.lifted, args.late)
+            options |= {"placed": None if placed == Placed() else placed}
             key = make_case(args.folder, **options)
             print(f"case {key.case}: {args.folder}/measured, {args.folder}/simulated; key {key_path(args.folder)}")
         elif args.command == "score":

@@ -15,6 +15,8 @@ from benchmarks.blind.hidden import simulator as own
 from benchmarks.blind.hidden.catalogue import COVARIATES, EFFECTS, OUTSIDE, Choice, amount_of, choose
 from benchmarks.blind.hidden.laws import About
 from benchmarks.blind.hidden.nuisance import Nuisance, Surfaces, draw_nuisance, stream
+from benchmarks.blind.hidden.part import Part, confined, draw_part
+from benchmarks.blind.hidden.placed import Placed
 from benchmarks.blind.hidden.plan import Plan
 from benchmarks.blind.hidden.street import Drive, build_drive
 
@@ -28,7 +30,8 @@ class Key:
 
     effects: [{name, channels, covariates (where it shows), parameters in the catalogue's terms, amount, severity,
     capped}]; outside: {name, channel, covariates, character, near, amount} or None; nuisance: what any finder has to
-    live with; simulator: the name and the errors of the simulated side.
+    live with; simulator: the name and the errors of the simulated side; placed: where and when the sensor stood, or
+    None; part: where alone the effects act, or None.
     """
 
     case: str
@@ -40,6 +43,8 @@ class Key:
     nuisance: dict[str, float]
     made_at: float
     simulator: dict[str, Any] = field(default_factory=lambda: {"name": "ideal"})
+    placed: dict[str, Any] | None = None
+    part: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -140,6 +145,8 @@ def make_case(
     rows: int = 48,
     columns: int = 384,
     simulator: str = "ideal",
+    placed: Placed | None = None,
+    part: str | None = None,
 ) -> Key:
     """Write FOLDER/measured, FOLDER/simulated and FOLDER.key.json.
 
@@ -151,6 +158,8 @@ def make_case(
         severity: multiple of the effect's unit (units.json).
         frames: frames a scene, half a second apart.
         simulator: one of simulator.SIMULATORS: the errors that the simulated side has of its own.
+        placed: where and when the sensor stood, if not where the simulator has it; streets are those of a case without.
+        part: one of part.KINDS: the effects act in a part alone, and frames have tags.
 
     Raises:
         FileExistsError: the folder or its key is there already.
@@ -172,17 +181,23 @@ def make_case(
             raise ValueError(f"{name} is {value}; give a positive number")
     # The ideal simulator adds no word: cases from before there were others stay what they are.
     other = () if simulator == "ideal" else (simulator,)
+    other += () if part is None else (part,)
     entropy = _entropy(seed, effect, severity, nuisance, scenes, frames, rows, columns, *other)
     choice = choose(effect, stream(entropy, "choice"))
     setting = make_setting(entropy, nuisance, scenes, frames, rows, columns, simulator)
     setting = replace(setting, planted=choice.effects)
     simulated = predict(setting)
     plans, key = plant(choice, severity, setting, look_at(setting, simulated))
-    states = measure(setting, simulated, plans)
+    where = None if part is None else draw_part(part, stream(entropy, "part"), scenes, setting.grid)
+    if where:
+        plans = [confined(plan, where) for plan in plans]
+    seen = replace(setting, moments=placed.moments(setting.moments)) if placed else setting
+    states = measure(seen, simulated, [*plans, placed.plan()] if placed else plans)
     case = stream(entropy, "id").bytes(8).hex()
     about = {"name": simulator, **setting.simulator.as_dict()}
     out = Key(case, seed, severity, nuisance, key[0], key[1], setting.nuisance.as_dict(), time.time(), about)
-    _write(folder, setting, simulated, states)
+    out = replace(out, placed=asdict(placed) if placed else None, part=asdict(where) if where else None)
+    _write(folder, setting, simulated, states, where)
     key_file.write_text(json.dumps(asdict(out), indent=1))
     return out
 
@@ -240,7 +255,13 @@ def _entropy(seed: int, *choices: Any) -> tuple[int, ...]:
     return tuple(int(x) for x in rng.integers(0, 1 << 32, 4))
 
 
-def _write(folder: Path, setting: Setting, simulated: list[dict[str, np.ndarray]], states: list[f.State]) -> None:
+def _write(
+    folder: Path,
+    setting: Setting,
+    simulated: list[dict[str, np.ndarray]],
+    states: list[f.State],
+    part: Part | None,
+) -> None:
     """Arrays of fixed dtype without compression: no file's size depends on what it holds."""
     grid = {
         "azimuth": [float(x) for x in setting.grid.azimuth],
@@ -253,6 +274,7 @@ def _write(folder: Path, setting: Setting, simulated: list[dict[str, np.ndarray]
                 "speed": round(m.speed_m_s, 3),
                 "heading": round(m.heading_rad, 5),
             }
+            | ({"tags": list(part.tags[m.scene])} if part else {})
             for m in setting.moments
         },
     }

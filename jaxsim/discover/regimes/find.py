@@ -1,0 +1,222 @@
+"""Which of the named effects act in a part of the recording alone, where, and what they are there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxsim.discover.model.fit import Fit, Problem
+from jaxsim.discover.name.answer import Answer, named_answer
+from jaxsim.discover.name.candidates import Candidate, rank_effects
+from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
+from jaxsim.discover.read import Division
+from jaxsim.discover.regimes.chance import Found, ask, false_discovery_rates
+from jaxsim.discover.regimes.confine import Confined, confine, sizes
+from jaxsim.discover.regimes.judge import Judges
+from jaxsim.discover.regimes.own_sizes import by_own_size
+from jaxsim.discover.regimes.questions import Facts, Question, questions
+from jaxsim.discover.regimes.sharpen import sharpened
+from jaxsim.discover.regimes.shown import Told, shown
+from jaxsim.discover.regimes.sizes import cells
+from jaxsim.discover.regimes.unnamed import disputed
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict import Interval, Regime
+from jaxsim.effects import Law
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.region import WHOLE, Region
+
+
+@dataclass(frozen=True)
+class Divided:
+    """An answer in which some effects act in a part alone."""
+
+    answer: Answer
+    regimes: tuple[Regime, ...] = ()
+
+    @property
+    def regions(self) -> dict[str, Region]:
+        """By effect."""
+        return {one.effect: one.where for one in self.regimes}
+
+
+@dataclass(frozen=True)
+class Lead:
+    """A region to look at: of an effect that is named, or of candidates of which none is."""
+
+    found: Found
+    candidates: tuple[Candidate, ...]
+    """The effect first, then those that may be the better name there."""
+    step: int | None
+    """Of the choice, which it is or takes the place of; None where nothing is named."""
+    fitted: Fit | None = None
+    """The effect everywhere, where it was asked about by its cells."""
+    named: bool = False
+    """Whether the effect is that of the step."""
+    exists: bool = True
+    """Whether there is an effect at all, which naming has shown of those that it names."""
+    q_value: float = 1.0
+
+
+def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
+    """Of the find scenes' blocks; `scenes` are those of all frames."""
+    keep = np.array([unit in division.parts.find for unit in division.blocks.scene])
+    order = {name: k for k, name in enumerate(division.parts.find)}
+    unit = np.array([order[name] for name in division.blocks.scene if name in order])
+    return Facts(division.scan, tuple(scenes), division.blocks.frame[keep], unit, division.blocks.column[keep])
+
+
+def find_regimes(
+    division: Division,
+    scenes: Sequence[str],
+    null: Problem,
+    answer: Answer,
+    *,
+    known: SensorModel,
+    log: Log = lambda line: None,
+) -> Divided:
+    """Asks of every named effect, or where none is named of the candidates, what divides it; those that act in a part
+    alone are fitted there, and take the place of the same effects everywhere. `scenes` are those of the frames."""
+    facts = facts_of(division, scenes)
+    asked = questions(facts)
+    choice = answer.choice
+    regimes: list[Regime] = []
+    judges = None
+    for stage in (_of_named, _of_candidates):
+        # What is named comes first; other candidates are asked about where nothing divides it.
+        for lead in [] if regimes else _ranked(stage(null, choice, facts, asked)):
+            if not _promising(lead, choice, regimes):
+                continue
+            placed = _placed(lead, null, choice, facts)
+            if placed is None:
+                continue
+            judges = judges or Judges.of(division, null, known)
+            trial = _with(null, choice, placed.confined.step, lead.step)
+            confined, gained = judges.gained(placed.confined, trial, choice, facts)
+            if gained <= 0:
+                continue
+            log(f"{confined.plain.name} acts in a part alone: {confined.more:.0f} nats more than everywhere")
+            # Judge scenes may have joined the region.
+            choice = _with(null, choice, confined.step, lead.step)
+            told = Told(placed.inside, placed.outside, lead.found.p_value, lead.q_value, gained)
+            regimes.append(shown(confined, lead.found.question.divides, facts, told))
+    if not regimes:
+        return Divided(answer)
+    named = named_answer(choice, scene=facts.unit)
+    return Divided(replace(named, nulls=answer.nulls), tuple(regimes))
+
+
+def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
+    """Whether it is sure enough, and its effect has no region yet; of candidates while there is none at all."""
+    free = not regimes
+    if lead.named and lead.step is not None:
+        free = choice.steps[lead.step].chosen.effect.plain_name not in {one.effect for one in regimes}
+    return free and lead.exists and lead.q_value <= RULES.regime_level
+
+
+class Placed(NamedTuple):
+    """An effect in its region, with its sizes."""
+
+    confined: Confined
+    inside: Interval
+    outside: Interval
+
+
+def _placed(lead: Lead, null: Problem, choice: Choice, facts: Facts) -> Placed | None:
+    """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
+    region = lead.found.question.regions[lead.found.k]
+    problem = _without(null, choice, lead.step)
+    if lead.fitted and region.azimuth_rad:
+        region = sharpened(region, lead.candidates[0].effect, lead.fitted, problem=problem, facts=facts)
+    candidates = lead.candidates
+    if len(choice.steps) > 1:
+        # Gains of a step were those over the steps before it alone.
+        again = {one.effect.name: one for one in rank_effects(problem, [one.effect for one in candidates])}
+        candidates = tuple(again[one.effect.name] for one in candidates)
+    confined = confine(problem, candidates, region, facts, ranking=_ranking(choice, lead.step))
+    if confined is None:
+        return None
+    chosen = confined.step.chosen
+    # All scenes have their share of a sector: of an effect that is not named yet they must agree.
+    if lead.step is None and region.azimuth_rad and not chosen.accepted(choice.bars.effect):
+        return None
+    # Another effect takes the place of a named one if it is clearly better.
+    if lead.step is not None and not lead.named and not worse(choice.steps[lead.step].chosen, chosen):
+        return None
+    inside, outside = sizes(confined, facts)
+    return Placed(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
+
+
+def _ranked(leads: list[Lead]) -> list[Lead]:
+    """With q-values over all of them, least probable by chance first; what divides drives by a fact before what divides
+    them by their readings alone."""
+    rates = false_discovery_rates([one.found for one in leads])
+    rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
+    return sorted(rated, key=lambda one: (one.found.question.divides == "scene", one.found.p_value))
+
+
+def _of_named(null: Problem, choice: Choice, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
+    leads: list[Lead] = []
+    for k, step in enumerate(choice.steps):
+        effect = step.chosen.effect
+        if effect.name in WHOLE:
+            continue
+        rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
+        found = _divisions(effect, step.fitted, _without(null, choice, k), facts, asked)
+        leads += [Lead(one, (step.chosen, *rivals), k, step.fitted, named=True) for one in found]
+    return leads
+
+
+def _of_candidates(null: Problem, choice: Choice, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
+    """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
+    divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
+    scenes' dispute kept it from being named, the scenes themselves."""
+    tried = [one for one in choice.first_ranking if one.effect.plain_name not in WHOLE]
+    if len(choice.steps) > 1 or not tried:
+        return []
+    few = 1 + RULES.regime_rivals
+    step = 0 if choice.steps else None
+    leads = [Lead(one.found, one.candidates[:few], step, exists=one.exists) for one in disputed(tried, asked, facts)]
+    if choice.steps:
+        return leads
+    strongest = tried[0]
+    fitted = strongest.fits[0]
+    arcs = [one for one in asked if one.between_units(facts.unit) is None]
+    for found in _divisions(strongest.effect, fitted, null, facts, arcs):
+        exists = found.question.divides != "scene" or strongest.total > choice.bars.effect
+        leads.append(Lead(found, tuple(tried[:few]), None, fitted, exists=exists))
+    return leads
+
+
+def _divisions(effect: Law, fitted: Fit, problem: Problem, facts: Facts, asked: Sequence[Question]) -> list[Found]:
+    """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
+    their own sizes."""
+    halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
+    both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
+    own = by_own_size(both, facts)
+    of = both.folded()
+    return [*(ask(question, of, facts.unit) for question in asked), *([own] if own else [])]
+
+
+def _ranking(choice: Choice, step: int | None) -> Sequence[Candidate]:
+    return choice.first_ranking if step is None else choice.steps[step].ranking
+
+
+def _without(null: Problem, choice: Choice, step: int | None) -> Problem:
+    """The null with all steps but one in place."""
+    others = [one for k, one in enumerate(choice.steps) if k != step]
+    if not others:
+        return null
+    return with_steps(null, others)
+
+
+def _with(null: Problem, choice: Choice, confined: FittedStep, step: int | None) -> Choice:
+    """The choice with an effect in its region in place of the same everywhere."""
+    steps = list(choice.steps)
+    if step is None:
+        steps.append(confined)
+    else:
+        steps[step] = confined
+    return replace(choice, steps=tuple(steps), problem=with_steps(null, steps))

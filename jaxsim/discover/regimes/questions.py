@@ -1,0 +1,143 @@
+"""What may divide an effect: moments, tags, sectors; each question with all its regions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.rays import spans_turn
+from jaxsim.effects.region import Region, Span
+from jaxsim.effects.scan import Scan
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Of the blocks that an effect was fitted to, and of all frames."""
+
+    scan: Scan
+    names: tuple[str, ...]
+    """Scenes of all frames."""
+    frame: Int[np.ndarray, " b"]
+    unit: Int[np.ndarray, " b"]
+    column: Int[np.ndarray, "b c"]
+    """Columns of the blocks."""
+
+    @property
+    def sector(self) -> Int[np.ndarray, "b c"]:
+        """Of the blocks' columns."""
+        return sectors_of(self.scan)[self.column]
+
+    @property
+    def sectors(self) -> int:
+        """How many sectors the scan is divided into."""
+        return int(sectors_of(self.scan).max()) + 1
+
+    @property
+    def units(self) -> int:
+        """How many independent scenes (or sectors of one drive) there are."""
+        return int(self.unit.max()) + 1
+
+
+@dataclass(frozen=True)
+class Question:
+    """One way to divide the cells, and every region of it."""
+
+    divides: str
+    """time, tag, azimuth or scene."""
+    regions: tuple[Region, ...]
+    inside: Bool[np.ndarray, "k b a"]
+
+    def between_units(self, unit: Int[np.ndarray, " b"]) -> Bool[np.ndarray, "k n"] | None:
+        """Which units each region holds whole; None where it runs through them."""
+        whole = np.stack([self.inside[:, unit == n].all((1, 2)) for n in range(int(unit.max()) + 1)], axis=1)
+        some = np.stack([self.inside[:, unit == n].any((1, 2)) for n in range(int(unit.max()) + 1)], axis=1)
+        return whole if (whole == some).all() else None
+
+
+def sectors_of(scan: Scan) -> Int[np.ndarray, " c"]:
+    """The sector of each column: equal numbers of columns, `Rules.regime_sectors` of them or fewer."""
+    columns = scan.range_m.shape[2]
+    count = min(RULES.regime_sectors, columns // 4)
+    return np.arange(columns) * max(count, 1) // columns
+
+
+def questions(facts: Facts) -> list[Question]:
+    """All that can be asked of these frames."""
+    return [one for one in (*_tags(facts), *_time(facts), _azimuth(facts)) if one is not None]
+
+
+def _time(facts: Facts) -> Iterator[Question]:
+    """Parts of the recording: from a moment on, or until one; and, as a question of its own, between two, for these are
+    many, and all of them would have to be paid for."""
+    time_s = np.asarray(facts.scan.time_s, float)
+    moment = np.array([time_s[facts.frame[facts.unit == n]].mean() for n in range(facts.units)])
+    if len(np.unique(moment)) < facts.units:
+        # Units of one drive share all its moments: its frames are divided instead.
+        moment = np.unique(time_s[facts.frame])
+    spans = _spans(moment)
+    # A frame belongs to its scene's moment: a cut never runs through a scene.
+    of_block = moment[facts.unit] if len(moment) == facts.units else time_s[facts.frame]
+    for between in (False, True):
+        regions = tuple(Region(time_s=span) for span in spans if (None not in span) == between)
+        if regions:
+            inside = np.stack([np.asarray(region.in_time(of_block)) for region in regions])
+            yield Question("time", regions, _over_sectors(facts, inside))
+
+
+def _spans(moment: Float[np.ndarray, " m"]) -> list[Span]:
+    """With `Rules.regime_fewest_units` moments inside and outside, each end halfway between two of them."""
+    order = np.sort(moment)
+    few = RULES.regime_fewest_units
+    cuts = [None, *((order[1:] + order[:-1]) / 2).tolist(), None]
+    return [
+        (cuts[i], cuts[j])
+        for i in range(len(order))
+        for j in range(i + few, len(order) + 1)
+        if len(order) - (j - i) >= few
+    ]
+
+
+def _tags(facts: Facts) -> Iterator[Question]:
+    """A question a tag that some scenes have and some do not: where it is set, or where it is not."""
+    for tag, tagged in facts.scan.tags.items():
+        has = np.asarray(tagged)[facts.frame]
+        units = len(np.unique(facts.unit[has]))
+        if min(units, len(np.unique(facts.unit[~has]))) >= RULES.regime_fewest_units:
+            yield Question("tag", (Region(tag=tag),), _over_sectors(facts, has[None]))
+
+
+def _azimuth(facts: Facts) -> Question | None:
+    """Arcs of the scan."""
+    count = facts.sectors
+    columns = facts.scan.range_m.shape[2]
+    turns = bool(spans_turn(facts.scan.grid))
+    column = np.arange(count)
+    few, many = max(1, round(RULES.regime_least_arc * count)), count // 2
+    regions: list[Region] = []
+    inside: list[Bool[np.ndarray, " a"]] = []
+    for length in range(few, many + 1):
+        for first in range(count if turns else count - length + 1):
+            regions.append(arc(facts.scan, first * columns // count, length * columns // count))
+            inside.append((column - first) % count < length)
+    # A single drive is cut into units by azimuth: there a sector is a unit, and no unit can be held against itself.
+    if not regions or np.ptp(facts.sector, axis=1).min() < count / 2:
+        return None
+    masks = np.broadcast_to(np.stack(inside)[:, None], (len(regions), len(facts.unit), count))
+    return Question("azimuth", tuple(regions), masks)
+
+
+def arc(scan: Scan, first: int, length: int) -> Region:
+    """So many columns from the first on."""
+    azimuth = np.asarray(scan.grid.azimuth_rad, float)
+    step = float(azimuth[0] - azimuth[-1]) / (len(azimuth) - 1)
+    # Azimuth falls from column to column, and a column reaches half a step to both sides.
+    high = float(azimuth[0]) - (first - 0.5) * step
+    return Region(azimuth_rad=(high - length * step, high))
+
+
+def _over_sectors(facts: Facts, inside: Bool[np.ndarray, "k b"]) -> Bool[np.ndarray, "k b a"]:
+    return np.broadcast_to(inside[:, :, None], (*inside.shape, facts.sectors))

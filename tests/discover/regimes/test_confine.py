@@ -1,0 +1,102 @@
+"""What scenes and sectors ask for, and an effect fitted where it acts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.model.fit import fit
+from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.name.candidates import rank_effects
+from jaxsim.discover.regimes.chance import ask
+from jaxsim.discover.regimes.confine import confine, sizes
+from jaxsim.discover.regimes.own_sizes import by_own_size
+from jaxsim.discover.regimes.questions import questions
+from jaxsim.discover.regimes.sizes import cells
+from jaxsim.effects import EFFECTS
+from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+GAIN = EFFECTS["beam_gain"]
+EVERYONE = np.ones(FRAMES, np.float32)
+
+
+@pytest.fixture(scope="module")
+def night(standard_promotion):
+    return halves()
+
+
+def asked(null, facts):
+    """The best region of every question, of beam gains fitted to all frames; by what divides."""
+    one = fit(GAIN, null, EVERYONE)
+    of = cells(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
+    return of, {(q.divides, q.regions[0].tag): ask(q, of, facts.unit) for q in questions(facts)}
+
+
+def test_scenes_that_have_the_effect_ask_for_twice_what_fits_all(night):
+    null, facts = night
+    of, _ = asked(null, facts)
+    size = 1 + of.slope.sum(1) / of.curvature.sum(1)
+    assert np.median(size[INSIDE]) == pytest.approx(2, abs=0.5)
+    assert np.median(size[~INSIDE]) == pytest.approx(0, abs=0.4)
+
+
+def test_the_moment_and_the_tag_that_divide_are_found_and_no_other(night):
+    null, facts = night
+    _, found = asked(null, facts)
+    time = found["time", None]
+    first, last = time.question.regions[time.k].time_s
+    assert 30 * 4 < first < 30 * 5  # toy frames are 30 s apart
+    assert last is None
+    assert time.p_value < 0.01
+    assert found["tag", "night"].p_value < 0.01
+    assert found["tag", "rain"].p_value > 0.1
+    assert found["azimuth", None].p_value > 0.01
+
+
+def test_a_sector_that_has_the_effect_is_found_to_a_few_columns(standard_promotion):
+    null, facts = halves(np.ones(FRAMES, bool), SECTOR)
+    _, found = asked(null, facts)
+    arc = found["azimuth", None]
+    held = np.asarray(arc.question.regions[arc.k].in_sector(facts.scan.grid.azimuth_rad))
+    assert arc.p_value < 0.01
+    assert (held != SECTOR).sum() <= 0.1 * COLUMNS
+    assert found["time", None].p_value > 0.01
+
+
+def test_fitted_in_its_part_an_effect_is_as_large_as_it_is_there(night):
+    null, facts = night
+    _, found = asked(null, facts)
+    time = found["time", None]
+    [candidate] = rank_effects(null, [GAIN])
+    one = confine(null, [candidate], time.question.regions[time.k], facts, ranking=[candidate])
+    assert one is not None
+    assert one.more > 10
+    gain = np.asarray(to_values(GAIN, one.step.fitted.z)["gain"])
+    slope = np.polyfit(GAINS - GAINS.mean(), gain - gain.mean(), 1)[0]
+    assert slope == pytest.approx(1, abs=0.1)
+    inside, outside = sizes(one, facts)
+    assert inside.low < 1 < inside.high
+    assert outside.low < 0 < outside.high
+    assert outside.high < 0.2
+
+
+def test_what_acts_everywhere_is_not_confined(standard_promotion):
+    null, facts = halves(np.ones(FRAMES, bool))
+    facts = replace(facts, scan=replace(facts.scan, tags={"night": INSIDE}))
+    _, found = asked(null, facts)
+    [candidate] = rank_effects(null, [GAIN])
+    tag = found["tag", "night"].question.regions[0]
+    assert confine(null, [candidate], tag, facts, ranking=[candidate]) is None
+
+
+def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
+    some = np.isin(np.arange(FRAMES), [0, 3, 4, 8])
+    null, facts = halves(some)
+    one = fit(GAIN, null, EVERYONE)
+    halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
+    of = cells(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
+    found = by_own_size(of, facts)
+    assert found is not None
+    assert found.p_value < 0.02
+    assert found.question.regions[0].scenes == ("drive 0", "drive 3", "drive 4", "drive 8")
