@@ -12,35 +12,17 @@ import tests.typechecker  # noqa: F401  (the hook finds it as an attribute of th
 
 STAGES = (
     "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
-    "report", "train", "studies", "cli", "discover.model",
+    "report", "train", "studies", "cli",
 )  # fmt: skip
-EFFECTS = sorted(path.stem for path in (Path(__file__).parents[1] / "jaxsim" / "effects").glob("[a-z]*"))
-DISCOVER = (
-    "add",
-    "checks",
-    "covariates",
-    "curves_and_maps",
-    "explain",
-    "find",
-    "gap",
-    "law",
-    "learn",
-    "name",
-    "read",
-    "rules",
-    "scenes",
-    "show",
-    "symbolic",
-    "unpaired",
-    "verdict",
-)
+ROOMS = Path(__file__).parents[1] / "jaxsim"
+EFFECTS = sorted(path.stem for path in (ROOMS / "effects").glob("[a-z]*"))
+DISCOVER = sorted(path.stem for path in (ROOMS / "discover").glob("[a-z]*"))
 # frame.py and rays.py are left out: their structs are also built by tree operations, with leaves that are no arrays.
 install_import_hook(
     [
         *(f"jaxsim.{stage}" for stage in STAGES),
         *(f"jaxsim.effects.{name}" for name in EFFECTS if name != "rays"),
         *(f"jaxsim.discover.{name}" for name in DISCOVER),
-        "jaxsim.discover.workflow",
     ],
     "tests.typechecker.check",
 )

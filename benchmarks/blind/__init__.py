@@ -5,6 +5,8 @@
     python -m benchmarks.blind.effects OUT                 names of hidden effects, of pairs, of none: the main rates
     python -m benchmarks.blind.worlds OUT                  the same in two worlds, with noisy simulators
     python -m benchmarks.blind.where OUT                   where disagreement is found on the same cases
+    python -m benchmarks.blind.repeats OUT                 what repeats in sensor coordinates: nulls, planted patterns
+    python -m benchmarks.blind.learned OUT                 what learned laws gain, of what the hidden ones do
     python -m benchmarks.blind.unpaired OUT                the same where the sides show different streets
     python -m benchmarks.blind.planted_on_kitti OUT        effects planted on real scans
     python -m benchmarks.blind.real_discovery OUT          real sensors, with a known part of the answer

@@ -76,11 +76,11 @@ def _remove(case: Path) -> None:
     key_path(case).unlink(missing_ok=True)
 
 
-def _rays(comparison: Comparison, units: int) -> int:
-    """Rays of so many units that the fits look at."""
+def _rays(comparison: Comparison, scenes: int) -> int:
+    """Rays of so many scenes that the fits look at."""
     rows = comparison.scan.range_m.shape[1]
     chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
-    return int(chosen.column.size * rows * units / len(set(chosen.unit)))
+    return int(chosen.column.size * rows * scenes / len(set(chosen.scene)))
 
 
 def _gap(gap: Mapping[str, Any], closure: Any) -> dict[str, Any]:

@@ -160,24 +160,24 @@ def _value(value: object) -> str:
 
 
 def _problem(compared: Comparison) -> tuple[Problem, np.ndarray, np.ndarray]:
-    """The null model on all blocks; each block's frame and its unit."""
+    """The null model on all blocks; each block's frame and its scene."""
     given, measured = (jax.tree.map(jnp.asarray, part) for part in (compared.scan, compared.measured))
     scan = with_planes(given)
     chosen = blocks(compared.scenes, *compared.scan.range_m.shape[1:])
-    unit = np.unique(chosen.unit, return_inverse=True)[1]
-    ev = gather(scan, measured, frame=chosen.frame, column=chosen.column, unit=unit, given_rad=given.incidence_rad)
-    return fit_null(scan, ev, np.ones(len(unit), np.float32))[0], chosen.frame, unit
+    scene = np.unique(chosen.scene, return_inverse=True)[1]
+    ev = gather(scan, measured, frame=chosen.frame, column=chosen.column, scene=scene, given_rad=given.incidence_rad)
+    return fit_null(scan, ev, np.ones(len(scene), np.float32))[0], chosen.frame, scene
 
 
 def row_share(compared: Comparison) -> float:
     """Share of the variance of ln I's residuals (standardised, clipped) that the mean of a row, taken from other
     sectors, explains."""
-    problem, _, unit = _problem(compared)
-    _, z, counts = residuals(problem, np.ones(len(unit), np.float32))["intensity"]
+    problem, _, scene = _problem(compared)
+    _, z, counts = residuals(problem, np.ones(len(scene), np.float32))["intensity"]
     row = np.broadcast_to(np.asarray(problem.ev.rays.row), counts.shape)
     rows, left, whole = int(row.max()) + 1, 0.0, 0.0
-    for u in np.unique(unit):
-        own = counts & (unit == u)[:, None, None]
+    for one in np.unique(scene):
+        own = counts & (scene == one)[:, None, None]
         rest = counts & ~own
         n = np.bincount(row[rest], minlength=rows)
         mean = np.bincount(row[rest], z[rest], rows) / (n + 4)
@@ -212,8 +212,8 @@ def _frames(compared: Comparison) -> np.ndarray | None:
 
 def _sectors(compared: Comparison) -> np.ndarray:
     """Every other sector."""
-    unit = blocks(compared.scenes, *compared.scan.range_m.shape[1:]).unit
-    return np.unique(unit, return_inverse=True)[1] % 2
+    scene = blocks(compared.scenes, *compared.scan.range_m.shape[1:]).scene
+    return np.unique(scene, return_inverse=True)[1] % 2
 
 
 def _numbers(text: str) -> list[int]:

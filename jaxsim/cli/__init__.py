@@ -9,7 +9,8 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import Command, call, choose, enable_compilation_cache, overview, stop_on_error
+from jaxsim.cli.commands import Command, call, choose, enable_compilation_cache, overview
+from jaxsim.cli.endings import stop_on_error
 
 __all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
 
@@ -70,7 +71,7 @@ MODES = {
         "own_effects:Check", "what is wrong with such a file, and what it looks like", "jaxsim effects check my.py"
     ),
     "eval generation": Command(
-        "eval:Generation",
+        "eval_generation:Generation",
         "two folders of frames or clouds",
         "jaxsim eval generation --simulated simulated/polar --measured measured --out scores",
     ),

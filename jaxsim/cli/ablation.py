@@ -11,13 +11,15 @@ from jaxsim.cli.commands import parse
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cli.train import parse_experiment
 from jaxsim.config import Experiment
+from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.files import working_in
 from jaxsim.metrics.inception import open_extractor
 from jaxsim.runs.run import load_run
 from jaxsim.studies.ablation import besides, compare_networks, train_all
 
 
 @dataclass(frozen=True)
-class Ablation:
+class Ablation(Checked):
     """The paper's first table: what each kind of input is worth. Give trained runs, or an experiment to train from.
 
         jaxsim eval ablation --runs runs/kitti_step_rgb runs/kitti_step_combined ...
@@ -40,9 +42,9 @@ class Ablation:
     fid: str = ""
     """Also the Fréchet Inception distance: weights from `jaxsim convert` (FILE.npz), or `random`: a network of random
     weights, whose score is called frechet_random."""
-    fid_features: int = 2048
+    fid_features: Count = 2048
     """Features of Inception: 2048, or 768, 192, 64 for small sets (another score, under another name)."""
-    pictures: int = 4
+    pictures: Whole = 4
     """Frames to draw, evenly spread over those that are judged."""
     also: Source = SAME
     """Draw frames of another data set too, which no LiDAR measured: `--also.kind vkitti2`."""
@@ -81,4 +83,5 @@ def run(words: Sequence[str]) -> None:
     """Runs the command on the words that follow its name; those after `--` are flags of the training."""
     end = words.index("--") if "--" in words else len(words)
     asked = parse(Ablation, words[:end], name="jaxsim eval ablation", example=MODES["eval ablation"].example)
-    ablation(asked, flags=words[end + 1 :])
+    with working_in(asked.out):
+        ablation(asked, flags=words[end + 1 :])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from difflib import get_close_matches
 from inspect import getdoc
 from pathlib import Path
@@ -53,11 +53,19 @@ def choose(name: str, commands: Mapping[str, Command]) -> Command:
 
 
 def call(command: Command, words: Sequence[str], *, name: str) -> None:
-    """Runs a command on the words that follow its name; `name` is how the user called it."""
+    """Runs a command on the words that follow its name; `name` is how the user called it.
+
+    The folder that it `writes_to` is kept for it until it ends.
+    """
+    from jaxsim.files import working_in  # waits until a command is known, as what reads files imports much
+
     entry = command.load()
     enable_compilation_cache()
     if isinstance(entry, type):
-        parse(entry, words, name=name, example=command.example)()
+        asked = parse(entry, words, name=name, example=command.example)
+        folder: Path | None = getattr(asked, "writes_to", None)
+        with working_in(folder) if folder else nullcontext():
+            asked()
     else:
         entry(words)
 
@@ -79,27 +87,25 @@ def enable_compilation_cache() -> None:
     """
     import jax
 
-    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "jaxsim" / "xla"
-    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR", str(default))
+    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if folder is None:
+        folder = cache_folder()
     if folder:
-        jax.config.update("jax_compilation_cache_dir", folder)
+        jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
-@contextmanager
-def stop_on_error() -> Iterator[None]:
-    """Ends the program with the message alone where a user can mend the cause, and quietly where nobody reads on
-    (`| head`).
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept by default; None where this user has no folder to write to.
 
-    JAXSIM_TRACEBACK=1 shows where it came from.
+    A container often runs as a user without a name, without a home, or with one that is read-only. What would lie in
+    a folder that all users share might be another's program.
     """
     try:
-        yield
-    except BrokenPipeError:
-        # Python flushes once more at its end: into nothing.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)  # what shells call a closed pipe
-    except (ValueError, FileNotFoundError, ModuleNotFoundError) as error:
-        if os.environ.get("JAXSIM_TRACEBACK"):
-            raise
-        sys.exit(f"error: {error}")
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(home) / "jaxsim" / "xla"
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (RuntimeError, OSError):
+        return None
+    return folder

@@ -36,7 +36,7 @@ class Convert:
 
 {KINDS}
 
-    PyTorch files need PyTorch (pip install -e '.[convert]') and are read with weights_only=True; a .npz of the
+    PyTorch files need PyTorch (pip install 'jaxsim-lidar[convert]') and are read with weights_only=True; a .npz of the
     same names needs nothing.
     """
 

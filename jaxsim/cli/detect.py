@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import seen_by
 from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
@@ -18,7 +19,7 @@ from jaxsim.report import draw_above, draw_on_image, save_picture
 
 
 @dataclass(frozen=True)
-class Detect:
+class Detect(Checked):
     """Finds objects in every cloud of a folder.
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
@@ -39,14 +40,18 @@ class Detect:
     """Folder of NAME.png to draw on; needs --calib."""
     labels: Path | None = None
     """Folder of NAME.txt with labels to draw; needs --calib."""
-    image_size: tuple[int, int] = (375, 1242)
+    image_size: tuple[Count, Count] = (375, 1242)
     """Rows and columns of the images, where --images is not given."""
-    max_voxels: int | None = None
+    max_voxels: Count | None = None
     """Cap on voxels instead of the detector's own."""
-    step: int | None = None
+    step: Count | None = None
     """Checkpoint of the run to use; by default its latest."""
-    pictures: int = 8
+    pictures: Whole = 8
     """Clouds to draw."""
+
+    @property
+    def writes_to(self) -> Path:
+        return self.out
 
     def __call__(self) -> None:
         for name in ("images", "labels"):

@@ -12,6 +12,7 @@ from tyro.conf import UseAppendAction
 
 from jaxsim.cli.sides import NOT_UNPAIRED, refuse_with_unpaired, sides
 from jaxsim.cli.source import SAME, Source
+from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel
@@ -22,7 +23,7 @@ say = partial(print, flush=True)
 
 
 @dataclass(frozen=True)
-class Discover:
+class Discover(Checked):
     """Finds where simulated and measured frames disagree, names the effect that the simulation lacks, and shows
     the gap with the effect added.
 
@@ -30,7 +31,8 @@ class Discover:
 
     Two folders of polar frames, as `jaxsim simulate` writes one (OUT/polar): grid.json (`azimuth` of the columns and
     `elevation` of the rows, rad, falling), and one NAME.npz a frame with range (m, 0 = no return) and intensity (0..1),
-    rows x columns; frames of the same name are compared. Or the learned sensor of a run against the drive that it
+    rows x columns; frames of the same name are compared. grid.json may also say of frames, by name, their scene (the
+    drive), time (s), speed (m/s) and heading (rad). Or the learned sensor of a run against the drive that it
     should imitate: its frames are simulated on the run's polar window, with the ranges of the camera's dense depth, and
     compared with their own scans; they go to OUT/simulated and OUT/measured.
 
@@ -59,7 +61,7 @@ class Discover:
     """A Python file with an effect of your own (`jaxsim effects new NAME` writes one), to be a candidate beside the
     catalogue; may be given several times. Its code is run: give only files that you have read. Effects of installed
     packages (entry points of the group jaxsim.effects) join by themselves."""
-    nulls: int = 0
+    nulls: Whole = 0
     """Sets the bar for these very data: draws so many measurements in which nothing is missing (the simulation with
     what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
     effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes about a
@@ -67,6 +69,10 @@ class Discover:
     unpaired: bool = False
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
+
+    @property
+    def writes_to(self) -> Path:
+        return self.out
 
     def __call__(self) -> None:
         if self.unpaired:

@@ -12,6 +12,7 @@ from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import score_checkpoints
+from jaxsim.files import file_of
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules, evaluate
 from jaxsim.metrics.detection.files import found_frames, frame_list, read_detections, read_truth
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
@@ -46,6 +47,11 @@ class Detection:
     out: Path | None = None
     """Where to write; by default beside the folder of detections, in NAME_evaluation."""
 
+    @property
+    def writes_to(self) -> Path:
+        folder = self.detections.resolve()
+        return self.out or folder.with_name(f"{folder.name}_evaluation")
+
     def __call__(self) -> None:
         names = frame_list(self.frames) if self.frames else found_frames(self.detections)
         truth = read_truth(self.labels, names)
@@ -55,8 +61,7 @@ class Detection:
             curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
         omitted = "" if self.frames else f" of {len(found_frames(self.labels))} labelled (--frames FILE fixes the list)"
         print(f"{len(names)} frames{omitted}, {self.rules} rules\n\n{detection_table(curves)}\n")
-        folder = self.detections.resolve()
-        out = self.out or folder.with_name(f"{folder.name}_evaluation")
+        out = self.writes_to
         compared = {"detections": str(self.detections), "labels": str(self.labels)}
         write_detection(out, curves, about=compared | {"frames": len(names), "rules": self.rules})
         print(f"AP R11 (before 2019): {out / 'detection.md'}\nall scores and precision-recall curves: {out}")
@@ -78,7 +83,8 @@ def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, curves, about=about | {"mean_of_steps": steps}, mean=mean)
     for scene, boxes in zip(scenes, judged.detections[:PICTURES], strict=False):
-        save_picture(out / f"{scene.name}.png", detection_picture(scene, boxes, experiment.voxels.range_m, title=""))
+        picture = detection_picture(scene, boxes, experiment.voxels.range_m, title="")
+        save_picture(file_of(out, scene.name, ".png", by="eval"), picture)
     print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(curves)}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")
 

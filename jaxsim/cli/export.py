@@ -10,6 +10,7 @@ from tyro.conf import UseAppendAction
 from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M
 from jaxsim.config import CloudRecipe, DataConfig
+from jaxsim.config.ranges import Checked, Count, Positive, Share
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
@@ -18,7 +19,7 @@ from jaxsim.simulate.trees import LabelRules, Occlusion, TreePlan, choose_frames
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Checked):
     """Writes frames as a KITTI tree: OUT/training/{velodyne, calib, label_2, image_2} and OUT/ImageSets.
 
     Objects farther than 80 m, and frames in which no object is left, are left out. A frame's number is its place in
@@ -48,14 +49,18 @@ class Export:
     """Column `occluded` of vkitti2: KITTI's 0, 1, 2 by how much of its box an object fills; the same one level up, so
     that nothing is easy; or the hidden share as a fraction, as the paper has it, which the official evaluation cannot
     read. Other sets have levels of their own."""
-    filled: tuple[float, float] = (0.5, 0.25)
+    filled: tuple[Share, Share] = (0.5, 0.25)
     """Share of the box that an object fills at least at level 0, and at level 1: an unhidden car fills 0.65 to 0.85."""
-    reach_m: float = REACH_M
+    reach_m: Positive = REACH_M
     """Objects farther away are left out."""
     keep_empty: bool = False
     """Write frames without objects too, with an empty label file. OpenPCDet cannot read such a frame for training."""
-    workers: int = 2
+    workers: Count = 2
     """Frames at work at once."""
+
+    @property
+    def writes_to(self) -> Path:
+        return self.out
 
     def __call__(self) -> None:
         dataset = self.dataset()

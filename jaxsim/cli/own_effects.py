@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from jaxsim.discover.law import read_law, write_effect
 from jaxsim.discover.look_alikes import described
 from jaxsim.effects import all_rays
 from jaxsim.effects.own import known_effects, load_file, write_template
@@ -17,7 +18,8 @@ from jaxsim.effects.street import small_street
 
 @dataclass(frozen=True)
 class New:
-    """Writes a commented Python file with an effect to begin with: an example that works, to be made your own.
+    """Writes a Python file with an effect to begin with: a commented example that works, to be made your own, or the
+    formula that `jaxsim discover` found for what no effect describes.
 
     Then `jaxsim effects check FILE.py`, and `jaxsim discover ... --effects-from FILE.py`.
     """
@@ -26,9 +28,15 @@ class New:
     """Name of the effect, lower-case words like rain_on_lens."""
     out: Path | None = None
     """File to write; by default NAME.py here."""
+    from_: Annotated[Path | None, tyro.conf.arg(name="from")] = None
+    """A verdict.json of `jaxsim discover` whose `law` is to become the effect."""
 
     def __call__(self) -> None:
-        path = write_template(self.name, self.out or Path(f"{self.name}.py"))
+        path = self.out or Path(f"{self.name}.py")
+        if self.from_:
+            write_effect(read_law(self.from_), path, name=self.name)
+        else:
+            write_template(self.name, path)
         print(f"{path}: edit it, then jaxsim effects check {path}")
 
 

@@ -11,10 +11,11 @@ import tyro
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.config import PrepareConfig
+from jaxsim.config.ranges import Checked, Count, Whole
 
 
 @dataclass(frozen=True)
-class Prepare:
+class Prepare(Checked):
     """Makes the training pairs of a data set once, as a TFDS data set of ArrayRecord files.
 
     Each pair is a frame's camera and LiDAR on one polar grid: laser lines told apart, depth completed, images and
@@ -40,13 +41,17 @@ class Prepare:
     """Frames for training: `0-99`, `0-99:4`, or a part by name. Empty: the data set's part `training`, or all of it."""
     evaluation: Annotated[str, tyro.conf.arg(name="eval")] = ""
     """Frames to judge by. Empty: its part `evaluation`; none where --train is given."""
-    pairs_a_file: int = 64
+    pairs_a_file: Count = 64
     """A file is what a killed command makes anew, and what a Beam worker makes at a time."""
-    workers: int = 0
+    workers: Whole = 0
     """Processes; 0: one a core."""
     beam: tuple[str, ...] | None = None
     """Options of Apache Beam, as NAME=VALUE: make the files with it instead of processes of this machine."""
     prepare: PrepareConfig = field(default_factory=PrepareConfig)
+
+    @property
+    def writes_to(self) -> Path:
+        return self.out
 
     def __call__(self) -> None:
         from jaxsim.pairs.sets import make_set  # imports TFDS, which the other commands need not wait for

@@ -11,7 +11,7 @@ from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig
-from jaxsim.files import lock
+from jaxsim.files import working_in
 from jaxsim.simulate.trees import export_trees
 from jaxsim.studies.real2sim2real import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
@@ -38,8 +38,8 @@ def run(argv: Sequence[str]) -> None:
         LoopConfig, args=flags, default=config, description=intro, prog=f"jaxsim real2sim2real --config {name}"
     )
     check_sources(asked)
-    lock(asked.out, doing="at work in", instead="another --out")
-    Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
+    with working_in(asked.out, doing="at work in"):
+        Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
 
 
 def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:

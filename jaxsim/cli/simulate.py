@@ -11,8 +11,10 @@ from tyro.conf import UseAppendAction
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of
+from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
+from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
 from jaxsim.simulate.folder import Speed, simulate_folder
@@ -20,7 +22,7 @@ from jaxsim.simulate.sensor import Projection, load
 
 
 @dataclass(frozen=True)
-class Simulate:
+class Simulate(Checked):
     """Simulates the learned sensor of a run over a data set's camera frames.
 
     Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...) and pictures to OUT. What
@@ -40,17 +42,21 @@ class Simulate:
     """Frames to simulate: `0-99`. Empty: the run's validation frames, or all of another data set."""
     formats: tuple[Literal["bin", "pcd", "ply", "npz"], ...] = ("bin", "pcd", "ply")
     """Formats of the clouds."""
-    batch: int = 8
+    batch: Count = 8
     """Frames simulated at once."""
-    previews: int = 4
+    previews: Whole = 4
     """Frames to draw."""
     effects: Path | None = None
     """Effects (sensor.json) that the learned sensor lacks; `jaxsim discover` writes one."""
     effects_from: UseAppendAction[tuple[Path, ...]] = ()
     """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
     only files that you have read."""
-    seed: int = 0
+    seed: Whole = 0
     """Of what the effects leave to chance; a frame depends on it and on its place in the data set."""
+
+    @property
+    def writes_to(self) -> Path:
+        return self.out
 
     def __call__(self) -> None:
         # Sensor and frames.
@@ -82,12 +88,13 @@ class Simulate:
         if speed.simulated:
             print(told(speed))
 
-    def draw(self, name: str, cloud: Cloud, image: PolarImage, painted: Painted) -> None:
+    def draw(self, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
         """Writes one frame's pictures."""
         points = points_of(cloud)
         view = draw_cloud(points, title=f"{name}: {len(points)} points")
-        save_picture(self.out / "previews" / f"{name}_cloud.png", view)
-        save_picture(self.out / "previews" / f"{name}.png", simulated_picture(image, painted, title=name))
+        save_picture(file_of(self.out / "previews", name, "_cloud.png", by="simulate"), view)
+        picture = simulated_picture(image, painted, title=name)
+        save_picture(file_of(self.out / "previews", name, ".png", by="simulate"), picture)
 
 
 def told(speed: Speed) -> str:

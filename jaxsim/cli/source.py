@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from jaxsim.config import DataConfig, DataKind
+from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data import Dataset, open_dataset, source_of
 from jaxsim.data.select import frames_to_judge
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Checked):
     """A data set. What is not given is as the run has it, or, in commands without a run, as in training."""
 
     kind: Literal["same", DataKind] = "same"
@@ -33,7 +34,7 @@ class Source:
     rows: Literal["file_order", "elevation"] | None = None
     """Laser line of a KITTI point: from the file's order (the default), or the nearest beam, for clouds that were
     reordered."""
-    seed: int | None = None
+    seed: Whole | None = None
     """World seed of the embedded world."""
     streets: Literal["town", "suburb"] | None = None
     """Traffic and houses of the embedded world."""

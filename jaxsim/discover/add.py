@@ -3,7 +3,7 @@ with them the law that was learned of what no effect describes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, Law
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.region import Region
 
 DIFFERENCE = 0.02
 """Of the central differences, in z and in nats of a noise scale."""
@@ -57,16 +58,26 @@ class Added:
     more: tuple[Refit, ...] = ()
     """The learned law, fitted with them."""
     learned: LearnedFit | None = None
+    repeated: tuple[Law, ...] = ()
+    """What repeats in sensor coordinates, as laws without parameters; part of `sensor` too."""
 
     @property
     def chain(self) -> Chain:
-        """The effects and the learned law, and their z."""
-        return [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.more)]
+        """The effects and the learned laws, and their z."""
+        fitted = [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.more)]
+        return [*fitted, *((law, {}) for law in self.repeated)]
 
 
-def add_effects(null: Problem, steps: Sequence[FittedStep], *, known: SensorModel, form: Form | None = None) -> Added:
+def add_effects(
+    null: Problem,
+    steps: Sequence[FittedStep],
+    *,
+    known: SensorModel,
+    form: Form | None = None,
+    regions: Mapping[str, Region] | None = None,
+) -> Added:
     """The effects of `steps`, and the law of a `form`, fitted again with one another in place, after what is `known` of
-    the sensor model."""
+    the sensor model. `regions` are those that effects act in, by name."""
     laws: list[Law] = [step.chosen.effect for step in steps]
     z = [step.fitted.z for step in steps]
     if form:
@@ -74,13 +85,13 @@ def add_effects(null: Problem, steps: Sequence[FittedStep], *, known: SensorMode
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     fitted = refit(null, laws, z)
     refits, more = fitted[: len(steps)], fitted[len(steps) :]
-    named = [(one.effect.name, parameters_of(one.effect, one.fit.z)) for one in refits]
+    named = [(one.effect.plain_name, parameters_of(one.effect, one.fit.z)) for one in refits]
     learned = learn(form, more[0].problem, more[0].fit) if form else None
     laws_learned = (*known.learned, *((learned.learned,) if learned else ()))
     return Added(
         refits,
         tuple(intervals(one.effect, one.problem, one.fit) for one in refits),
-        SensorModel((*known.effects, *named), learned=laws_learned),
+        SensorModel((*known.effects, *named), learned=laws_learned, regions={**known.regions, **(regions or {})}),
         more,
         learned,
     )
@@ -90,7 +101,7 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
     """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
     problem = null
     order = {name: k for k, name in enumerate(EFFECTS)}
-    for effect, z in sorted(effects, key=lambda pair: order.get(pair[0].name, len(order))):
+    for effect, z in sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order))):
         problem = on_top(effect, problem, z, simulated=simulated)
     return problem
 
@@ -98,7 +109,7 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
 def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
     """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
     beside other effects."""
-    all_blocks = np.ones(len(null.ev.unit), np.float32)
+    all_blocks = np.ones(len(null.ev.scene), np.float32)
     values = dict(enumerate(z))
     refits: dict[int, Refit] = {}
     for _ in range(SWEEPS if len(effects) > 1 else 1):
@@ -127,7 +138,7 @@ def parameters_of(effect: Law, z: dict[str, Any]) -> dict[str, Any]:
 def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, " k"]:
     """Variance of every z, in the raveled order: the larger of the curvature's and the sandwich's of White (1982),
     whose filling is the scatter of the scenes' slopes."""
-    scene = np.asarray(problem.ev.unit)
+    scene = np.asarray(problem.ev.scene)
     objective = Objective(effect, problem, np.ones(len(scene), np.float32))
     x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
@@ -156,7 +167,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
 def intervals(effect: Law, problem: Problem, result: Fit) -> dict[str, Interval | tuple[Interval, ...]]:
     """Every fitted parameter with its 90 % interval, clipped to its bounds."""
     sd = np.sqrt(covariance(effect, problem, result))
-    reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.unit)))))
+    reach = RULES.interval_widening * float(student_reach(len(np.unique(np.asarray(problem.ev.scene)))))
     of_z = restorer(result.z)(sd)
     values = to_values(effect, result.z)
     again = to_values(effect, fit_to_implied(effect, problem, result).z) if follows_power(effect) else values
@@ -187,7 +198,7 @@ def follows_power(effect: Law) -> bool:
 
 def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
-    all_blocks = np.ones(len(problem.ev.unit), np.float32)
+    all_blocks = np.ones(len(problem.ev.scene), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
     implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
     return fit(effect, implied, all_blocks, starts=(start,), steps=80)

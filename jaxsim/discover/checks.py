@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.data.polar_frames import PolarFrames
+from jaxsim.discover.register.registration import Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
@@ -24,8 +25,8 @@ RAYS = 2000
 OTHERS = 64
 """Other frames with which each is compared."""
 ADVICE = (
-    "check that names pair the same moments, that both sides use the same axes and mounting (a few degrees off are "
-    "too many), or, if they show different streets, use --unpaired"
+    "check that names pair the same moments, that both sides use the same axes and mounting (more than 2 "
+    "degrees or 0.5 m off are too many), or, if they show different streets, use --unpaired"
 )
 RASTERS = ("semantic", "instance", "incidence", "rgb", "time")
 """What the simulated side may have besides range and intensity."""
@@ -121,7 +122,7 @@ def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[
     return [note]
 
 
-class Agreement(NamedTuple):
+class RangeAgreement(NamedTuple):
     """Of a frame's pair, or of many: shares of the rays that return on both sides."""
 
     near: Float[np.ndarray, "*n"]
@@ -133,20 +134,26 @@ def agreement(
     simulated_m: Float[np.ndarray, "*n rays"],
     measured_m: Float[np.ndarray, "*n rays"],
     both: Bool[np.ndarray, "*n rays"],
-) -> Agreement:
+) -> RangeAgreement:
     """How far two sides' ranges agree where `both` return; 0 where no ray does."""
     off = measured_m - simulated_m
     limit = np.maximum(RULES.near_m, RULES.near_share * simulated_m)
     count = np.maximum(both.sum(-1), 1)
     near = np.sum(both & (np.abs(off) < limit), -1) / count
     beyond = np.sum(both & (off >= limit), -1) / count
-    return Agreement(near, beyond)
+    return RangeAgreement(near, beyond)
 
 
-def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured: Sequence[PolarImage]) -> None:
+def check_pairs(
+    names: Sequence[str],
+    simulated: Sequence[PolarImage],
+    measured: Sequence[PolarImage],
+    *,
+    registered: Registration | None = None,
+) -> None:
     """Raises ValueError where frames of the same name cannot show the same street through the same sensor: ranges
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
-    partner better."""
+    partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
     stride = max(1, simulated[0].range_m.size // RAYS)
     ours, hit = _thinned(simulated, stride)
     theirs, back = _thinned(measured, stride)
@@ -162,13 +169,15 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
     log_ratio = np.log(theirs[both] / ours[both])
     middle = float(np.median(log_ratio))
     scatter = float(np.median(np.abs(log_ratio - middle)))
-    if abs(middle) > np.log(RULES.unit_factor) and scatter < RULES.steady:
+    own = agreement(ours, theirs, both)
+    agreed = own.near if registered is None else np.maximum(own.near, registered.near)
+    near = float(np.median(agreed))
+    # A sensor that stands lower sees a road that is nearer by one factor: units do not mend by moving it.
+    if abs(middle) > np.log(RULES.unit_factor) and scatter < RULES.steady and near < RULES.same_street:
         raise ValueError(
             f"discover: measured ranges are {np.exp(middle):.4g} times the simulated ones on the same rays; ranges are "
             "metres on both sides: correct the side that is in other units"
         )
-    own = agreement(ours, theirs, both)
-    near = float(np.median(own.near))
     # Of a ray that ends before the surface (fog, rain) nothing can be said of the street.
     not_beyond = float(np.median(own.near / np.maximum(own.near + own.beyond, 1e-9)))
     if near < RULES.same_street and not_beyond < RULES.not_beyond:
@@ -176,9 +185,16 @@ def check_pairs(names: Sequence[str], simulated: Sequence[PolarImage], measured:
         raise ValueError(
             f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
             f"or {100 * RULES.near_share:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of "
-            f"{names[k]} and of half the frames; {ADVICE}"
+            f"{names[k]} and of half the frames{_as_registered(registered)}; {ADVICE}"
         )
-    _check_partners(names, ours, theirs, hit=hit, back=back, own=own.near)
+    _check_partners(names, ours, theirs, hit=hit, back=back, own=agreed)
+
+
+def _as_registered(registered: Registration | None) -> str:
+    """What the best motion of the sensor changes."""
+    if registered is None:
+        return ""
+    return f", and on {100 * float(np.median(registered.near)):.0f} % with the simulated sensor {registered}"
 
 
 def _thinned(side: Sequence[PolarImage], stride: int) -> tuple[Float[np.ndarray, "f rays"], Bool[np.ndarray, "f rays"]]:

@@ -42,10 +42,24 @@ COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
     "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
 }
 """Covariates of rays on the host, by the name that a verdict uses."""
+MORE: dict[str, Callable[[Any], np.ndarray]] = {
+    "hue angle": lambda r: np.arctan2(
+        np.sqrt(3) * (r.rgb[..., 1] - r.rgb[..., 2]), 2 * r.rgb[..., 0] - r.rgb[..., 1] - r.rgb[..., 2]
+    ),
+}
+"""Those along which free curves alone run (`name.unexplained.TAKEN_UP`): a surface is of one hue, so that its level
+takes up what follows the hue, and residuals show none of it."""
 ALTERNATING = ("even rows", "even columns")
 """Receivers and emitters often work in two banks, in turn."""
 CATEGORICAL = ("row", "class", *ALTERNATING)
-NAMED = {"step side": "step", "speed x time": "time", "hue": "rgb", "even rows": "row", "even columns": "column"}
+NAMED = {
+    "step side": "step",
+    "speed x time": "time",
+    "hue": "rgb",
+    "hue angle": "rgb",
+    "even rows": "row",
+    "even columns": "column",
+}
 """What a verdict calls a covariate that is a finer look at another."""
 COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
@@ -61,7 +75,7 @@ def _step(r: Any) -> np.ndarray:
 
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
     """A covariate of the rays where `counts`, on the host."""
-    return np.asarray(COVARIATES[covariate](_Picked(rays, counts)))
+    return np.asarray((COVARIATES | MORE)[covariate](_Picked(rays, counts)))
 
 
 class _Picked:
@@ -89,7 +103,12 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
     knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))
     if len(knots) < 2:
         return np.zeros((len(x), 0), np.float32)
-    return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1).astype(np.float32)
+    return hats(x, knots).astype(np.float32)
+
+
+def hats(x: Float[np.ndarray, " n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:
+    """Weights of the knots at each x: linear between two of them, the end's beyond."""
+    return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1)
 
 
 @dataclass(frozen=True)

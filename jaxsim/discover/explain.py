@@ -31,16 +31,16 @@ def named(
     """An effect that was named, with its look-alikes (`more_alike` besides) and what would tell them apart: `remedy`,
     where the catalogue does not say."""
     effect = step.chosen.effect
-    alike = list(dict.fromkeys([*(one.effect.name for one in step.alike), *more_alike]))
+    alike = list(dict.fromkeys([*(one.effect.plain_name for one in step.alike), *more_alike]))
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
-    known = {**EFFECTS, **{one.effect.name: one.effect for one in (step.chosen, *step.alike)}}
-    told = known[effect.name].look_alikes
+    known = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
+    told = effect.look_alikes
     # No scene decides alone.
     gain = clipped(step.chosen.by_scene)
     return Named(
-        name=effect.name,
+        name=effect.plain_name,
         look_alikes=tuple(alike),
-        tell_apart={one: told.get(one) or known[one].look_alikes.get(effect.name) or remedy for one in alike},
+        tell_apart={one: told.get(one) or known[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
         gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
@@ -77,10 +77,10 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     """Why a candidate of the first step is not what was named first; empty if it is."""
     name = candidate.effect.name
     steps = choice.steps
-    order = [step.chosen.effect.name for step in steps]
+    order = [step.chosen.effect.plain_name for step in steps]
     if name in order:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
-    if steps and name in {one.effect.name for one in steps[0].alike}:
+    if steps and name in {one.effect.plain_name for one in steps[0].alike}:
         return "these data cannot tell it from the one that is named"
     if candidate.total <= choice.bars.effect:
         return "its gain is within what a null reaches"
@@ -103,19 +103,18 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     z of each) the parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
-    all_blocks = np.ones(len(null.ev.unit), np.float32)
+    all_blocks = np.ones(len(null.ev.scene), np.float32)
     levels = [
         np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
     ]
-    classes = [f"class {k}" for k in np.unique(np.asarray(null.ev.rays.semantic))]
-    changes |= {name: (a, b) for name, a, b in zip(["gain", *classes], *levels, strict=True)}
+    changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *levels, strict=True)}
     if len(choice.steps) > 1:
         for step, z in zip(choice.steps, fitted, strict=True):
             effect = step.chosen.effect
             first = parameters_of(effect, step.fitted.z)
             last = parameters_of(effect, z)
             single = [name for name, value in first.items() if isinstance(value, float)]
-            changes |= {f"{effect.name}.{name}": (first[name], last[name]) for name in single}
+            changes |= {f"{effect.plain_name}.{name}": (first[name], last[name]) for name in single}
     return changes
 
 
@@ -134,7 +133,9 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
         )
     for step in choice.steps:
         if step.chosen.chance > RULES.agreement_level:
-            lines.append(f"{step.chosen.effect.name}: a rare event; few scenes show it, without the test over scenes")
+            lines.append(
+                f"{step.chosen.effect.plain_name}: a rare event; few scenes show it, without the test over scenes"
+            )
     if len(parts.judge) < RULES.few_judge_scenes:
         lines.append(f"{len(parts.judge)} judge scenes: intervals of the gap are wide")
     return tuple(lines)

@@ -32,7 +32,7 @@ CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity"
 
 
 @dataclass(frozen=True)
-class Place:
+class Dependence:
     """A covariate that a channel's residuals depend on."""
 
     channel: str
@@ -100,14 +100,14 @@ def localise(
     scene: Int[np.ndarray, " b"],
     *,
     most: int = RULES.dependences_tried,
-) -> list[Place]:
+) -> list[Dependence]:
     """Ranks (channel, covariate), strongest first. Within a channel a covariate counts for what it adds to
     those above it. A p-value is that of the strongest of all covariates tried (`chance_of_best`), times the channels.
 
     `rays` are host arrays (b, c, r); `residuals` gives each channel's standardised residuals and where they count;
     `scene` is that of each block.
     """
-    places = []
+    dependences = []
     scenes = len(np.unique(scene))
     for channel, (z, counts) in residuals.items():
         if counts.sum() < RULES.fewest_residuals:
@@ -133,22 +133,22 @@ def localise(
             # The channels are a second list of which the best is taken: Bonferroni, for they are only three.
             p = min(1.0, len(residuals) * chance_of_best(np.stack([rate for _, rate in by_scene]), best))
             # The sum of squares falls by twice the gain.
-            places.append(Place(channel, rest[best], p, 2 * gain / squares, gain))
+            dependences.append(Dependence(channel, rest[best], p, 2 * gain / squares, gain))
             taken.append(rest.pop(best))
             before = after[best]
-    return sorted(places, key=lambda place: -place.gain)
+    return sorted(dependences, key=lambda one: -one.gain)
 
 
-def reported(places: Iterable[Place]) -> list[Place]:
-    """The places that a verdict lists, strongest first."""
+def reported(dependences: Iterable[Dependence]) -> list[Dependence]:
+    """The dependences that a verdict lists, strongest first."""
     sure = [
-        place
-        for place in places
-        if place.p_value <= RULES.dependence_level
-        and place.gain >= RULES.dependence_nats
-        and (place.channel, place.covariate) not in FITTED
+        one
+        for one in dependences
+        if one.p_value <= RULES.dependence_level
+        and one.gain >= RULES.dependence_nats
+        and (one.channel, one.covariate) not in FITTED
     ]
-    return sorted(sure, key=lambda place: -place.gain)[: RULES.dependences_listed]
+    return sorted(sure, key=lambda one: -one.gain)[: RULES.dependences_listed]
 
 
 def _one_clock(rays: Any, counts: np.ndarray) -> bool:
@@ -169,12 +169,12 @@ def interactions(
     scene: Int[np.ndarray, " b"],
     *,
     level: float = RULES.dependence_level,
-) -> list[Place]:
-    """Each channel's strongest pair, as a Place whose covariate is `A x B`, where its p-value is at most `level`.
+) -> list[Dependence]:
+    """Each channel's strongest pair, as a Dependence whose covariate is `A x B`, where its p-value is at most `level`.
 
     Arguments as `localise`. Fewer than `Rules.fewest_pair_scenes` decide nothing.
     """
-    places = []
+    dependences = []
     scenes = len(np.unique(scene))
     for channel, (z, counts) in residuals.items():
         counts = _thinned(counts)
@@ -194,8 +194,8 @@ def interactions(
             share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
             # Of all residuals, where only some were tried.
             scale = (residuals[channel][1].sum() / counts.sum()).item()
-            places.append(Place(channel, " x ".join(pairs[best]), p, share, float(gains[best].sum() * scale)))
-    return places
+            dependences.append(Dependence(channel, " x ".join(pairs[best]), p, share, float(gains[best].sum() * scale)))
+    return dependences
 
 
 def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:

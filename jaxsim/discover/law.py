@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import json
 import keyword
 import re
 from dataclasses import replace
@@ -14,18 +13,23 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.covariates import ALTERNATING, NAMED
+from jaxsim.discover.formulas import Variable
 from jaxsim.discover.learn import LearnedFit
-from jaxsim.discover.symbolic import Variable, search
-from jaxsim.discover.verdict import ClosedLaw, Interval
+from jaxsim.discover.symbolic import search
+from jaxsim.discover.verdict import ClosedLaw
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.check import RESERVED
 from jaxsim.effects.learned import LIMITS, UNITS
-from jaxsim.files import replacing
+from jaxsim.files import parse_settings, read_json, replacing
 
 VARIABLES = {
     "range": ("range_m", "m"),
     "incidence": ("incidence_rad", "rad"),
     "row": ("row", ""),
+    "column": ("column", ""),
+    "even rows": ("odd_row", ""),
+    "even columns": ("odd_column", ""),
     "azimuth": ("azimuth_rad", "rad"),
     "power": ("power", ""),
     "intensity": ("intensity", ""),
@@ -38,8 +42,9 @@ VARIABLES = {
     "heading": ("heading_rad", "rad"),
     "rgb": ("brightness", ""),
     "hue": ("red_minus_blue", ""),
+    "hue angle": ("hue_rad", "rad"),
 }
-"""What a covariate is called in a formula, and its unit; classes and banks have no formula."""
+"""What a covariate is called in a formula, and its unit; classes have no formula. Of two banks the odd one counts 1."""
 LOGARITHMS = ("range", "power", "intensity")
 """Covariates that are compared as logarithms; a formula takes what they are logarithms of."""
 STAGES = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
@@ -50,7 +55,7 @@ WORDS = {"intensity": "ln I, ln P += change", "range": "reading += change", "dro
 def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
     """The formula of a learned law; None where none is near, or a covariate has no order."""
     learned = fitted.learned
-    if not all(name in VARIABLES for name in learned.covariates):
+    if not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
         return None
     grids = np.meshgrid(*(np.asarray(knots) for knots in learned.knots), indexing="ij")
     variables = [
@@ -76,39 +81,33 @@ def read_law(path: Path | str) -> ClosedLaw:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"law: no file {path}; `jaxsim discover` writes one as OUT/verdict.json")
-    try:
-        entry = json.loads(path.read_text())["law"]
-        if entry is None:
-            raise ValueError(
-                f"law: {path} holds no formula: nothing was learned there that is near one; take `learned` of the "
-                "sensor.json beside it as it is (`jaxsim simulate --effects`)"
-            )
-        return ClosedLaw(
-            **{
-                **entry,
-                "covariates": tuple(entry["covariates"]),
-                "parameters": {name: Interval(**one) for name, one in entry["parameters"].items()},
-                "limits": {name: (float(low), float(high)) for name, (low, high) in entry["limits"].items()},
-            }
-        )
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+    content = read_json(path, by="law")
+    if not isinstance(content, dict) or "law" not in content:
+        raise ValueError(f"law: {path} is no verdict.json with a `law`; run `jaxsim discover` again")
+    if content["law"] is None:
         raise ValueError(
-            f"law: {path} is no verdict.json with a `law` ({error!r}); run `jaxsim discover` again"
-        ) from error
+            f"law: {path} holds no formula: nothing was learned there that is near one; take `learned` of the "
+            "sensor.json beside it as it is (`jaxsim simulate --effects`)"
+        )
+    try:
+        return parse_settings(ClosedLaw, content["law"])
+    except ValueError as error:
+        raise ValueError(f"law: {path} holds a `law` that is none: {error}; run `jaxsim discover` again") from error
 
 
-def write_effect(law: ClosedLaw, path: Path | str) -> Path:
-    """Writes a formula as a Python file that ends in `EFFECT`, an effect named like the file, as those of
-    `jaxsim/effects/catalogue/`. Variables stay within what was seen; fits begin at the formula's numbers.
+def write_effect(law: ClosedLaw, path: Path | str, *, name: str | None = None) -> Path:
+    """Writes a formula as a Python file that ends in `EFFECT`, an effect of this name, by default the file's, as those
+    of `jaxsim/effects/catalogue/`. Variables stay within what was seen; fits begin at the formula's numbers.
 
-    Raises ValueError where the file's name is no name for a new effect, or the file is there.
+    Raises ValueError where it is no name for a new effect, or no Python file, or the file is there.
     """
     path = Path(path)
-    name = path.stem
-    if path.suffix != ".py" or not name.isidentifier() or keyword.iskeyword(name) or name in EFFECTS:
+    name = path.stem if name is None else name
+    usable = name.isidentifier() and name.islower() and not keyword.iskeyword(name)
+    if path.suffix != ".py" or not usable or name in (*EFFECTS, *RESERVED):
         raise ValueError(
-            f"law: {path.name} is no name for an effect's file; give NAME.py, where NAME is a Python name that the "
-            "catalogue does not hold"
+            f"law: {name} in {path.name} is no name for an effect; give NAME.py, where NAME is lower-case words like "
+            "rain_on_lens that the catalogue does not hold"
         )
     if path.exists():
         raise ValueError(f"law: {path} is there already; give another name, or remove it")
@@ -192,15 +191,16 @@ def _parameter(law: ClosedLaw, name: str) -> str:
     half = (one.high - one.low) / 2
     scale = max(abs(one.value), half, 1e-6)
     if name in ("size", "level"):
-        neutral, low, high, meaning = 0.0, -10 * scale, 10 * scale, f"{name} of the change"
+        bounds, meaning = (0.0, -10 * scale, 10 * scale), f"{name} of the change"
     elif name == "phase":
-        neutral, low, high, scale, meaning = one.value, one.value - 4.0, one.value + 4.0, 0.5, "phase"
+        bounds, meaning = (one.value, one.value - 4.0, one.value + 4.0), name
+        scale = 0.5
     else:
         # Its sign stays, for a period or a scale must not go through 0.
-        ends = sorted([one.value / 2, 2 * one.value])
-        neutral, low, high, scale, meaning = one.value, *ends, abs(one.value) / 4, name
+        bounds, meaning = (one.value, *sorted([one.value / 2, 2 * one.value])), name
+        scale = abs(one.value) / 4
     # The gain takes a level of intensities up; a place of a step has no derivative.
     fitted = not (name == "edge" or (name == "level" and law.channel == "intensity"))
-    numbers = ", ".join(f"{number:.6g}" for number in (neutral, low, high))
+    numbers = ", ".join(f"{number:.6g}" for number in bounds)
     more = "" if fitted else ", fitted=False"
     return f"        {name!r}: Parameter({numbers}, {one.unit!r}, {meaning!r}, scale={scale:.6g}{more}),"

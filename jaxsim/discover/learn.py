@@ -16,8 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, values_of
-from jaxsim.discover.find import Place
+from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, hats, values_of
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
@@ -40,18 +40,23 @@ class Form:
     """Where its fit begins."""
 
     @classmethod
-    def of(cls, problem: Problem, place: Place, curve: Candidate) -> Form:
+    def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
         """The form of a free curve that was fitted to the problem's rays."""
         rays = problem.ev.rays
-        x = values_of(place.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
-        knots = written_at(x, place.covariate)
-        basis = fixed_basis(np.concatenate([x, knots]), place.covariate)[len(x) :]
+        x = values_of(dependence.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
+        knots = written_at(x, dependence.covariate)
+        basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
         used = basis.any(0)
         heights = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
         numbers = tuple(knots.tolist())
         nothing = (0.0,) * len(knots)
         bare = Learned(
-            place.channel, kind_of(place.covariate, numbers), (place.covariate,), (numbers,), nothing, nothing
+            dependence.channel,
+            kind_of(dependence.covariate, numbers),
+            (dependence.covariate,),
+            (numbers,),
+            nothing,
+            nothing,
         )
         return cls(bare, basis[:, used], np.mean(heights, axis=0)[used])
 
@@ -90,17 +95,22 @@ class LearnedFit:
 
 
 def form_of(
-    problem: Problem, place: Place, curve: Candidate, *, pairs: Sequence[Place] = (), bar: float = RULES.bar_nats
+    problem: Problem,
+    dependence: Dependence,
+    curve: Candidate,
+    *,
+    pairs: Sequence[Dependence] = (),
+    bar: float = RULES.bar_nats,
 ) -> Form:
     """The form of a free curve, or of the product with another covariate (`pairs` of its channel, `A x B`) that clearly
     gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
-    form = Form.of(problem, place, curve)
+    form = Form.of(problem, dependence, curve)
     least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
     for pair in pairs:
         names = tuple(pair.covariate.split(" x "))
-        if pair.channel != place.channel or place.covariate not in names or set(names) & set(TABLES):
+        if pair.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
             continue
-        bare, candidate = _product(problem, place.channel, names)
+        bare, candidate = _product(problem, dependence.channel, names)
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
@@ -115,13 +125,10 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     hit = np.asarray(rays.hit)
     x = [values_of(name, rays, hit).astype(np.float64) for name in names]
     knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
-    first, second = (
-        np.stack([np.interp(one, at, row) for row in np.eye(len(at))], axis=-1)
-        for one, at in zip(x, knots, strict=True)
-    )
+    weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
     basis = np.zeros((*hit.shape, COLUMNS), np.float32)
-    basis[hit, :size] = (first[:, :, None] * second[:, None, :]).reshape(-1, size)
+    basis[hit, :size] = (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size)
     tried = replace(problem, basis=jnp.asarray(basis))
     [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
     nothing = (0.0,) * size
@@ -139,7 +146,7 @@ def learn(form: Form, problem: Problem, fitted: Fit) -> LearnedFit:
         return form.heights(fit(law, problem, mask, starts=(start,), enough=NULL_ENOUGH))
 
     with ThreadPoolExecutor(THREADS) as pool:
-        masks = folds(np.asarray(problem.ev.unit), RULES.learned_groups)
+        masks = folds(np.asarray(problem.ev.scene), RULES.learned_groups)
         without = np.stack(list(pool.map(left_out, masks)))
     values, sd = form.heights(fitted), jackknife_sd(without)
     return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))

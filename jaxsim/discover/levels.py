@@ -47,7 +47,12 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     simulated = _by_scene(comparison, comparison.scan)
     measured = _by_scene(comparison, _as_measured(comparison.scan, comparison.measured))
     return tuple(
-        _compared(name, unit, [getattr(one, field) for one in simulated], [getattr(one, field) for one in measured])
+        _compared(
+            name,
+            unit,
+            simulated=[getattr(one, field) for one in simulated],
+            measured=[getattr(one, field) for one in measured],
+        )
         for name, (field, unit) in MEASURES.items()
     )
 
@@ -75,7 +80,7 @@ def _frames(scan: Scan, keep: np.ndarray) -> Scan:
     return replace(scan, **jax.tree.map(lambda raster: jnp.asarray(np.asarray(raster)[keep]), rasters))
 
 
-def _compared(name: str, unit: str, simulated: list[float], measured: list[float]) -> Level:
+def _compared(name: str, unit: str, *, simulated: list[float], measured: list[float]) -> Level:
     ours, theirs = np.array(simulated, float), np.array(measured, float)
     if name in LATTICES:
         # A lattice is one for all scenes, or none; where they disagree, there is none to speak of.
@@ -83,6 +88,7 @@ def _compared(name: str, unit: str, simulated: list[float], measured: list[float
         lacking = lattice[1] if lattice[1] > RULES.coarser_step * lattice[0] else 0.0
         sides = [Interval(v, v, v, unit) for v in (*lattice, lacking)]
         return Level(name, simulated=sides[0], measured=sides[1], missing=sides[2], beyond_usual=False)
+    # Variances of independent noise add up; so do small probabilities of loss.
     power = 1 if name == "random_loss" else 2
     between = theirs**power - ours**power
     low, high = mean_interval(between)
@@ -92,16 +98,15 @@ def _compared(name: str, unit: str, simulated: list[float], measured: list[float
         name,
         _mean(ours, power, unit),
         _mean(theirs, power, unit),
-        Interval(lacking[0], lacking[1], lacking[2], unit),
+        Interval(*lacking, unit=unit),
         beyond_usual=bool(lacking[1] > usual),
     )
 
 
 def _mean(side: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
     """Mean level; of noise, the root of the mean variance."""
-    low, high = mean_interval(side**power)
-    value, low, high = [max(v, 0.0) ** (1 / power) for v in (float((side**power).mean()), low, high)]
-    return Interval(value, low, high, unit)
+    ends = mean_interval(side**power)
+    return Interval(*[max(v, 0.0) ** (1 / power) for v in (float((side**power).mean()), *ends)], unit=unit)
 
 
 def _only(steps: Float[np.ndarray, " s"]) -> float:

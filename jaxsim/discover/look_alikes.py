@@ -22,7 +22,7 @@ from jaxsim.discover.model.parameters import prior, ravel, restorer, to_values, 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.chain import apply_law
-from jaxsim.effects.check import settings
+from jaxsim.effects.check_apply import settings
 from jaxsim.effects.effect import CLASSES
 from jaxsim.effects.origin import LookAlike, OwnEffect
 from jaxsim.effects.rays import Rays, Scan
@@ -43,10 +43,9 @@ MOST = 10.0
 RAYS = 5000
 """Compared at most."""
 STEPS = 30
+"""Of the optimiser: the share in common needs two digits, no more."""
 BINS = 12
 """Of a covariate along which two effects may part."""
-SAME = 0.999
-"""Share from which no frames like these can tell two effects apart."""
 
 
 def with_look_alikes(effects: Iterable[Effect], rays: Rays, scan: Scan) -> list[Effect]:
@@ -71,7 +70,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
     for other in others if size > 0 else ():
         if not {*other.channels} & {*effect.channels}:
             continue
-        left = own - _imitated(other, own, rays, scan)
+        left = own - _imitated(other, own, rays, scan=scan)
         share = 1 - float(np.square(left).sum()) / size
         if share >= RULES.alike_share:
             found.append(LookAlike(other.name, share, _apart(left, rays, share=share)))
@@ -101,6 +100,7 @@ def _change(effect: Effect, values: dict[str, Any], rays: Rays, *, scan: Scan) -
 
 
 def _expected(rays: Rays) -> dict[str, Array]:
+    """What of each ray the channels show, by the names of SD."""
     keep = jnp.where(rays.hit, jnp.exp(rays.log_keep) * (1 - rays.column_loss), 0.0)
     bright = jnp.minimum(rays.log_intensity, jnp.log(rays.intensity_top))
     return {"log_intensity": bright, "keep": keep} | {
@@ -113,6 +113,7 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     parts = []
     for name, sd in SD.items():
         change = (after[name] - before[name]).ravel() / sd
+        # Bounded, and still with a slope from afar.
         change = jnp.where(hit, MOST * jnp.tanh(change / MOST), 0.0)
         if name == "log_intensity":
             kind = rays.semantic.ravel()
@@ -123,7 +124,7 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
     return jnp.stack(parts)
 
 
-def _imitated(other: Effect, own: np.ndarray, rays: Rays, scan: Scan) -> np.ndarray:
+def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.ndarray:
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
@@ -154,7 +155,7 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, scan: Scan) -> np.ndar
 
 def _apart(left: np.ndarray, rays: Rays, *, share: float) -> str:
     """The covariate that what one effect cannot imitate of the other depends on most, in words."""
-    if share > SAME:
+    if share > RULES.same_share:
         return "no frames like these can; it takes other streets, or the sensor's maker"
     part = left[int(np.square(left).sum(1).argmax())]
     hit = np.asarray(rays.hit).ravel()

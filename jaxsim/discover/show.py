@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.devices import one_blas_thread
@@ -17,9 +16,8 @@ from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gap
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import first_residuals, fit_null
+from jaxsim.discover.model.null import fit_null, with_own_weights
 from jaxsim.discover.model.parameters import to_values, to_z
-from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, refitted, runner_up
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
@@ -50,15 +48,9 @@ def judge(
     judged = scene >= len(division.parts.find)
     fitted = (~judged).astype(np.float32)
 
-    def with_own_weights(problem: Problem) -> Problem:
-        """Random effects are weighed by the residuals that a problem itself leaves, not by those of the null."""
-        raw = normal_equations(problem.ev, problem.noise, *first_residuals(problem.ev))
-        off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
-        return replace(problem, equations=normal_equations(problem.ev, problem.noise, *off))
-
     def with_effects(effects: Chain, noise: Noise) -> Problem:
         problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
-        return with_own_weights(in_place(problem, effects, simulated=True))
+        return with_own_weights(in_place(problem, effects, simulated=True), fitted)
 
     before = with_effects([], null.noise)
     after = with_effects(chain, noise)
@@ -68,7 +60,7 @@ def judge(
     curves = additive_floor(before, fitted, sorted(covariates))
     find_alone = np.ones(int(fitted.sum()), np.float32)
     curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
-    free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise))
+    free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise), fitted)
 
     def away(problem: Problem) -> Distance:
         return distance(problem, fitted, before.equations, scene=scene)
@@ -89,7 +81,7 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    all_blocks = np.ones(len(null.ev.unit), np.float32)
+    all_blocks = np.ones(len(null.ev.scene), np.float32)
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
     result = fit(effect, null, all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, result.z)]

@@ -17,6 +17,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import LookAlike
+from jaxsim.effects.region import Region
 from jaxsim.files import replacing
 from jaxsim.frame import PolarGrid
 
@@ -49,8 +50,26 @@ class Named:
 
 
 @dataclass(frozen=True)
+class Registered:
+    """The sensor's motion from where the simulator has it, by ranges alone."""
+
+    motion: dict[str, Interval]
+    """As parameters of `extrinsic_translation`, `extrinsic_rotation` and, where sure, `beam_elevation_error`."""
+    sure: tuple[str, ...]
+    """Those of the three that are put in place before anything else is asked."""
+    other_moments: bool
+    """Whether frames of one name are of different moments; each is then brought to its own place."""
+    near: tuple[float, float]
+    """Share of the measured points that agree with the simulated surface, as given and as registered: median frame."""
+    off_m: tuple[float, float]
+    """Median distance between measured and simulated range, as given and as registered."""
+    speeds: dict[str, float] | None = None
+    """Of each drive, m/s, where no speed was given and the frames' own distortion tells it."""
+
+
+@dataclass(frozen=True)
 class Where:
-    """A place of disagreement."""
+    """A covariate along which the two sides disagree."""
 
     channel: str
     covariate: str
@@ -95,6 +114,35 @@ class Repeat:
     """On find scenes, of all scales, places and channels together."""
     p_judge: float
     """On judge scenes, of this pattern."""
+
+
+@dataclass(frozen=True)
+class Regime:
+    """The part of the recording in which a named effect acts."""
+
+    effect: str
+    divides: str
+    """time, tag, azimuth, or scene where nothing that frames say divides their drives."""
+    where: Region
+    share: float
+    """Of the frames' columns."""
+    inside: Interval
+    """Size of the effect inside, in units of the fit there; its interval is the scatter between scenes."""
+    outside: Interval
+    """Size outside in the same unit: 0 where it does nothing."""
+    p_value: float
+    """That some region of the question is so different by chance."""
+    q_value: float
+    """Rate of false discoveries over all questions asked."""
+    judge_nats: float
+    """What judge scenes gain by it over the effect everywhere."""
+    applied: bool
+    """Whether simulated frames say where it acts."""
+    x: tuple[float, ...] = ()
+    """Places along what divides: s, rad, or numbers of scenes; and the size of the effect, were it fitted everywhere,
+    at each, NaN where nothing tells it; and whether it lies inside."""
+    sizes: tuple[float, ...] = ()
+    held: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -253,6 +301,14 @@ class Verdict:
     """A formula for it."""
     repeats: tuple[Repeat, ...] = ()
     """What repeats in sensor coordinates and no named effect explains, most certain first."""
+    unconfirmed: tuple[Named, ...] = ()
+    """Effects that were found and by which the judge scenes do not gain: they are not named."""
+    registered: Registered | None = None
+    """None where frames are not compared one by one (unpaired)."""
+    unrelated: bool = False
+    """Whether the sides' intensities have no relation beyond chance, so that no effect on them was asked."""
+    regimes: tuple[Regime, ...] = ()
+    """Effects that act in a part of the recording alone."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -280,6 +336,10 @@ class Verdict:
             "learned": [_plain(law) for law in self.learned],
             "law": _plain(self.law),
             "repeats": [_plain(one) for one in self.repeats],
+            "unconfirmed": [_plain(effect) for effect in self.unconfirmed],
+            "registered": _plain(self.registered),
+            "unrelated": self.unrelated,
+            "regimes": [_plain(one) for one in self.regimes],
             "notes": list(self.notes),
         }
 
@@ -291,6 +351,8 @@ class Verdict:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Region):
+        return value.to_json()
     if hasattr(value, "__dataclass_fields__"):
         return {name: _plain(getattr(value, name)) for name in value.__dataclass_fields__}
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""The whole method: find, name, add, show."""
+"""The whole method: find, name, add, repeat, show."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from jaxtyping import Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects, in_place
+from jaxsim.discover.confirm import confirmed, sensor_of, with_mounting
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
-from jaxsim.discover.find import Place, interactions, localise, reported, spelled
+from jaxsim.discover.find import Dependence, interactions, localise, reported, spelled
 from jaxsim.discover.law import closed_law
 from jaxsim.discover.learn import form_of
 from jaxsim.discover.levels import compare_levels, missing
@@ -21,10 +22,13 @@ from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import CLUTTER, Problem
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.mounting import brought, named_mounting, registered_of
 from jaxsim.discover.name.answer import name_effects
 from jaxsim.discover.name.select import Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
-from jaxsim.discover.repeats import examine
+from jaxsim.discover.regimes import find_regimes
+from jaxsim.discover.relation import correlations, of_ranges, unrelated
+from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -68,6 +72,13 @@ def discover(
         raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
     held = [*(name for name, _ in known.effects), *(law.name for law in known.learned)]
     catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in held]
+
+    # Register: a mounting that is clearly off is put in place first, for nothing else can be asked across it.
+    mounting = brought(comparison, [effect.name for effect in catalogue], known)
+    comparison = mounting.comparison
+    catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
+    stated = known
+    known = mounting.known
     division = Division.of(comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
@@ -75,11 +86,21 @@ def discover(
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, known)
     null = dependences.null
+    stranger = unrelated(correlations(null.ev, dependences.scene))
+    if stranger:
+        catalogue = [effect for effect in catalogue if of_ranges(effect)]
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
-    answer = name_effects(null, catalogue, dependences.places, scene=dependences.scene, nulls=nulls, log=log)
+    without = ("intensity",) if stranger else ()
+    answer = name_effects(
+        null, catalogue, dependences.single, scene=dependences.scene, nulls=nulls, without=without, log=log
+    )
+
+    # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
+    divided = find_regimes(division, comparison.scenes, null, answer, known=known, log=log)
+    answer = divided.answer
 
     # Add: every effect fitted again with the others in place.
     log("fitting what was named together")
@@ -87,20 +108,24 @@ def discover(
     form = None
     if answer.curve:
         form = form_of(choice.problem, *answer.curve, pairs=dependences.pairs, bar=choice.bars.free)
-    added = add_effects(null, choice.steps, known=known, form=form)
+    added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
 
+    # Repeat: what is fixed in the sensor shows in every scene at the same rows and columns, and is added as it is.
+    log("looking for what repeats")
+    noise = choice.problem.noise
+    repeats = examine(division, comparison.scenes, null, chain=added.chain, noise=noise, known=known)
+    if repeats:
+        log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
+        added = with_repeats(added, [one.learned for one in repeats])
+        choice = replace(choice, problem=refitted(in_place(null, added.chain)))
+        answer = with_what_repeats(answer, repeats[0])
+
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
     shown = show_gap(division, null, choice, added=added, known=known)
-
-    # Repeat: what is fixed in the sensor shows in every scene at the same rows and columns. Said, and not decided on:
-    # how often nulls show something that repeats is not measured yet.
-    log("looking for what repeats")
-    noise = choice.problem.noise
-    repeats = examine(division, comparison.scenes, null, added.chain, noise=noise, known=known)
 
     levels = compare_levels(comparison)
     verdict = Verdict(
@@ -120,13 +145,23 @@ def discover(
         nulls=answer.nulls,
         levels=levels,
         own=own_candidates(choice),
-        learned=(added.learned.learned,) if added.learned else (),
-        law=closed_law(added.learned) if added.learned else None,
-        repeats=repeats,
-        notes=(*notes(comparison, parts, choice, held=held), *own_noise(division.simulator.noise)),
+        learned=added.sensor.learned[len(known.learned) :],
+        law=closed_law(added.learned) if added.learned else formula_of(repeats),
+        repeats=tuple(one.repeat for one in repeats),
+        regimes=divided.regimes,
+        registered=registered_of(comparison),
+        unrelated=stranger is not None,
+        notes=(
+            *notes(comparison, parts, choice, held=held),
+            *own_noise(division.simulator.noise),
+            *([stranger] if stranger else []),
+        ),
+    )
+    verdict = with_mounting(
+        confirmed(verdict), *named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
     )
     grid = comparison.scan.grid
-    sensor = replace(added.sensor, levels=missing(levels))
+    sensor = replace(sensor_of(verdict, added.sensor, stated), levels=missing(levels))
     return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
 
 
@@ -134,7 +169,8 @@ def discover(
 def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
-    return find_dependences(Division.of(comparison), known).where
+    here = brought(comparison, {*EFFECTS}, known)
+    return find_dependences(Division.of(here.comparison), here.known).where
 
 
 @dataclass(frozen=True)
@@ -144,11 +180,11 @@ class Dependences:
     null: Problem
     scene: Int[np.ndarray, " b"]
     """The scene of each block."""
-    places: list[Place]
+    single: list[Dependence]
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
     """Those that a verdict lists, pairs of covariates among them."""
-    pairs: tuple[Place, ...]
+    pairs: tuple[Dependence, ...]
     """Pairs of covariates that are sure enough for it, `A x B`."""
 
 
@@ -162,8 +198,8 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     clutter = any(name in CLUTTER for name, _ in known.effects)
     null, _ = fit_null(division.scan, ev, all_blocks, clutter=clutter)
     rays, residuals = standardised(null, all_blocks)
-    places = localise(rays, residuals, scene)
+    single = localise(rays, residuals, scene)
     pairs = interactions(rays, residuals, scene)
-    listed = reported([*places, *pairs])
+    listed = reported([*single, *pairs])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, places, where, tuple(reported(pairs)))
+    return Dependences(null, scene, single, where, tuple(reported(pairs)))

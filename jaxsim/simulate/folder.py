@@ -10,27 +10,32 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 from tqdm import tqdm
 
 from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
-from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
+from jaxsim.data.polar_frames import write_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.origin import origin_of
-from jaxsim.files import claim
-from jaxsim.frame import Cloud, Frame, Painted, PolarGrid, PolarImage
-from jaxsim.geometry import polar_to_points, same_grid
-from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.files import claim, file_of, files_in
+from jaxsim.frame import Cloud, Painted, PolarImage
+from jaxsim.geometry import polar_to_points
+from jaxsim.simulate.announced import Announced
+from jaxsim.simulate.frames import check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
-Draw = Callable[[str, Cloud, PolarImage, Painted], None]
-"""Pictures of a frame: its name, its cloud, what the sensor reports, and what the camera's rasters show."""
+
+@runtime_checkable
+class Draw(Protocol):
+    """Pictures of a frame: of its cloud, of what the sensor reports, and of what the camera's rasters show."""
+
+    def __call__(self, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -88,19 +93,20 @@ def simulate_folder(
         first_s = opening.time_s or 0.0
     claim_effects(out, effects_model)
     claim_frames(out, sensor=learned.fingerprint, data=data, seed=seed if effects_model else None)
-    missing = [p for p in positions if not all(path.is_file() for path in _files(out, dataset.name_of(p), formats))]
+    announced = Announced(out / "polar", grid)
+    missing = [p for p in positions if not _is_done(out, dataset.name_of(p), formats, announced=announced)]
 
     # Batches: the last is filled up, so that one compiled program serves all.
     begun = time.monotonic()
     batches_s = []
     number = already = len(positions) - len(missing)
-    with tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
+    with announced, tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
         for first in range(0, len(missing), batch):
             chosen = missing[first : first + batch]
             frames = [dataset[position] for position in chosen]
             images, painted, seconds = simulate_batch(learned, frames, batch, projection=projection)
             batches_s.append(seconds)
-            _announce(out / "polar", grid, frames)
+            announced.add(frames)
             for k, (position, frame) in enumerate(zip(chosen, frames, strict=True)):
                 image, under = take((images, painted), k)
                 if effects_model:
@@ -112,30 +118,22 @@ def simulate_folder(
                 for path in clouds:
                     save_cloud(path, cloud)
                 if draw and number < previews:
-                    draw(frame.name, cloud, image, under)
+                    draw(frame.name, cloud, image=image, painted=under)
                 write_frame(out / "polar", frame.name, image, **rasters(under, grid))
                 number += 1
             bar.update(len(frames))
     return Speed(len(missing), already, batch, tuple(batches_s), time.monotonic() - begun)
 
 
+def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:
+    """Whether a frame needs not be made: it is announced, and its files are there."""
+    return name in announced.frames and all(path.is_file() for path in _files(out, name, formats))
+
+
 def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """All files of a frame that must be there."""
-    return [*(out / "clouds" / f"{name}.{suffix}" for suffix in formats), out / "polar" / f"{name}.npz"]
-
-
-def _announce(folder: Path, grid: PolarGrid, frames: Sequence[Frame]) -> None:
-    """Adds frames to grid.json. Raises ValueError where the folder is of another grid."""
-    known: dict[str, dict[str, Any]] = {}
-    if (folder / "grid.json").is_file():
-        old, known = read_grid(folder)
-        if not same_grid(old, grid):
-            raise ValueError(
-                f"simulate: {folder} holds frames of another grid ("
-                f"{len(old.elevation_rad)} x {len(old.azimuth_rad)} cells; these have {len(grid.elevation_rad)} x "
-                f"{len(grid.azimuth_rad)}); give another --out"
-            )
-    write_grid(folder, grid, frames=known | {frame.name: about_of(frame) for frame in frames})
+    clouds = (file_of(out / "clouds", name, f".{suffix}", by="simulate") for suffix in formats)
+    return [*clouds, file_of(out / "polar", name, ".npz", by="simulate")]
 
 
 def claim_frames(out: Path, *, sensor: str, data: str, seed: int | None) -> None:
@@ -168,7 +166,7 @@ def claim_effects(out: Path, effects_model: SensorModel | None) -> None:
 
 
 def _has_frames(out: Path) -> bool:
-    return any((out / "polar").glob("*.npz"))
+    return bool(files_in(out / "polar", ".npz"))
 
 
 def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
@@ -178,4 +176,6 @@ def _plain(effects_model: SensorModel | None) -> dict[str, Any]:
     plain = {"effects": [name for name, _ in effects], "parameters": [dict(parameters) for _, parameters in effects]}
     learned = effects_model.learned if effects_model else ()
     more = ({"own": own} if own else {}) | ({"learned": [law.to_json() for law in learned]} if learned else {})
+    regions = effects_model.regions if effects_model else {}
+    more |= {"where": {name: region.to_json() for name, region in regions.items()}} if regions else {}
     return plain | more

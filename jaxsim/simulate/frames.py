@@ -18,6 +18,7 @@ from jaxsim.effects import scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
+from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.sensor import LearnedSensor, Projection, Window, check_image
@@ -95,14 +96,16 @@ def with_effects(
     """One simulated frame (rows, columns) as a sensor with these effects reports it (host memory).
 
     `time_s` counts from the recording's first frame, speed and heading are as in `Frame`. The effects see what the
-    polar frame's file holds, so that effects which `discover` found in files act here on the same rays. Raises and
-    warns as `check_motion`.
+    polar frame's file holds, so that effects which `discover` found in files act here on the same rays. Returns from
+    beyond what any LiDAR sees are none. Raises and warns as `check_motion`.
     """
     check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
     about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
     scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
     scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))
-    return take(model.simulate(scan, key), 0)
+    seen = take(model.simulate(scan, key), 0)
+    # A ray that is cast again and nearly grazes a plane meets it kilometres away; no LiDAR reports that.
+    return replace(seen, valid=seen.valid & (seen.range_m <= FAR_M))
 
 
 def check_motion(
@@ -116,6 +119,20 @@ def check_motion(
     known = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
     for law in model.learned:
         law.check_known({what: value is not None for what, value in known.items()})
+    for name, region in model.regions.items():
+        if region.tag is not None or not region.acts:
+            what = "no tags" if region.tag is not None else "nothing of which"
+            warnings.warn(
+                f"simulate: {name} of the sensor model acts in some frames alone, and a data set's frames say {what}: "
+                "it is not applied",
+                stacklevel=1,
+            )
+        elif region.time_s is not None and time_s is None:
+            warnings.warn(
+                f"simulate: {name} of the sensor model acts for a time alone, and these frames do not say theirs: all "
+                "count as the recording's first moment",
+                stacklevel=1,
+            )
     for name, _ in model.effects:
         what = NEEDS.get(name)
         if what is None or known[what] is not None:

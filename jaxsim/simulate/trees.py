@@ -91,6 +91,8 @@ class TreePlan:
         }
         if self.effects_model and self.effects_model.learned:
             made["learned"] = [law.to_json() for law in self.effects_model.learned]
+        if self.effects_model and self.effects_model.regions:
+            made["where"] = {name: region.to_json() for name, region in self.effects_model.regions.items()}
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
 

@@ -35,6 +35,15 @@ def test_the_perceptual_loss_reads_what_convert_writes(vgg, tmp_path, capsys):
     assert weights["features.28.bias"][0] == -28
 
 
+def test_what_is_read_is_not_overwritten(vgg, tmp_path):
+    before = vgg.read_bytes()
+    (tmp_path / "link.npz").symlink_to(vgg)
+    for out in (vgg, tmp_path / "link.npz"):
+        with pytest.raises(SystemExit, match="is the file to convert, which would be lost"):
+            main(["convert", "vgg19", str(vgg), "--out", str(out)])
+    assert vgg.read_bytes() == before
+
+
 @pytest.mark.slow
 def test_preparation_opens_the_penet_that_convert_writes(tmp_path, capsys):
     """Half a gigabyte of zeros, of which only the first layer is told apart."""

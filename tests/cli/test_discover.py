@@ -136,7 +136,7 @@ def test_ranges_in_millimetres(folders: Folders, tmp_path: Path, side: int, word
     change(folders[side], range_m=1000)
     text = complaint(folders, tmp_path / "out")
     assert "millimetres" in text
-    assert f"{word} frame drive0" in text
+    assert f"{word}/drive0.npz" in text
     assert "millimetres by 1000" in text
 
 

@@ -10,4 +10,4 @@ def evidence() -> Evidence:
     scan, measured = toy()
     frames = np.arange(6)
     columns = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
-    return gather(*device(scan, measured), frame=frames, column=columns, unit=frames)
+    return gather(*device(scan, measured), frame=frames, column=columns, scene=frames)

@@ -21,7 +21,7 @@ FRAMES = np.arange(8)
 
 def fitted(effect: str, scan, measured):
     scan, measured = device(scan, measured)
-    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), unit=FRAMES)
+    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), scene=FRAMES)
     everyone = np.ones(8, np.float32)
     problem, _ = fit_null(scan, ev, everyone)
     return problem, fit(EFFECTS[effect], problem, everyone, steps=80)

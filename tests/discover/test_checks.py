@@ -8,6 +8,7 @@ import pytest
 from benchmarks.blind.hidden.case import make_case
 from jaxsim.data.polar_frames import frame_names, read_frame
 from jaxsim.discover.checks import agreement, check_pairs
+from tests.discover.rooms import registered, rooms, seen
 
 SMALL = {"seed": 11, "scenes": 6, "rows": 16, "columns": 96}
 
@@ -89,3 +90,28 @@ def test_agreement_is_half_a_metre_or_a_twentieth():
     found = agreement(ours, theirs, np.array([True] * 5 + [False]))
     assert found.near == pytest.approx(0.4)
     assert found.beyond == pytest.approx(0.4)
+
+
+def test_a_sensor_mounted_half_a_degree_and_more_off_shows_the_same_street():
+    streets = rooms(6)
+    names = [f"s{k}" for k in range(6)]
+    ours = [seen(room) for room in streets]
+    theirs = [seen(room, np.array([0, 0, 0, 0.03, -0.03, 0.01])) for room in streets]
+    with pytest.raises(ValueError, match="do not show the same street"):
+        check_pairs(names, ours, theirs)
+    check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))
+
+
+def test_a_sensor_half_a_metre_lower_is_no_error_of_units():
+    names = [f"s{k}" for k in range(6)]
+    ours = [seen(room) for room in rooms(6)]
+    theirs = [seen(room, np.array([0, 0, -0.5, 0, 0, 0])) for room in rooms(6)]
+    check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))
+
+
+def test_another_street_is_refused_with_the_best_motion_found():
+    names = [f"s{k}" for k in range(6)]
+    ours = [seen(room) for room in rooms(6)]
+    theirs = [seen(room[::-1] * 0.6) for room in rooms(6, seed=9)]
+    with pytest.raises(ValueError, match=r"% with the simulated sensor moved by .* deg in roll"):
+        check_pairs(names, ours, theirs, registered=registered(ours, theirs, names))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.covariates import curve_basis
-from jaxsim.discover.find import Additive, Place, interactions, localise, reported, spelled
+from jaxsim.discover.find import Additive, Dependence, interactions, localise, reported, spelled
 
 SCENES, EACH = 8, 50
 """Of the additive model's residuals."""
@@ -66,9 +66,9 @@ def test_the_covariate_that_the_residuals_depend_on_comes_first(name):
     r = rays(rng, shape)
     value = {"range": np.log(r.range_m), "incidence": r.incidence_rad, "row": (r.row % 5), "class": (r.semantic == 26)}
     z = rng.normal(0, 1, shape) + 0.5 * np.asarray(value[name], float)
-    places = localise(r, {"intensity": (z - z.mean(), np.ones(shape, bool))}, np.arange(10))
-    assert places[0].covariate == name
-    assert places[0].p_value < 0.05
+    dependences = localise(r, {"intensity": (z - z.mean(), np.ones(shape, bool))}, np.arange(10))
+    assert dependences[0].covariate == name
+    assert dependences[0].p_value < 0.05
 
 
 def test_noise_alone_depends_on_nothing_more_often_than_the_level_says():
@@ -77,7 +77,7 @@ def test_noise_alone_depends_on_nothing_more_often_than_the_level_says():
         rng = np.random.default_rng(100 + seed)
         shape = (10, 6, 12)
         z = {name: (rng.normal(0, 1, shape), np.ones(shape, bool)) for name in ("intensity", "range")}
-        found += any(place.p_value <= 0.05 for place in localise(rays(rng, shape), z, np.arange(10), most=1))
+        found += any(dependence.p_value <= 0.05 for dependence in localise(rays(rng, shape), z, np.arange(10), most=1))
     assert found <= 5
 
 
@@ -87,17 +87,17 @@ def test_what_a_stronger_covariate_explains_is_not_counted_again():
     r = rays(rng, shape)
     r.log_power = np.log(r.range_m) + rng.normal(0, 0.3, shape)
     z = 0.8 * (np.log(r.range_m) - 3) + rng.normal(0, 1, shape)
-    places = {p.covariate: p for p in localise(r, {"intensity": (z, np.ones(shape, bool))}, np.arange(12))}
-    assert places["range"].gain > 10 * (places["power"].gain if "power" in places else 0)
+    dependences = {p.covariate: p for p in localise(r, {"intensity": (z, np.ones(shape, bool))}, np.arange(12))}
+    assert dependences["range"].gain > 10 * (dependences["power"].gain if "power" in dependences else 0)
 
 
 @pytest.mark.parametrize(
-    "place", [("range", "row", 0.06, 50.0), ("range", "row", 0.01, 9.0), ("intensity", "class", 0.01, 50.0)]
+    "dependence", [("range", "row", 0.06, 50.0), ("range", "row", 0.01, 9.0), ("intensity", "class", 0.01, 50.0)]
 )
-def test_what_chance_explains_is_slight_or_is_a_nuisance_itself_is_not_reported(place):
-    channel, covariate, p, gain = place
-    sure = [Place("drop", "class", 0.01, 0.1, 11.0), Place("range", "row", 0.01, 0.1, 12.0)]
-    assert reported([*sure, Place(channel, covariate, p, 0.1, gain)]) == sure[::-1]
+def test_what_chance_explains_is_slight_or_is_a_nuisance_itself_is_not_reported(dependence):
+    channel, covariate, p, gain = dependence
+    sure = [Dependence("drop", "class", 0.01, 0.1, 11.0), Dependence("range", "row", 0.01, 0.1, 12.0)]
+    assert reported([*sure, Dependence(channel, covariate, p, 0.1, gain)]) == sure[::-1]
 
 
 def test_hat_functions_sum_to_one():
@@ -121,10 +121,10 @@ def test_a_dependence_on_two_covariates_that_neither_shows_alone_is_found(pair, 
     r = rays(rng, SHAPE)
     share = np.mean(second(r))
     z = rng.normal(0, 1, SHAPE) + 1.2 * np.where(first(r), 0.5, -0.5) * (second(r) - share)
-    (place,) = alone(r, z)
-    assert place.covariate == pair
-    assert place.p_value < 0.01
-    assert 0.01 < place.share < 0.2
+    (dependence,) = alone(r, z)
+    assert dependence.covariate == pair
+    assert dependence.p_value < 0.01
+    assert 0.01 < dependence.share < 0.2
 
 
 def test_what_single_covariates_explain_makes_no_pair():

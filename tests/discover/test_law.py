@@ -72,7 +72,12 @@ def test_a_law_goes_through_verdict_json(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "no file"), ({"law": None}, "holds no formula"), ({}, "is no verdict.json"), ({"law": 3}, "is no verdict")],
+    [
+        (None, "no file"),
+        ({"law": None}, "holds no formula"),
+        ({}, "is no verdict.json"),
+        ({"law": 3}, "holds a `law` that is none"),
+    ],
 )
 def test_a_verdict_without_a_law_is_refused(tmp_path, content, message):
     if content is not None:
@@ -83,8 +88,8 @@ def test_a_verdict_without_a_law_is_refused(tmp_path, content, message):
 
 def test_names_that_cannot_be_are_refused(tmp_path):
     law = law_of("intensity")
-    for name in ("beam_gain.py", "two words.py", "class.py", "mine.txt"):
-        with pytest.raises(ValueError, match="is no name for an effect's file"):
+    for name in ("beam_gain.py", "two words.py", "class.py", "check.py", "Mine.py", "mine.txt"):
+        with pytest.raises(ValueError, match="is no name for an effect"):
             write_effect(law, tmp_path / name)
     write_effect(law, tmp_path / "mine.py")
     with pytest.raises(ValueError, match="is there already"):

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.covariates import CURVES, with_basis
-from jaxsim.discover.find import Place
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.law import closed_law
 from jaxsim.discover.learn import Form, form_of
 from jaxsim.discover.name.candidates import rank_effects
@@ -45,9 +45,9 @@ def null(division):
 
 @pytest.fixture(scope="module")
 def form(null):
-    place = Place("intensity", "azimuth", 0.01, 0.1, 50.0)
+    dependence = Dependence("intensity", "azimuth", 0.01, 0.1, 50.0)
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    return Form.of(null, place, curve)
+    return Form.of(null, dependence, curve)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(div
     assert gap.after < gap.before
     again = find_dependences(division, added.sensor)
     assert again.null.loss < null.loss - 50
-    assert not [place for place in again.where if place.covariate == "azimuth" and place.channel == "intensity"]
+    assert not [one for one in again.where if one.covariate == "azimuth" and one.channel == "intensity"]
 
 
 def test_the_law_that_is_fitted_is_the_one_that_is_saved(division, null, form, added):
@@ -95,9 +95,9 @@ def test_the_law_that_is_fitted_is_the_one_that_is_saved(division, null, form, a
 
 
 def test_a_law_of_few_values_has_its_parabolas_numbers_and_a_knot_a_value(null):
-    place = Place("intensity", "speed", 0.01, 0.1, 50.0)
+    dependence = Dependence("intensity", "speed", 0.01, 0.1, 50.0)
     [curve] = rank_effects(with_basis(null, "speed"), [CURVES["intensity"]], null=null.null_fits)
-    form = Form.of(null, place, curve)
+    form = Form.of(null, dependence, curve)
     assert form.bare.kind == "curve"
     speeds = np.unique(np.asarray(null.ev.rays.speed_mps))
     np.testing.assert_allclose(form.bare.knots[0], speeds)
@@ -140,10 +140,10 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     light = np.clip(measured.intensity * np.exp(0.03 * shape), 0, 1).astype(np.float32)
     names = tuple(f"frame {k}" for k in range(FRAMES))
     null = find_dependences(Division.of(Comparison(scan, replace(measured, intensity=light), names, names))).null
-    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    assert form_of(null, place, curve).bare.kind == "periodic"
-    form = form_of(null, place, curve, pairs=[pair])
+    assert form_of(null, dependence, curve).bare.kind == "periodic"
+    form = form_of(null, dependence, curve, pairs=[pair])
     assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
     fitted = add_effects(null, [], known=NOTHING_YET, form=form).learned
     assert fitted
@@ -153,6 +153,6 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
 
 
 def test_a_pair_that_says_no_more_stays_a_curve(null):
-    place, pair = (Place("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
+    dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    assert form_of(null, place, curve, pairs=[pair]).bare.kind == "periodic"
+    assert form_of(null, dependence, curve, pairs=[pair]).bare.kind == "periodic"

@@ -61,7 +61,7 @@ def test_an_own_effect_that_is_hidden_in_a_toy_case_is_named(tmp_path):
     frames = np.arange(12)
     columns = np.broadcast_to(np.arange(0, 60, 2), (12, 30))
     with jax.numpy_rank_promotion("allow"):
-        ev = gather(*device(scan, measured), frame=frames, column=columns, unit=frames)
+        ev = gather(*device(scan, measured), frame=frames, column=columns, scene=frames)
         null, _ = fit_null(jax.tree.map(jnp.asarray, scan), ev, np.ones(12, np.float32))
         catalogue = [get_effect(name) for name in ("lobes", "beam_gain", "window_contamination")]
         catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.find import Place, localise
+from jaxsim.discover.find import Dependence, localise
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.likelihood import CHANNELS
@@ -34,44 +34,54 @@ class Answer:
     """What a free curve still finds."""
     nulls: Nulls | None = None
     """Where the bar was set on nulls of these very data."""
-    curve: tuple[Place, Candidate] | None = None
+    curve: tuple[Dependence, Candidate] | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
 
 
 def name_effects(
     null: Problem,
     catalogue: Sequence[Effect],
-    places: Sequence[Place],
+    dependences: Sequence[Dependence],
     *,
     scene: Int[np.ndarray, " b"],
     nulls: int = 0,
+    without: Sequence[str] = (),
     log: Log = lambda line: None,
 ) -> Answer:
-    """Chooses effects of the catalogue one after another, then asks whether free curves along `places`, the null's
+    """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
     dependences, say more. `scene` is that of each block.
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
-    left unexplained; the choice is made again where that raises it.
+    left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
     """
     choice = choose(null, catalogue, log=log)
     drawn = None
     if nulls:
         drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
         scenes = len(np.unique(scene))
+        # Nulls give their bars a scene; a choice sums over scenes.
         bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, log=log) if raised else replace(choice, bars=bars)
-    return replace(decide(null, choice, places, scene=scene), nulls=drawn)
+    return replace(decide(null, choice, dependences, scene=scene, without=without), nulls=drawn)
 
 
-def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int[np.ndarray, " b"]) -> Answer:
+def decide(
+    null: Problem,
+    choice: Choice,
+    dependences: Sequence[Dependence],
+    *,
+    scene: Int[np.ndarray, " b"],
+    without: Sequence[str] = (),
+) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
     named: what is there is not in the catalogue. Effects of other channels stay.
     """
-    curves = [(place, curve) for place, curve in free_curves(null, places) if agreed(curve, choice.bars.free)]
+    free = free_curves(null, dependences, without)
+    curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = curves[0] if curves and outdone(choice, *curves[0]) else None
     if outside:
         steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
@@ -82,18 +92,25 @@ def decide(null: Problem, choice: Choice, places: Sequence[Place], *, scene: Int
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
         return Answer("none", choice, None)
+    return named_answer(choice, scene=scene, without=without)
+
+
+def named_answer(choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = ()) -> Answer:
+    """What is chosen, and what a free curve still finds beside it, of other channels than those `without`."""
     all_blocks = np.ones(len(scene), np.float32)
     after = localise(*standardised(choice.problem, all_blocks), scene)
-    rest = [(place, curve) for place, curve in free_curves(choice.problem, after) if agreed(curve, choice.bars.free)]
+    # What effects explain is gone from these residuals, so that a curve here is none of them.
+    free = free_curves(choice.problem, after, without)
+    rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)
     return Answer("named", choice, describe(choice.problem, *rest[0]), curve=rest[0])
 
 
-def outdone(choice: Choice, place: Place, curve: Candidate) -> bool:
+def outdone(choice: Choice, dependence: Dependence, curve: Candidate) -> bool:
     """Whether a free curve gains clearly more in its own channel (an effect may show in others besides) than the
     effects that were chosen. What a lattice of readings gains does not count: it is no dependence on anything."""
-    k = CHANNELS.index(place.channel)
+    k = CHANNELS.index(dependence.channel)
     free = curve.gain[:, k]
     steps = [step for step in choice.steps if step.chosen.effect.name not in FINEST]
     named = sum((step.chosen.gain[:, k] for step in steps), np.zeros(len(free)))

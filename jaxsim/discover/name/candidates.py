@@ -58,6 +58,7 @@ class Candidate:
     @property
     def chance(self) -> float:
         """Probability that scenes agree so well by chance, on the fit or on its direction (the better of two tests)."""
+        # Bonferroni's correction pays for having taken the better of two tests.
         return min(1.0, 2 * min(p_value(clipped(self.by_scene)), p_value(clipped(self.slope))))
 
     @property
@@ -98,11 +99,12 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
 
     `null` saves its fits where they are known.
     """
-    scene = np.asarray(problem.ev.unit)
-    scenes = problem.ev.units
+    scene = np.asarray(problem.ev.scene)
+    scenes = problem.ev.scenes
     seen = np.unique(scene)
     masks = folds(scene)
     null = null or problem.null_fits
+    # Candidate and null begin at the same noise, so that what one gains is the effect's.
     problems = [replace(problem, noise=base.noise) for base in null]
     steps = rounded(problem.ev)
     starts_read = starts_of(problem)
@@ -142,6 +144,7 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
         return Candidate(effect, gain[seen], tuple(fits), slope[seen], beams, float(np.mean(inside)))
 
     with ThreadPoolExecutor(THREADS) as pool:
+        # Effects that round are tried where a lattice was read off the data, and nowhere else.
         ranking = list(pool.map(candidate, [e for e in effects if e.name not in FINEST or e.name in steps]))
     return sorted(ranking, key=lambda candidate: -candidate.total)
 
@@ -159,6 +162,7 @@ def smooth(numbers: Float[np.ndarray, " r"]) -> Float[np.ndarray, " r"]:
     for k in rows:
         near = slice(max(k - RULES.beam_rows, 0), k + RULES.beam_rows + 1)
         away = rows[near] - k
+        # A line, not a mean: at the table's ends a mean would lag behind a slope.
         result[k] = np.polyfit(away, numbers[near], min(1, len(away) - 1))[-1]
     return result
 

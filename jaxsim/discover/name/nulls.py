@@ -63,8 +63,8 @@ def run_nulls(
         drawn = bootstrap(problem, explained, seed)
         null, _ = fit_null(problem.scan, drawn, all_blocks, clutter=problem.clutter)
         best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
-        places = localise(*standardised(null, all_blocks), scene)
-        curve = _strongest(c for _, c in free_curves(null, places) if sure(c))
+        dependences = localise(*standardised(null, all_blocks), scene)
+        curve = _strongest(c for _, c in free_curves(null, dependences) if sure(c))
         names.append(best.effect.name if best else "")
         gains.append(best.total if best else 0.0)
         free.append(curve.total if curve else 0.0)
@@ -89,7 +89,7 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     """`problem.ev` with returns, ranges and intensities drawn anew: its rays, which lack nothing, with the nuisances of
     `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
     ev, rng = problem.ev, np.random.default_rng(seed)
-    sign = rng.choice(np.array([-1, 1], np.float32), ev.units)[np.asarray(ev.unit)]
+    sign = rng.choice(np.array([-1, 1], np.float32), ev.scenes)[np.asarray(ev.scene)]
     off_i, off_r = conditional_residuals(explained.ev, explained.equations, jnp.ones(len(sign)))
     shine = _brighter(explained, np.asarray(off_i), sign, rng=rng)
     reading, returns, log_keep = _readings(problem, explained, np.asarray(off_r), sign=sign, rng=rng)
@@ -120,6 +120,8 @@ def _brighter(
     levels = jax.tree.map(np.asarray, levels_of(ev, w, jnp.ones(len(sign)), residual=residual))
 
     def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
+        # A predicted level lacks the variance that its rays leave open: prediction with its sign, and that much drawn
+        # anew.
         return sign[np.asarray(block)] * level + np.sqrt(np.asarray(share)) * _normal(rng, level.shape)
 
     street = sign[:, None] * levels.street + _correlated(rng, np.asarray(w.street))
@@ -130,6 +132,7 @@ def _brighter(
     # Of rays that are not compared there is no residual; their class's reflectance and noise stand in.
     kinds, kind = np.unique(np.asarray(ev.rays.semantic), return_inverse=True)
     of_class = (levels.shared[0] + levels.shared[1 : 1 + len(kinds)])[kind.reshape(residual_i.shape)]
+    # Student-t, as the likelihood has it.
     speckle = np.exp(float(explained.noise.intensity)) * rng.standard_t(DEGREES, residual_i.shape)
     return jnp.asarray(np.where(np.asarray(ev.compared), compared, of_class + speckle), jnp.float32)
 
@@ -144,11 +147,13 @@ def _readings(
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
     shape = residual_m.shape
+    # The pose: predicted and drawn like a level.
     pose = np.asarray(poses(ev, w, ev.rays.reading_m, on=ev.returned & ev.rays.hit))
     pose = jnp.asarray(sign[:, None] * pose + _correlated(rng, np.asarray(w.pose)), jnp.float32)
     reading = np.asarray(rays.reading_m + moved_by(ev, pose, rays.reading_m))
     usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)
 
+    # The parts of the range's mixture: the usual reading, a neighbour's, and one far off (Cauchy of 1 m).
     beside, known = _one_beside(rays, rng)
     neighbour = beside + near_sd(beside) * _normal(rng, shape)
     log_switch, log_wide = log_stray(ev, noise)
@@ -162,6 +167,7 @@ def _readings(
     smooth = hit & np.asarray(ev.rays.hit & ev.returned & ~ev.edge)
     of_surface = np.where(smooth, reading + sign[:, None, None] * residual_m, of_surface)
     anywhere = rng.uniform(0, CLUTTER_REACH_M, shape)
+    # Of a ray that hits nothing: its neighbour's surface or anything within reach, half and half.
     of_nothing = np.where((rng.random(shape) < 0.5) & known, neighbour, anywhere)
 
     reported = log_reported(rays, ev, noise)
@@ -180,6 +186,7 @@ def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray,
 
 def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:
     """Normal draws, one a block."""
+    # Not by Cholesky: a covariance that is 0 in some directions has none.
     values, vectors = np.linalg.eigh(covariance.astype(np.float64))
     draws = np.sqrt(np.maximum(values, 0)) * _normal(rng, values.shape)
     return np.einsum("bij,bj->bi", vectors, draws).astype(np.float32)

@@ -91,7 +91,8 @@ def runner_up(steps: Sequence[Step[C]]) -> C | None:
     """The best candidate of the first step that is nowhere named and no look-alike of what is."""
     if not steps:
         return None
-    taken = {one.effect.name for step in steps for one in (step.chosen, *step.alike)}
+    # A look-alike would close the gap as the named effect does, and be no placebo for it.
+    taken = {one.effect.plain_name for step in steps for one in (step.chosen, *step.alike)}
     return next((one for one in steps[0].ranking if one.effect.name not in taken), None)
 
 
@@ -137,7 +138,7 @@ def choose(
     steps: list[FittedStep] = []
     null = problem
     rest = list(effects)
-    all_blocks = np.ones(len(problem.ev.unit), np.float32)
+    all_blocks = np.ones(len(problem.ev.scene), np.float32)
     while True:
         ranking = rank_effects(problem, rest)
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
@@ -149,6 +150,7 @@ def choose(
             return Choice(needed, tuple(ranking), problem, bars)
         best = good[0]
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
+        # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
         starts = tuple(to_values(best.effect, one.z) for one in best.fits)
         result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
@@ -163,6 +165,7 @@ def look_back(
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
     that came later."""
     needed = list(steps)
+    # The last was accepted with all others in place.
     for step in steps[:-1]:
         others = [other for other in needed if other is not step]
         [again] = rank_effects(with_steps(null, others), [step.chosen.effect])
@@ -182,5 +185,5 @@ def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
 
 def refitted(problem: Problem) -> Problem:
     """The null fitted again to the problem's rays, with the effects that are in place."""
-    all_blocks = np.ones(len(problem.ev.unit), np.float32)
+    all_blocks = np.ones(len(problem.ev.scene), np.float32)
     return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]

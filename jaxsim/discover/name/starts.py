@@ -40,6 +40,7 @@ def _ceiling(ev: Evidence) -> tuple[Start, ...]:
     if not len(values):
         return ()
     top = float(values.max())
+    # A ceiling clips: readings pile up right below it.
     piled = np.mean(values > (1 - PILE) * top) >= PILED
     return ({"ceiling": top},) if piled and top < 1 else ()
 
@@ -50,6 +51,8 @@ def _gate(ev: Evidence) -> tuple[Start, ...]:
     lost = ~ev.returned[smooth]
     starts = []
     for name, sign in (("minimum_m", 1.0), ("maximum_m", -1.0)):
+        # From the end at which rays are lost, the border lies where the log-likelihood ratio of `gate here` to `no
+        # gate` is largest: a cumulative sum.
         order = np.argsort(sign * r)
         # Nine of ten lost on one side, as against one of a hundred.
         score = np.cumsum(np.where(lost[order], np.log(90.0), np.log(0.1)))
@@ -63,6 +66,7 @@ def _gate(ev: Evidence) -> tuple[Start, ...]:
 def _sector(ev: Evidence) -> tuple[Start, ...]:
     hit = ev.rays.hit
     azimuth_bin = np.floor((ev.rays.azimuth_rad[hit] + np.pi) / BIN_RAD).astype(int)
+    # A hidden sector is a run of bins in which nearly every ray is lost.
     count = np.bincount(azimuth_bin)
     lost = np.bincount(azimuth_bin, ~ev.returned[hit])
     seen = np.flatnonzero(count)

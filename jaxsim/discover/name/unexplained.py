@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxsim.discover.covariates import ALTERNATING, CATEGORICAL, CURVES, NAMED, fixed_basis, values_of, with_basis
-from jaxsim.discover.find import Place
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import THREADS, Candidate, rank_effects
@@ -28,25 +28,27 @@ READ = {
     "step": "ln(1 + step / 0.3 m)",
 }
 """What the x of a formula is, where it is not the covariate itself."""
-TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed")}
+TAKEN_UP = {"intensity": ("azimuth", "even columns", "frame", "speed", "hue angle")}
 """Covariates tried besides, along which residuals show little: levels of streets and strips take up what there is."""
 
 
-def free_curves(problem: Problem, places: Sequence[Place]) -> list[tuple[Place, Candidate]]:
+def free_curves(
+    problem: Problem, dependences: Sequence[Dependence], without: Sequence[str] = ()
+) -> list[tuple[Dependence, Candidate]]:
     """Curves along the strongest covariates of each channel, and along those that levels take up, fitted and judged
-    like effects; best first."""
+    like effects; best first. Channels `without` are left out."""
     null = problem.null_fits
 
-    def one(place: Place) -> tuple[Place, Candidate]:
-        [candidate] = rank_effects(with_basis(problem, place.covariate), [CURVES[place.channel]], null=null)
-        return place, candidate
+    def one(dependence: Dependence) -> tuple[Dependence, Candidate]:
+        [candidate] = rank_effects(with_basis(problem, dependence.covariate), [CURVES[dependence.channel]], null=null)
+        return dependence, candidate
 
-    tried: list[Place] = []
-    for channel in CURVES:
-        strongest = [place for place in places if place.channel == channel][: RULES.curves_tried]
-        names = {place.covariate for place in strongest}
-        more = [Place(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
-        tried += [*strongest, *(place for place in more if _varies(problem, place.covariate))]
+    tried: list[Dependence] = []
+    for channel in [name for name in CURVES if name not in without]:
+        strongest = [one for one in dependences if one.channel == channel][: RULES.curves_tried]
+        names = {one.covariate for one in strongest}
+        more = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
+        tried += [*strongest, *(one for one in more if _varies(problem, one.covariate))]
     with ThreadPoolExecutor(THREADS) as pool:
         return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 
@@ -58,6 +60,7 @@ def agreed(curve: Candidate, bar: float = RULES.bar_nats) -> bool:
 
 def sure(curve: Candidate) -> bool:
     """Whether the scenes agree on a curve; more surely than on an effect, since curves are many and bend anywhere."""
+    # Of few scenes not even perfect agreement falls below the level: then all must agree.
     least = 2 * 2.0 ** -len(curve.by_scene)
     return curve.chance <= max(RULES.curve_level, 1.01 * least) or curve.sudden
 
@@ -68,23 +71,24 @@ def _varies(problem: Problem, covariate: str) -> bool:
     return len(np.unique(values_of(covariate, rays, np.asarray(rays.hit)))) > 2
 
 
-def describe(problem: Problem, place: Place, candidate: Candidate) -> Unexplained:
+def describe(problem: Problem, dependence: Dependence, candidate: Candidate) -> Unexplained:
     """The curve over its covariate, its character, and a closed formula that comes near it."""
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
-    x = values_of(place.covariate, rays, hit).astype(np.float64)
+    x = values_of(dependence.covariate, rays, hit).astype(np.float64)
     heights = np.stack([np.asarray(to_values(candidate.effect, fit.z)["height"]) for fit in candidate.fits])
-    grid = written_at(x, place.covariate)
-    basis = fixed_basis(np.concatenate([x, grid]), place.covariate)[len(x) :]
+    grid = written_at(x, dependence.covariate)
+    basis = fixed_basis(np.concatenate([x, grid]), dependence.covariate)[len(x) :]
+    # The height at a knot is the mean over fits that left a fold out each; their scatter gives the band.
     curves = heights @ basis.T
     y, band = curves.mean(0), fold_half_width(curves)
     # A knot counts for the rays about it; the 1 keeps knots without any from being free.
     weight = np.histogram(x, bins=np.concatenate([grid, [np.inf]]))[0] + 1.0
-    character, formula = shape_of(grid, y, weight, place=place)
-    name = NAMED.get(place.covariate, place.covariate)
-    formula += f" (x: {READ.get(place.covariate, place.covariate)})"
+    character, formula = shape_of(grid, y, weight, dependence=dependence)
+    name = NAMED.get(dependence.covariate, dependence.covariate)
+    formula += f" (x: {READ.get(dependence.covariate, dependence.covariate)})"
     return Unexplained(
-        channel=place.channel,
+        channel=dependence.channel,
         covariate=name,
         character=character,
         formula=formula,
@@ -118,19 +122,20 @@ class _Shape:
     values: np.ndarray
 
 
-def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, place: Place) -> tuple[str, str]:
+def shape_of(x: np.ndarray, y: np.ndarray, weight: np.ndarray, *, dependence: Dependence) -> tuple[str, str]:
     """The character of a curve y(x) and its formula: the best of a line, a step and a wave by weighted least squares,
     with a price for freedom; `other` where none comes near."""
-    if place.covariate == "class":
+    if dependence.covariate == "class":
         top = np.argsort(-np.abs(y))[:3]
         return "other", ", ".join(f"{y[k]:+.3g} for class {int(x[k])}" for k in top)
-    letter = LETTER[place.channel]
-    if place.covariate in ALTERNATING:
-        return "periodic", f"{letter} ≈ {y[-1]:+.3g} on odd {place.covariate[5:]}, {y[0]:+.3g} on even ones"
+    letter = LETTER[dependence.channel]
+    if dependence.covariate in ALTERNATING:
+        return "periodic", f"{letter} ≈ {y[-1]:+.3g} on odd {dependence.covariate[5:]}, {y[0]:+.3g} on even ones"
     mean = np.average(y, weights=weight)
     whole = float((weight * (y - mean) ** 2).sum()) + 1e-12
 
     def unexplained(shape: _Shape) -> float:
+        # Every number that shaped the formula makes what it leaves count for more.
         return float((weight * (y - shape.values) ** 2).sum()) / whole * (1 + RULES.shape_price * shape.numbers)
 
     shapes = [_line(x, y, weight), *_steps(x, y, weight), *_waves(x, y, weight)]
@@ -166,6 +171,7 @@ def _waves(x: np.ndarray, y: np.ndarray, weight: np.ndarray) -> list[_Shape]:
         size = np.hypot(beta[1], beta[2])
         phase = np.arctan2(beta[2], beta[1])
         formula = f"{beta[0]:.3g} + {size:.3g}·sin({w:.3g}·x {phase:+.3g})"
+        # beta: level, sine, cosine.
         wave = beta[0] + beta[1] * np.sin(w * x) + beta[2] * np.cos(w * x)
         shapes.append(_Shape("periodic", formula, 4, wave))
     return shapes

@@ -2,48 +2,86 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Int
 
 from jaxsim.discover.add import Chain, in_place
 from jaxsim.discover.model.cast import blocks, cast
+from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
+from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import Division
-from jaxsim.discover.repeats.find import find_repeats
-from jaxsim.discover.repeats.maps import maps_of
+from jaxsim.discover.repeats.find import Found, find_repeats
+from jaxsim.discover.repeats.forms import form_of
+from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats
+from jaxsim.discover.repeats.maps import Maps, maps_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Repeat
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
+
+
+@dataclass(frozen=True)
+class Dense:
+    """More columns of a comparison's frames than fits are given, of find and judge scenes."""
+
+    division: Division
+    null: Problem
+    """As it was fitted to the find scenes."""
+    ev: Evidence
+    scene: Int[np.ndarray, " b"]
+    finding: Bool[np.ndarray, " n"]
+    """Of each scene, whether it is one to find with."""
+
+    @classmethod
+    def of(cls, division: Division, scenes: Sequence[str], null: Problem, *, known: SensorModel) -> Dense:
+        """With the `known` effects in place; `scenes` are those of the frames."""
+        rows, columns = division.scan.range_m.shape[1:]
+        chosen = blocks(scenes, rows, columns, rays=RULES.repeats_rays)
+        dense = replace(division, blocks=chosen, rays=cast(division.scan, chosen.frame, chosen.column))
+        ev, scene = dense.all_evidence(known)
+        finding = np.arange(len(dense.parts.find) + len(dense.parts.judge)) < len(dense.parts.find)
+        return cls(division, null, ev, scene, finding)
+
+    def maps(self, effects: Chain, noise: Noise) -> dict[str, Maps]:
+        """What is left with `effects` in place, which leave `noise`."""
+        fitted = self.finding[self.scene].astype(np.float32)
+        bare = Problem(self.division.scan, self.ev, self.null.equations, noise, self.null.clutter)
+        problem = in_place(bare, effects, simulated=True)
+        first = normal_equations(problem.ev, noise, first_residuals(problem.ev))
+        # Student-t weights follow from residuals, which the effects in place have made smaller.
+        off = conditional_residuals(problem.ev, first, jnp.asarray(fitted))
+        problem = replace(problem, equations=normal_equations(problem.ev, noise, off))
+        return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
+
+    def learn(self, found: Sequence[Found], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
+        """The laws of what was found on top of `effects`, which leave `noise`."""
+
+        def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
+            more = [*effects, *((as_law(law), {}) for law in laws)]
+            return self.maps(more, refitted(in_place(self.null, more)).noise if laws else noise)
+
+        rows, columns = self.division.scan.range_m.shape[1:]
+        return learn_repeats([form_of(one, rows, columns) for one in found], self.finding, maps_with)
 
 
 def examine(
     division: Division,
     scenes: Sequence[str],
     null: Problem,
-    chain: Chain,
     *,
+    chain: Chain,
     noise: Noise,
     known: SensorModel,
-) -> tuple[Repeat, ...]:
-    """What repeats in `division` with the effects of `chain`, which leave `noise`, and the `known` ones in place.
-
-    More columns are looked at than fits were given. `scenes` are those of the frames.
-    """
-    rows, columns = division.scan.range_m.shape[1:]
-    chosen = blocks(scenes, rows, columns, rays=RULES.repeats_rays)
-    dense = replace(division, blocks=chosen, rays=cast(division.scan, chosen.frame, chosen.column))
-    ev, scene = dense.all_evidence(known)
-    finding = np.arange(len(dense.parts.find) + len(dense.parts.judge)) < len(dense.parts.find)
-    fitted = finding[scene].astype(np.float32)
-    raw = Problem(division.scan, ev, normal_equations(ev, null.noise, *first_residuals(ev)), noise, null.clutter)
-    problem = in_place(raw, chain, simulated=True)
-    off = conditional_residuals(problem.ev, raw.equations, jnp.asarray(fitted))
-    problem = replace(problem, equations=normal_equations(problem.ev, noise, *off))
-    maps = maps_of(problem, fitted, scene, columns=columns)
-    return find_repeats(maps, finding, bins=RULES.repeats_bins)
+) -> tuple[LearnedRepeat, ...]:
+    """What repeats in `division` with the effects of `chain`, which leave `noise`, and the `known` ones in place, each
+    pattern with the law that it makes. `scenes` are those of the frames."""
+    dense = Dense.of(division, scenes, null, known=known)
+    found = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
+    return dense.learn(found, chain, noise) if found else ()

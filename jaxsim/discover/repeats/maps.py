@@ -9,10 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.lattice import FINEST, lattice_step
 from jaxsim.discover.model.noise import DEGREES
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.model.residuals import spread
+from jaxsim.discover.rules import RULES
+from jaxsim.effects.rays import FLOOR
 
 Sums = Float[np.ndarray, "n r c"]
 Pattern = Float[np.ndarray, "r c"]
@@ -33,6 +37,16 @@ class Maps:
     left: Callable[[Pattern], Sums]
     """What `total` would be if the residuals were a pattern (in the channel's unit) and nothing else, levels and poses
     fitted to it."""
+    coarse: Pattern | None = None
+    """By how much rounding may be off in each cell, in the channel's unit: half a step a side. Where streets are
+    alike, on the road, it repeats. None where nothing is rounded."""
+
+    def rounding(self, pattern: Pattern) -> float:
+        """How high rounding may make this pattern: `coarse` in its cells, root mean square."""
+        if self.coarse is None:
+            return 0.0
+        counts = self.weight.sum(0) * pattern**2
+        return float(np.sqrt((counts * self.coarse**2).sum() / max(counts.sum(), 1e-12)))
 
     def centred(self, total: Sums) -> Sums:
         """Each scene's weighted mean taken out: a level is no pattern, and would leak between uneven columns."""
@@ -61,12 +75,13 @@ def maps_of(
         flat = np.where(np.isfinite(values), values, 0).ravel()
         return np.bincount(cell, flat, minlength=int(np.prod(shape))).reshape(shape)
 
-    sd_i, sd_r, p = (np.asarray(one, np.float64) for one in spread(ev, problem.noise))
+    sd_i, sd_r, p = spread(ev, problem.noise)
+    p = np.asarray(p, np.float64)
     hit = np.asarray(ev.rays.hit)
     weight_i = np.asarray(eq.intensity, np.float64)
     weight_r = np.asarray(eq.range_, np.float64)
     weight_d = np.where(hit, 1 / (p * (1 - p) + COIN), 0)
-    off_i, off_r = (np.asarray(off, np.float64) for off in conditional_residuals(ev, eq, blocks))
+    off_i, off_r = conditional_residuals(ev, eq, blocks)
 
     def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[Pattern], Sums]:
         steeper = 1 - robust_slope(weight, variance)
@@ -83,14 +98,47 @@ def maps_of(
 
         return left
 
+    def coarse(weight: np.ndarray, *, half_step: float, value: np.ndarray) -> Pattern | None:
+        if half_step == 0:
+            return None
+        squares = summed(weight * (half_step / value) ** 2).sum(0)
+        return np.sqrt(squares / np.maximum(summed(weight).sum(0), 1e-12))
+
+    half = half_steps(ev)
+    light = np.maximum(np.exp(np.asarray(ev.rays.log_intensity, np.float64)), FLOOR)
     lost = ~np.asarray(ev.returned) - p
     return {
-        "intensity": Maps(summed(weight_i), summed(weight_i * off_i), left_of(0, weight_i, sd_i**2)),
-        "range": Maps(summed(weight_r), summed(weight_r * off_r), left_of(1, weight_r, sd_r**2)),
+        "intensity": Maps(
+            summed(weight_i),
+            summed(weight_i * np.asarray(off_i, np.float64)),
+            left_of(0, weight_i, np.asarray(sd_i, np.float64) ** 2),
+            coarse(weight_i, half_step=half["intensity"], value=light),
+        ),
+        "range": Maps(
+            summed(weight_r),
+            summed(weight_r * np.asarray(off_r, np.float64)),
+            left_of(1, weight_r, np.asarray(sd_r, np.float64) ** 2),
+            coarse(weight_r, half_step=half["range"], value=np.ones_like(light)),
+        ),
         "drop": Maps(
             summed(weight_d), summed(weight_d * lost), lambda pattern: summed(weight_d * pattern[row, column])
         ),
     }
+
+
+def half_steps(ev: Evidence) -> dict[str, float]:
+    """Half a step of the simulator's lattice plus half a step of the sensor's: of intensities, and of ranges in m; 0
+    where neither rounds."""
+    returned = np.asarray(ev.returned)
+    readings = {"intensity": np.exp(np.asarray(ev.log_intensity)), "range": np.asarray(ev.range_m)}
+    steps = {}
+    for own, (channel, values) in zip(np.asarray(ev.own_step).tolist(), readings.items(), strict=True):
+        seen = values[returned]
+        step = lattice_step(
+            seen[:: max(1, len(seen) // RULES.pair_residuals)], finest=FINEST[f"{channel}_quantization"]
+        )
+        steps[channel] = (own + step) / 2
+    return steps
 
 
 def robust_slope(weight: np.ndarray, variance: np.ndarray) -> float:

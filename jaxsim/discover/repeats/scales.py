@@ -44,6 +44,8 @@ class Scale:
     """Of a wave of height 1."""
     square: float | None = None
     """Mean square of what a cell counts with in each pattern; None where it counts with 1 or not at all."""
+    turns: Callable[[int], tuple[float, float]] | None = None
+    """Of a wave: its periods in a row, and in a column."""
 
     def information(self, weight: Sums) -> Float[np.ndarray, " k"]:
         """Variance of each pattern's sum over scenes and cells of these weights."""
@@ -59,7 +61,9 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
     row, column = np.mgrid[:rows, :columns]
     place = column * bins // columns
     group = row // ROWS_OF_CELL * bins + place
-    up, across = (np.arange(PER_PERIOD, PER_PERIOD * size // 2) for size in (rows, columns))
+    # Up to a period over two cells: faster waves alias.
+    up = np.arange(PER_PERIOD, PER_PERIOD * rows // 2)
+    across = np.arange(PER_PERIOD, PER_PERIOD * columns // 2)
     aslant = PER_PERIOD * _aslant(rows, columns)
 
     def of_row(total: Sums) -> Float[np.ndarray, "n r"]:
@@ -80,9 +84,9 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
         Scale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
         Scale("column", "column", _sums_of(place), lambda k, _: (place == k) * 1.0, beside),
         Scale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
-        _waves("row", np.stack([up, 0 * up], 1), rows, columns),
-        _waves("column", np.stack([0 * across, across], 1), rows, columns),
-        _waves("row x column", aslant, rows, columns),
+        _waves("row", np.stack([up, 0 * up], 1), rows=rows, columns=columns),
+        _waves("column", np.stack([0 * across, across], 1), rows=rows, columns=columns),
+        _waves("row x column", aslant, rows=rows, columns=columns),
         Scale("any row", "row", of_row, None, lambda k: "from row to row"),
         Scale("any column", "column", lambda total: total.sum(1), None, lambda k: "from column to column"),
         Scale("any cell", "row x column", lambda total: total.reshape(len(total), -1), None, lambda k: "cell by cell"),
@@ -116,7 +120,7 @@ def _aslant(rows: int, columns: int) -> Int[np.ndarray, "k 2"]:
     return np.array([(i, j) for i in range(-up, up + 1) if i for j in range(1, across + 1)], int).reshape(-1, 2)
 
 
-def _waves(along: str, steps: Int[np.ndarray, "k 2"], rows: int, columns: int) -> Scale:
+def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int) -> Scale:
     """Waves of so many steps over rows and columns, a step being the part PER_PERIOD of a period over the image."""
 
     def sums(total: Sums) -> Num[np.ndarray, "n k"]:
@@ -142,9 +146,13 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], rows: int, columns: int) -
         up, across = steps[k] / PER_PERIOD
         return float(columns / across) if across else float(rows / abs(up))
 
+    def turns(k: int) -> tuple[float, float]:
+        up, across = steps[k] / PER_PERIOD
+        return float(up / rows), float(across / columns)
+
     def formula(k: int, phase: complex) -> str:
         up, across = steps[k] / PER_PERIOD
         parts = [f"{n:g}·{name}/{size}" for n, name, size in ((up, "row", rows), (across, "column", columns)) if n]
         return f"cos(2π·({' + '.join(parts)}) {np.angle(phase):+.3g})"
 
-    return Scale("wave", along, sums, pattern, words, period, formula, square=1.0)
+    return Scale("wave", along, sums, pattern, words, period, formula, square=1.0, turns=turns)

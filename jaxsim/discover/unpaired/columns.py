@@ -87,6 +87,7 @@ def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray
     @jax.jit
     def mean(values: dict[str, Any]) -> Array:
         total = jnp.zeros_like(on_device.range_m)
+        # The mean over readings that stand for the spread: what an effect changes depends on the reading.
         for off in spread:
             moved = replace(on_device, log_intensity=on_device.log_intensity + off, log_power=on_device.log_power + off)
             total = total + effect.apply(values, moved).log_intensity - moved.log_intensity
@@ -129,6 +130,7 @@ def derivatives(
         now = np.asarray(values.get(name, p.neutral), float)
         # One-sided, and towards the inside at the upper bound: beyond a bound an effect need not make sense.
         step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
+        # Per typical size of the parameter, so that one prior serves them all.
         slope = (change({**values, name: now + step}) - here) / (step[row] if step.ndim else step) * p.scale
         if p.shape == "row":
             parts.append((slope[:, None] * (row[:, None] == np.arange(rows))).astype(np.float32))
@@ -144,6 +146,7 @@ def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) ->
     knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
     if len(knots) < 2:
         return np.ones((len(x), 1), np.float32)
+    # Between two knots the two hats that stand there share a ray; beyond the ends the last has it all.
     left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
     basis = np.zeros((len(x), len(knots)), np.float32)
@@ -165,6 +168,7 @@ def each(parts: np.ndarray, of: np.ndarray) -> Float[np.ndarray, "n k"]:
 
 def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     """0 ground, 1 upright, 2 other, by height and normal."""
+    # rise: vertical part of the normal, 1 on level ground and 0 on walls.
     ground = (comparison.rise > 0.7) & (comparison.height_m < 0.4)
     return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
 
@@ -183,6 +187,7 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
         each(surfaces, hats(np.log(r.range_m), 10)),
         each(surfaces, hats(r.incidence_rad, 8)),
         each(surfaces, hats(height, 8)),
+        # How far the surface bends stands for what it is: foliage bends, walls do not.
         hats(np.log(comparison.bend + 1e-4), 6),
         hats(r.azimuth_rad, 9),
     ]
@@ -195,6 +200,7 @@ def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
     """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
     order is that of OWN_SD."""
     surfaces = one_hot(kind, np.arange(3))
+    # Centred, so that a slope leaves the level alone.
     slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]
     return np.concatenate([surfaces, *(surfaces * (x - x.mean())[:, None] for x in slopes)], axis=1)
 
@@ -202,6 +208,7 @@ def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
 def patches(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Number of the cell of ground, and kind of surface, that each ray meets."""
     r = comparison.rays
+    # Cells lie on the ground's plane around the sensor of each scene: frames of one scene share them.
     level_m = r.range_m * np.cos(r.elevation_rad)
     cells = [np.floor(level_m * turn(r.azimuth_rad) / PATCH_M) for turn in (np.cos, np.sin)]
     key = np.stack([comparison.scene, kind, *cells], axis=1).astype(np.int64)

@@ -115,6 +115,7 @@ def compare(
     exchanges of the sides (law.exchanged)."""
     scene = comparison.scene
     sensed = comparison.measured[scene]
+    # Judge scenes shape nothing, not even what clips their readings.
     learn = find[scene]
     kind = kinds(comparison)
     law = law_columns(comparison, kind)
@@ -129,6 +130,7 @@ def compare(
     # How much of each class, and what intensity, the simulated side has at given covariates.
     simulated = learn & ~sensed
     mixture = one_hot(classes_of(comparison), _common(classes_of(comparison)[simulated]))
+    # Regressed on the law's columns: class shares and ln I, as the simulated side has them there.
     known = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
     expected = law @ _regressed(known, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
@@ -139,6 +141,7 @@ def compare(
 
     # What may differ without any effect: overall gain, and reflectances of classes, known where both sides know them.
     of_classes = mixture if comparison.shared_classes else expected[:, :-1]
+    # Noise on a normal of variance v lowers the mean of ln cos by v / 2 sec^2: its second-order term.
     bend = 0.5 / np.cos(comparison.rays.incidence_rad)[:, None] ** 2
     nuisance = np.concatenate([np.ones((len(y), 1)), of_classes, bend], axis=1).astype(np.float32)
     precision = np.array([LEVEL_PRECISION, *[1 / CLASS_SD**2] * mixture.shape[1], 1 / CURVATURE_SD**2])
@@ -152,6 +155,7 @@ def compare(
     of_effects = len(parts)
     for name, basis in curve_columns(comparison).items():
         parts.append((name, Columns(None, {}, basis, np.full(basis.shape[1], 1 / CURVE_SD**2))))
+    # The block of each term within the side's columns.
     starts = nuisance.shape[1] + np.cumsum([0, *(columns.columns.shape[1] for _, columns in parts)])
     terms = []
     for (name, columns), start, end in zip(parts, starts[:-1], starts[1:], strict=True):
@@ -212,6 +216,7 @@ def _clipped(y: np.ndarray, law: np.ndarray, learn: np.ndarray, *, sensed: np.nd
         for _ in range(2):
             middle = law[side] @ _ridge(law[side & learn], y[side & learn])
             off = y[side] - middle
+            # 1.4826: from a median absolute deviation to a normal's standard deviation.
             reach = CLIP * 1.4826 * np.median(np.abs(off[learn[side]]))
             y[side] = middle + np.clip(off, -reach, reach)
     return y
@@ -222,6 +227,7 @@ def _within(off: np.ndarray, patch: np.ndarray, learn: np.ndarray) -> float:
     _, number, count = np.unique(patch[learn], return_inverse=True, return_counts=True)
     mean = np.bincount(number, off[learn]) / count
     squares = (off[learn] - mean[number]) ** 2
+    # Each patch's mean costs a degree of freedom.
     return float(squares.sum() / max((count - 1).sum(), 1))
 
 
@@ -235,8 +241,10 @@ def _inflation(
 ) -> float:
     """Median over blocks of what exchanged sides lower the loss by, over what independent noise would give (half the
     block's degrees of freedom)."""
+    # The first draw is the true division, which an effect may lower.
     exchanges = draws[1 : 1 + INFLATION_DRAWS]
     chance = lowered(eq, exchanges, blocks, weight=weight, nuisance=nuisance).mean(0)
     free = np.array([freedom(eq, block, weight=weight, measured=draws[0]) for block in blocks])
+    # A block that its prior holds still says nothing of the noise.
     use = free > 0.5
     return float(max(np.median(2 * chance[use] / free[use]), 1.0))

@@ -38,6 +38,7 @@ def show_gap(problem: Conditional, steps: Sequence[Step[Candidate]], refined: Re
         """Of each judge scene."""
         solution = _solution(problem, eq, [problem.nuisance, *blocks])
         loss = eq.losses(solution, problem.measured)[judged]
+        # Back from nats: the loss is half the squares over variance and inflation, of all rays of a scene.
         return np.sqrt(np.maximum(2 * loss * problem.inflation * problem.variance / rays, 0))
 
     before = distance(plain)
@@ -70,6 +71,7 @@ def _residual(problem: Conditional, eq: Equations, change: Float[np.ndarray, " n
     expected = problem.law @ solution.law + problem.side[:, problem.nuisance.columns] @ solution.side
     off = problem.y - expected - change
     scene = problem.comparison.scene
+    # Levels of streets are no error: materials differ from street to street.
     return off - (np.bincount(scene, off) / np.bincount(scene))[scene]
 
 

@@ -74,6 +74,7 @@ class Equations:
         of_law = np.einsum("s,spq->pq", weight, self.gram[:, :n, :n]) + RIDGE * np.eye(n)
         between = np.einsum("s,spq->pq", weight_measured, self.gram[:, :n, n:])
         of_side = np.einsum("s,spq->pq", weight_measured, self.gram[:, n:, n:])
+        # Schur complement: the law is solved for given the side, for all right-hand sides at once.
         solved = np.linalg.solve(of_law, np.concatenate([between, (weight @ self.right[:, :n])[:, None]], axis=1))
         cross = solved[:, :-1]
         base = solved[:, -1]
@@ -120,10 +121,13 @@ def equations(
         at = scene == s
         patch = random.patch[at]
         x = np.concatenate([law[at], side[at]], axis=1).astype(np.float64)
+        # Readings beside the columns, so that one product gives X'X, X'y and y'y.
         columns = np.concatenate([x, y[at][:, None], random.columns[at].astype(np.float64)], axis=1)
         # A patch's level takes the mean of its rays out, shrunk by the prior's worth of rays.
         order = np.argsort(patch, kind="stable")
         _, first, count = np.unique(patch[order], return_index=True, return_counts=True)
+        # Woodbury: sum over a patch's rays, over sqrt(count + variance / patch_sd^2); its square is what the level
+        # explains.
         sums = np.add.reduceat(columns[order], first, axis=0)
         sums /= np.sqrt(count + variance / random.patch_sd**2)[:, None]
         products = columns.T @ columns - sums.T @ sums
@@ -167,6 +171,7 @@ def lowered(
     near = nuisance.columns
     # The law's part is the same for all draws: it is factored once.
     inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
+    # With inner = L L', half = L^-1 makes the elimination of the law a plain product.
     half = np.linalg.inv(np.linalg.cholesky(inner))
     base = half @ (weight @ eq.right[:, :n])
     across = np.stack([half @ g for g in eq.gram[:, :n, n:]])
@@ -176,6 +181,7 @@ def lowered(
         between = np.tensordot(weight_measured, across, 1)
         side = np.tensordot(weight_measured, eq.gram[:, n:, n:], 1) - between.T @ between
         right = weight_measured @ eq.right[:, n:] - between.T @ base
+        # Then the nuisances are eliminated in the same way; each block is judged on what is left.
         nuisances = np.linalg.solve(
             side[np.ix_(near, near)] + np.diag(nuisance.precision),
             np.concatenate([side[near], right[near][:, None]], axis=1),
@@ -185,6 +191,7 @@ def lowered(
         for b, block in enumerate(blocks):
             at = block.columns
             coefficients = np.linalg.solve(side[np.ix_(at, at)] + np.diag(block.precision), right[at])
+            # Half of c'r: what a least-squares fit with coefficients c lowers half the sum of squares by.
             drops[d, b] = 0.5 * float(coefficients @ right[at])
     return drops
 

@@ -45,6 +45,7 @@ class _Side:
         r = np.where(lost, np.nan, comparison.scan.range_m[frames]).astype(np.float64)
         left = np.roll(r, 1, 2)
         right = np.roll(r, -1, 2)
+        # NaN of a lost neighbour compares as no surface.
         smooth = np.abs(left - right) < NEAR * np.minimum(left, right)
         smooth[..., [0, -1]] = False
         return cls(lost, smooth, comparison.frame_scene[frames])
@@ -74,6 +75,7 @@ def lost_rays(
     measured = _Side.of(comparison, use & of_measured)
     simulated = _Side.of(comparison, use & ~of_measured)
     mostly = RULES.unpaired_hidden_share
+    # A sector is empty in most measured frames and in few simulated ones: the sky above is empty in both.
     hidden = (measured.empty.mean(0) > mostly) & (simulated.empty.mean(0) < 1 - mostly)
     effects = []
     if hidden.any():
@@ -102,6 +104,7 @@ def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"]
     }
     parameters = {name: _bounded(value, "sector_occlusion", name) for name, value in parameters.items()}
     gain = Interval(share, share, share, "share of rays")
+    # Every scene shows it, so that only their number says how sure it is: signs that all agree.
     return _named("sector_occlusion", 2.0**-scenes, gain, parameters=parameters)
 
 
@@ -157,6 +160,7 @@ def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " 
     seen = measured.mean() - simulated.mean()
     drawn = np.array([both[rng.permutation(len(both))] for _ in range(DRAWS)])
     by_chance = drawn[:, :n].mean(1) - drawn[:, n:].mean(1)
+    # One more on both sides: the true division is one of the exchanges (Phipson & Smyth 2010).
     p = (1 + (by_chance >= seen - 1e-12).sum()) / (1 + DRAWS)
     return float(p), Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
 
@@ -168,6 +172,7 @@ def lattices(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> li
     returns = float((~comparison.lost[simulated_frames:]).sum() / comparison.measured.sum())
     entries = []
     for name, step in comparison.steps.items():
+        # A reading that can only lie on the lattice is likelier by step / finest step.
         gain = returns * float(np.log(step / FINEST[name]))
         parameter = next(iter(EFFECTS[name].parameters))
         nats = Interval(gain, gain, gain, "nats per scene")

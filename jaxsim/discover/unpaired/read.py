@@ -29,8 +29,6 @@ PER_SCENE = 4000
 """Rays of a scene that are looked at."""
 STEEPEST_RAD = np.deg2rad(80.0)
 """Intensity is compared below this incidence."""
-COARSER = 1.5
-"""Factor by which the measured readings' lattice must be coarser than the simulated ones' to be an effect."""
 FLAT_RISE = 0.9
 """Vertical part of the normal above which a surface is level; the median height of those under the sensor is the
 ground's."""
@@ -39,7 +37,7 @@ BEND = 0.03
 
 
 @dataclass(frozen=True)
-class Folder:
+class SideFrames:
     """The frames of one side."""
 
     names: tuple[str, ...]
@@ -112,7 +110,7 @@ class UnpairedComparison:
         return len(np.asarray(self.grid.elevation_rad))
 
 
-def read_folder(frames: PolarFrames, word: str) -> Folder:
+def read_folder(frames: PolarFrames, word: str) -> SideFrames:
     """One side's frames; `word` (simulated, measured) is for its scenes and errors. Raises ValueError as
     `read_comparison` does."""
     images, labels = [], []
@@ -123,7 +121,7 @@ def read_folder(frames: PolarFrames, word: str) -> Folder:
         labels.append(rasters.get("semantic"))
     semantic = _all_or_none(frames.folder, "semantic", labels)
     scenes = tuple(f"{word}/{frames.about.get(name, {}).get('scene', name)}" for name in frames.names)
-    return Folder(frames.names, scenes, tuple(images), semantic)
+    return SideFrames(frames.names, scenes, tuple(images), semantic)
 
 
 def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float[np.ndarray, "r c"]:
@@ -197,7 +195,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     )
 
 
-def _no_copy(ours: Folder, theirs: Folder, simulated: Path, *, measured: Path) -> None:
+def _no_copy(ours: SideFrames, theirs: SideFrames, simulated: Path, *, measured: Path) -> None:
     seen = {
         (image.range_m.tobytes(), image.intensity.tobytes()): name
         for name, image in zip(ours.names, ours.images, strict=True)
@@ -211,7 +209,7 @@ def _no_copy(ours: Folder, theirs: Folder, simulated: Path, *, measured: Path) -
             )
 
 
-def _same_streets(ours: Folder, theirs: Folder) -> tuple[str, ...]:
+def _same_streets(ours: SideFrames, theirs: SideFrames) -> tuple[str, ...]:
     common = [name for name in ours.names if name in theirs.names]
     agree = []
     for name in common[:8]:
@@ -234,18 +232,19 @@ def roughness_m(range_m: np.ndarray, valid: np.ndarray) -> float:
     """
     r = np.where(valid, range_m, np.nan).astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
+        # The middle ray against the line through its neighbours, in 1 / range and then back in metres.
         off = ((1 / r[..., :-2] + 1 / r[..., 2:]) / 2 * r[..., 1:-1] - 1) * r[..., 1:-1]
     near = np.abs(off) < BEND * r[..., 1:-1]
     # 1.4826: from a median absolute deviation to a normal's standard deviation.
     return float(1.4826 * np.median(np.abs(off[near])) / np.sqrt(1.5)) if near.any() else 0.0
 
 
-def _steps(ours: Folder, theirs: Folder) -> dict[str, float]:
+def _steps(ours: SideFrames, theirs: SideFrames) -> dict[str, float]:
     """Steps of the measured readings' lattices that are clearly coarser than the simulated ones'."""
     steps = {}
     for name, field in (("intensity_quantization", "intensity"), ("range_quantization", "range_m")):
         step = lattice_step(theirs.readings(field), finest=FINEST[name])
-        if step > COARSER * lattice_step(ours.readings(field), finest=FINEST[name]):
+        if step > RULES.coarser_step * lattice_step(ours.readings(field), finest=FINEST[name]):
             steps[name] = step
     return steps
 
@@ -263,12 +262,14 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
     for side in (slice(None, simulated), slice(simulated, None)):
         level = known[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
         if level.any():
+            # Zero is the ground under each side's own sensor, whatever height its grid claims.
             height[side] -= np.median(height[side][level])
     # On a plane 1 / range is straight along rows and columns.
     r = np.where(scan.hit, scan.range_m, np.nan).astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         along_row = np.abs((1 / np.roll(r, 1, 2) + 1 / np.roll(r, -1, 2)) / 2 * r - 1)
         along_column = np.abs((1 / np.roll(r, 1, 1) + 1 / np.roll(r, -1, 1)) / 2 * r - 1)
+    # np.roll carries the other end's rays to the borders.
     along_row[..., [0, -1]] = np.nan
     smooth = known & scan.hit & (along_row < BEND)
     return height, rise, np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0), smooth

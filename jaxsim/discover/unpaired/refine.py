@@ -99,6 +99,7 @@ class JointFit:
         for effect in self.effects:
             parameters = fitted_parameters(effect)
             sizes = [int(np.prod(p.dims(self.rows))) for p in parameters.values()]
+            # What is left of z belongs to the effects that follow.
             *parts, z = np.split(z, np.cumsum(sizes))
             of_z = {n: part.reshape(p.dims(self.rows)) for (n, p), part in zip(parameters.items(), parts, strict=True)}
             values = to_values(effect, of_z)
@@ -128,6 +129,7 @@ class JointFit:
         pooled = here.equations.pooled(weight, self.problem.measured)
         # The prior pulls the parameter, not the step, to neutral.
         pooled.right[here.block.columns] -= here.block.precision * here.z
+        # One Newton step of a problem that is linear at `here`: the change of z beside the nuisances.
         side = solve(pooled, [self.problem.nuisance, here.block]).side
         return here.z + side[len(self.problem.nuisance.columns) :]
 
@@ -135,6 +137,7 @@ class JointFit:
         """With the effects as they are, nats."""
         nuisance = self.problem.nuisance
         solution = solve(here.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
+        # Minus the log-posterior: half the residuals' squares, and the priors of nuisances and of z.
         data = here.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
         return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * here.block.precision @ here.z**2)
 
@@ -172,6 +175,7 @@ class JointFit:
         # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.
         fewest = min(len(scenes) for scenes in sides)
         reach = RULES.interval_widening * np.sqrt(fewest / (fewest - 1)) * student_reach(fewest)
+        # To first order the prior moves z by covariance times gradient of its penalty: a bias that no scatter shows.
         pull = np.abs(self._covariance(here, 1.0) @ (here.block.precision * here.z))
         of_rays = self._covariance(here, self.problem.inflation)
         return reach * np.sqrt(np.maximum(np.var(draws, axis=0), np.diag(of_rays))) + pull
@@ -182,6 +186,7 @@ class JointFit:
         nuisance = self.problem.nuisance
         columns = np.concatenate([nuisance.columns, here.block.columns])
         precision = np.diag(np.concatenate([nuisance.precision, here.block.precision]))
+        # The nuisances are inverted too, so that what they leave open widens z.
         inverse = np.linalg.inv(information * inner[np.ix_(columns, columns)] + precision)
         return inverse[-len(here.z) :, -len(here.z) :]
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.find import Place
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.name.select import Selection, Step, worse
 from jaxsim.discover.name.unexplained import shape_of
 from jaxsim.discover.rules import RULES
@@ -115,7 +115,9 @@ def rank_terms(
     # The root of the loss is near normal, so that terms of more and fewer columns can be held against each other.
     root = np.sqrt(np.maximum(drops, 0))
     spread = np.maximum(root[1:].std(0), 1e-3)
+    # The first draw is the true one; the others say what no effect looks like.
     score = (root - root[1:].mean(0)) / spread
+    # Max-T: the best of all candidates in each exchange pays for having tried them all.
     highest = score[1:].max(1)
     gains = held_out(problem, near, blocks)
     tested = [
@@ -154,6 +156,7 @@ def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Floa
             solution = solve(pooled, [near, block])
             wrong[b] |= bool(block.sign) and solution.side[len(near.columns)] * block.sign <= 0
             gains[b, fold == k] = before - held_losses(solution)
+    # An effect that helps with its sign turned is another effect.
     gains[wrong] = 0
     return gains
 
@@ -182,6 +185,7 @@ def _described(problem: Conditional, curve: Candidate) -> Unexplained:
     scenes = np.flatnonzero(problem.find)
     rng = np.random.default_rng(0)
     fits = [_heights(problem, curve, problem.weight)]
+    # Scenes are drawn with replacement: rays of one scene are no independent witnesses.
     for _ in range(DRAWS - 1):
         drawn = rng.choice(scenes, len(scenes))
         fits.append(_heights(problem, curve, np.bincount(drawn, minlength=len(problem.find)).astype(float)))
@@ -191,8 +195,8 @@ def _described(problem: Conditional, curve: Candidate) -> Unexplained:
     order = np.argsort(knots)
     y = fits[0][order]
     band = NORMAL_REACH * np.std(fits[1:], axis=0)[order]
-    place = Place("intensity", name, curve.chance, 0.0, curve.total)
-    character, formula = shape_of(knots[order], y, basis.sum(0)[order], place=place)
+    dependence = Dependence("intensity", name, curve.chance, 0.0, curve.total)
+    character, formula = shape_of(knots[order], y, basis.sum(0)[order], dependence=dependence)
     formula += " (x: ln of range in m)" if name == "range" else f" (x: {name})"
     return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))
 

@@ -60,6 +60,7 @@ def discover_unpaired(
     choice = choose(problem, draws)
     unexplained = outside_catalogue(problem, choice, curves)
     if unexplained:
+        # What a free curve outdoes is not named: the catalogue's nearest law would be a wrong answer.
         choice = Choice((), choice.last)
     lost, of_losses = lost_rays(comparison, find)
 

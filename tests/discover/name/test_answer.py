@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.find import Place
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.name import answer
 from jaxsim.discover.name.select import Choice
 from jaxsim.discover.verdict import Unexplained
 from tests.discover.name.made import CHANNEL, candidate, problem, step
 
-PLACE = {name: Place(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
+DEPENDENCE = {name: Dependence(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
 
 
 @pytest.mark.parametrize(
@@ -26,16 +26,16 @@ PLACE = {name: Place(name, "range", 0.01, 0.1, 50.0) for name in CHANNEL}
 )
 def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outside):
     choice = Choice(tuple(map(step, named)), (), problem())
-    assert answer.outdone(choice, PLACE["intensity"], curve) is outside
+    assert answer.outdone(choice, DEPENDENCE["intensity"], curve) is outside
 
 
 def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     curve = candidate("curve", 9, "drop")
     null, both, one = problem(), problem(), problem()
     refitted = []
-    monkeypatch.setattr(answer, "free_curves", lambda problem, places: [(PLACE["drop"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
-        answer, "describe", lambda problem, place, found: Unexplained(place.channel, "range", "other", "")
+        answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
     )
     monkeypatch.setattr(answer, "localise", lambda *_: [])
     monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))

@@ -34,7 +34,7 @@ def problem():
     scan, measured = device(*toy(FRAMES, columns=COLUMNS, gain=0.3))
     frames = np.arange(FRAMES)
     columns = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
-    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, unit=frames), ALL_BLOCKS)[0]
+    return fit_null(scan, gather(scan, measured, frame=frames, column=columns, scene=frames), ALL_BLOCKS)[0]
 
 
 def of_rows(problem):
@@ -127,7 +127,7 @@ def nulls_that_gain(monkeypatch):
         monkeypatch.setattr(nulls, "standardised", lambda *_: (None, {}))
         monkeypatch.setattr(nulls, "localise", lambda *_: [])
         monkeypatch.setattr(nulls, "rank_effects", lambda null, effects: null[0])
-        monkeypatch.setattr(nulls, "free_curves", lambda null, places: [(None, curve) for curve in null[1]])
+        monkeypatch.setattr(nulls, "free_curves", lambda null, dependences: [(None, curve) for curve in null[1]])
         bare = bare_problem(scan=None, clutter=False)
         return run_nulls(bare, bare, (), scene=np.arange(SCENES), count=len(rounds))
 

@@ -47,7 +47,7 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
 def test_what_gains_less_than_the_nulls_is_not_named(monkeypatch):
     strong = candidate("gamma_response", np.array([4.0, 5, 3, 6, 4, 5, 2, 4, 3, 5, 6]))
     monkeypatch.setattr(select, "rank_effects", lambda problem, effects: [strong])
-    choice = choose(problem(ev=SimpleNamespace(unit=np.arange(11))), [], bars=Bars(46.0))
+    choice = choose(problem(ev=SimpleNamespace(scene=np.arange(11))), [], bars=Bars(46.0))
     assert choice.steps == ()
     assert why_not(strong, choice) == "its gain is within what a null reaches"
     assert ranking(choice, why_not, bar=choice.bars.effect)[0].bar == pytest.approx(46 / 11)

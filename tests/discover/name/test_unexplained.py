@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.find import Place
+from jaxsim.discover.find import Dependence
 from jaxsim.discover.name.unexplained import agreed, shape_of
 from tests.discover.name.made import candidate
 
@@ -18,7 +18,7 @@ from tests.discover.name.made import candidate
 )
 def test_a_curve_is_called_what_it_looks_like(y, character):
     x = np.linspace(0, 4, 40)
-    assert shape_of(x, y(x), np.ones(40), place=Place("intensity", "range", 0.01, 0.1, 50.0))[0] == character
+    assert shape_of(x, y(x), np.ones(40), dependence=Dependence("intensity", "range", 0.01, 0.1, 50.0))[0] == character
 
 
 def test_scenes_must_agree_on_a_free_curve_more_than_on_an_effect():

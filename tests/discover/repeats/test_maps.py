@@ -1,10 +1,13 @@
 """Maps of a fitted problem: sums of weight times residual, and what levels leave of a pattern."""
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxsim.discover.model.residuals import residuals
-from jaxsim.discover.repeats.maps import maps_of, robust_slope
+from jaxsim.discover.repeats.maps import half_steps, maps_of, robust_slope
 from tests.discover.toy import judged_toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -35,6 +38,24 @@ def test_levels_of_strips_leave_less_of_columns_than_of_rows(toy):
         for pattern in (1.0 - 2 * (row % 2), 1.0 - 2 * (column // 2 % 2))
     ]
     assert 0 < share[1] < share[0] < 1
+
+
+def test_rounding_is_off_by_more_on_dark_surfaces(toy):
+    problem, fitted, maps = toy
+    assert half_steps(problem.ev) == {"intensity": 0.0, "range": 0.0}
+    assert maps["intensity"].coarse is None
+    ev = problem.ev
+    rounded = jnp.log(jnp.maximum(jnp.round(jnp.exp(ev.log_intensity) * 100), 1) / 100)
+    ev = replace(ev, log_intensity=rounded, own_step=jnp.array([0.0, 0.02]))
+    assert half_steps(ev) == pytest.approx({"intensity": 0.005, "range": 0.01}, rel=1e-3)
+    made = maps_of(replace(problem, ev=ev), fitted, np.arange(9), columns=maps["range"].total.shape[2])
+    assert made["range"].coarse is not None
+    assert made["intensity"].coarse is not None
+    np.testing.assert_allclose(made["range"].coarse[maps["range"].weight.sum(0) > 0], 0.01)
+    light = np.exp(np.asarray(ev.rays.log_intensity))
+    off = made["intensity"].coarse[made["intensity"].weight.sum(0) > 0]
+    assert 0.004 / light.max() < off.min()
+    assert off.min() < 0.9 * off.max()
 
 
 def test_drops_have_no_levels(toy):

@@ -1,0 +1,42 @@
+"""`jaxsim eval generation`: two folders of frames or clouds held against each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from jaxsim.evaluate.generation import generation_scores, open_folder
+from jaxsim.metrics.rangenet import load_rangenet
+from jaxsim.report import list_scores, write_list
+
+
+@dataclass(frozen=True)
+class Generation:
+    """LiDAR generation metrics between two folders of polar frames, or of clouds; lower is nearer in all of them.
+
+    Jensen-Shannon divergence and MMD of counts seen from above, each as its publisher's program defines it (lidargen_,
+    r2dm_, lidm_); of polar frames also sliced Wasserstein distances (swd_) and histograms of intensity. Frames need no
+    common names; those that have them are also compared as pairs (Chamfer distances).
+    """
+
+    simulated: Path
+    """Folder of polar frames (grid.json and NAME.npz), or of clouds (.bin, or .npz with xyz)."""
+    measured: Path
+    """Folder of the sensor's."""
+    rangenet: Path | None = None
+    """Converted RangeNet++ (`jaxsim convert rangenet53`): also the Fréchet distance over its features."""
+    out: Path | None = None
+    """Folder for generation.json and generation.md."""
+
+    @property
+    def writes_to(self) -> Path | None:
+        return self.out
+
+    def __call__(self) -> None:
+        simulated, measured = open_folder(self.simulated), open_folder(self.measured)
+        scores = generation_scores(simulated, measured, rangenet=self.rangenet and load_rangenet(self.rangenet))
+        frames = [len(simulated.names), len(measured.names)]
+        print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
+        if self.out:
+            about = {"simulated": str(self.simulated), "measured": str(self.measured), "frames": frames}
+            write_list(self.out, "generation", scores, about=about)

@@ -1,0 +1,124 @@
+"""What patterns that repeat make of an answer: they are added as laws, *none* becomes *not in the catalogue*, and the
+strongest is told as a closed formula where it has one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jaxsim.discover.add import Added
+from jaxsim.discover.law import VARIABLES
+from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.repeats.learn import LearnedRepeat, as_law
+from jaxsim.discover.scenes import student_reach
+from jaxsim.discover.verdict import ClosedLaw, Interval, Unexplained
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import UNITS, Learned
+
+
+def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:
+    """The sensor model with the laws of what repeats, after all others."""
+    sensor = added.sensor
+    with_laws = SensorModel(sensor.effects, sensor.levels, (*sensor.learned, *laws))
+    return replace(added, sensor=with_laws, repeated=tuple(as_law(law) for law in laws))
+
+
+def with_what_repeats(answer: Answer, first: LearnedRepeat) -> Answer:
+    """The answer, if something repeats: it is not *none*; and what is left unexplained, where nothing else is."""
+    if answer.verdict != "none":
+        return answer if answer.unexplained else replace(answer, unexplained=_unexplained(first))
+    return replace(answer, verdict="not_in_catalogue", unexplained=_unexplained(first))
+
+
+def _unexplained(one: LearnedRepeat) -> Unexplained:
+    repeat, law = one.repeat, one.learned
+    character = "periodic" if repeat.scale in ("wave", "parity") else "other"
+    names = {name.replace("even ", "").removesuffix("s") for name in law.covariates}
+    covariate = " x ".join(name for name in ("row", "column") if name in names)
+    told = Unexplained(repeat.channel, covariate, character, repeat.formula)
+    if law.kind == "table" and len(law.knots) == 1:
+        return replace(told, x=law.knots[0], y=law.values, band=tuple(_reach(one) * sd for sd in law.sd))
+    return told
+
+
+def _reach(one: LearnedRepeat) -> float:
+    return float(student_reach(one.scenes))
+
+
+def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
+    """The formula of the first pattern, if it is a wave, or of odd against even rows or columns."""
+    if not repeats:
+        return None
+    one, law = repeats[0], repeats[0].learned
+    if law.kind == "wave":
+        return _of_wave(one)
+    if law.covariates in (("even rows",), ("even columns",)):
+        return _of_parity(one)
+    return None
+
+
+def _of_wave(one: LearnedRepeat) -> ClosedLaw:
+    size, law = one.repeat.size, one.learned
+    phase = float(np.arctan2(law.values[0], law.values[1]))
+    off = _reach(one) * float(np.mean(law.sd)) / max(np.hypot(law.values[0], law.values[1]), 1e-9)
+    single = len(law.knots) == 1
+    periods = {}
+    terms = []
+    for name, [turns] in zip(law.covariates, law.knots, strict=True):
+        key = "period" if single else f"{name}_period"
+        periods[key] = Interval(1 / turns, 1 / turns, 1 / turns, "")
+        terms.append(f"{name} / {key}")
+    angle = f"2 * pi * {terms[0]}" if single else f"2 * pi * ({' + '.join(terms)})"
+    return _closed(
+        one,
+        expression=f"level + size * sin({angle} + phase)",
+        formula=f"{size.value:.3g}·sin(2π·({' + '.join(_divided(law))}) {phase:+.3g})",
+        parameters={
+            "level": _level(size.value if law.channel == "drop" else 0.0, law.channel),
+            "size": size,
+            "phase": Interval(phase, phase - off, phase + off, "rad"),
+            **periods,
+        },
+        nodes=2 if single else 4,
+    )
+
+
+def _of_parity(one: LearnedRepeat) -> ClosedLaw:
+    size, law = one.repeat.size, one.learned
+    variable, _ = VARIABLES[law.covariates[0]]
+    level = law.values[0]
+    return _closed(
+        one,
+        expression=f"level + size * {variable}",
+        formula=f"{level:.3g} + {size.value:.3g}·{variable}",
+        parameters={"level": _level(level, law.channel), "size": size},
+        nodes=1,
+    )
+
+
+def _closed(
+    one: LearnedRepeat, *, expression: str, formula: str, parameters: dict[str, Interval], nodes: int
+) -> ClosedLaw:
+    law = one.learned
+    ends = {"row": one.grid[0] - 1.0, "column": one.grid[1] - 1.0, "even rows": 1.0, "even columns": 1.0}
+    return ClosedLaw(
+        channel=law.channel,
+        covariates=law.covariates,
+        formula=formula,
+        expression=expression,
+        parameters=parameters,
+        limits={VARIABLES[name][0]: (0.0, ends[name]) for name in law.covariates},
+        nodes=nodes,
+        held_out_nats=one.judged_nats,
+        share=1.0,
+    )
+
+
+def _divided(law: Learned) -> list[str]:
+    return [f"{name}/{1 / turns:.4g}" for name, [turns] in zip(law.covariates, law.knots, strict=True)]
+
+
+def _level(value: float, channel: str) -> Interval:
+    return Interval(value, value, value, UNITS[channel])

@@ -1,0 +1,84 @@
+"""The whole method where something repeats: *not in the catalogue*, added, gone when it is fed back; and where nothing
+does, *none*."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.hidden import make_case
+from jaxsim.cli import main
+from jaxsim.discover import discover, read_comparison
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.own import known_effects
+from tests.effects.own import forgetful  # noqa: F401  (a fixture)
+
+pytestmark = pytest.mark.usefixtures("standard_promotion")
+FEW = ("range_scale",)
+"""A candidate that has nothing to do with it, so that naming takes seconds."""
+ROWS, COLUMNS, PERIODS, SHARE = 24, 192, 16, 0.2
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hidden") / "case"
+    make_case(folder, effect="none", severity=1.0, seed=12, nuisance="exact", scenes=12, rows=ROWS, columns=COLUMNS)
+    return read_comparison(folder / "simulated", folder / "measured")
+
+
+@pytest.fixture(scope="module")
+def rippled(plain):
+    """The same with a gain that ripples over the columns."""
+    wave = 1 + SHARE * np.sin(2 * np.pi * PERIODS * np.arange(COLUMNS) / COLUMNS + 0.7)
+    light = np.clip(plain.measured.intensity * wave, 0, 1).astype(np.float32)
+    return replace(plain, measured=replace(plain.measured, intensity=light))
+
+
+@pytest.fixture(scope="module")
+def answer(rippled, standard_promotion):
+    return discover(rippled, effects=FEW)
+
+
+def test_a_ripple_is_not_none_and_told_with_its_period_and_size(answer):
+    verdict = answer.verdict
+    assert verdict.verdict == "not_in_catalogue"
+    assert not verdict.effects
+    one = verdict.repeats[0]
+    assert (one.channel, one.along, one.period) == ("intensity", "column", COLUMNS / PERIODS)
+    assert one.size.value == pytest.approx(SHARE, rel=0.05)
+    assert one.size.low < one.size.value < one.size.high
+    assert (verdict.unexplained.channel, verdict.unexplained.character) == ("intensity", "periodic")
+    assert verdict.unexplained.covariate == "column"
+
+
+def test_the_law_is_added_and_judge_scenes_gain(answer, tmp_path):
+    law = answer.sensor.learned[0]
+    assert (law.kind, law.covariates) == ("wave", ("column",))
+    assert np.hypot(*law.values) == pytest.approx(SHARE, rel=0.05)
+    assert answer.verdict.learned == answer.sensor.learned
+    gained = answer.verdict.gap["intensity"].gained
+    assert gained.low > 0
+    assert gained.win_rate == 1
+    answer.sensor.save(tmp_path / "sensor.json")
+    assert SensorModel.load(tmp_path / "sensor.json", rows=ROWS) == answer.sensor
+
+
+def test_fed_back_nothing_is_missing(answer, rippled):
+    again = discover(rippled, effects=FEW, known=answer.sensor)
+    assert again.verdict.verdict == "none"
+    assert not again.verdict.repeats
+
+
+def test_its_formula_becomes_an_effect_of_ones_own(answer, tmp_path, forgetful):  # noqa: F811
+    verdict = answer.verdict.save(tmp_path)
+    main(["effects", "new", "ripple", "--from", str(verdict), "--out", str(tmp_path / "ripple.py")])
+    main(["effects", "check", str(tmp_path / "ripple.py")])
+    own = known_effects([tmp_path / "ripple.py"])["ripple"]
+    assert own.covariates == ("column",)
+    assert own.starts[0]["period"] == COLUMNS / PERIODS
+
+
+def test_without_it_the_answer_is_none(plain):
+    verdict = discover(plain, effects=FEW).verdict
+    assert verdict.verdict == "none"
+    assert (verdict.repeats, verdict.learned, verdict.law) == ((), (), None)
