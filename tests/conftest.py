@@ -33,6 +33,7 @@ import pytest
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
+MOST_MAPPINGS = 12_000
 SAMPLES = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
@@ -47,6 +48,19 @@ def samples() -> Path:
 @pytest.fixture(scope="session")
 def golden(samples: Path) -> Path:
     return samples / "golden"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_programs():
+    """Lets compiled programs go before there are too many.
+
+    Each takes about eighteen mappings of memory. Linux gives a process 65530 (vm.max_map_count), and one that asks for
+    more while it compiles ends with a segmentation fault.
+    """
+    yield
+    mappings = Path("/proc/self/maps")
+    if mappings.exists() and mappings.read_bytes().count(b"\n") > MOST_MAPPINGS:
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="module")
