@@ -29,13 +29,15 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
     counts = np.asarray(ev.compared)
     surface = np.asarray(ev.surface)[np.asarray(ev.strip)][counts]
     of = np.broadcast_to(np.asarray(scene)[:, None, None], counts.shape)[counts]
-    sides = [np.asarray(side)[counts] for side in (ev.log_intensity, ev.rays.log_intensity)]
+    ours = np.asarray(ev.rays.log_intensity)[counts]
+    theirs = np.asarray(ev.log_intensity)[counts]
     found = []
     for one in np.unique(scene):
         _, group = np.unique(surface[of == one], return_inverse=True)
         size = np.bincount(group)
         known = size >= RULES.related_rays
-        measured, simulated = (np.bincount(group, side[of == one])[known] / size[known] for side in sides)
+        measured = np.bincount(group, theirs[of == one])[known] / size[known]
+        simulated = np.bincount(group, ours[of == one])[known] / size[known]
         alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
         found.append(np.nan if alike else np.corrcoef(rankdata(measured), rankdata(simulated))[0, 1])
     return np.array(found)

@@ -99,7 +99,7 @@ def discover(
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(division, comparison.scenes, null, answer, known=known, log=log)
+    divided = find_regimes(division, comparison.scenes, null, answer=answer, known=known, log=log)
     answer = divided.answer
 
     # Add: every effect fitted again with the others in place.

@@ -16,8 +16,7 @@ from scipy.stats import false_discovery_control
 
 from jaxsim.discover.regimes.questions import Question
 from jaxsim.discover.regimes.sizes import Cells
-from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, signs_of
+from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
 
 
 class Found(NamedTuple):
@@ -75,13 +74,10 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     off = off - off.mean()
     count = whole.sum(1)
     spread = np.sqrt(count * (units - count) / units)
-    rng = np.random.default_rng(0)
-    draws = rng.permuted(np.tile(off, (RULES.sign_draws, 1)), axis=1)
     scaled = whole / spread[:, None]
     observed = scaled @ off
     best = int(observed.argmax())
-    by_chance = (draws @ scaled.T).max(1)
-    return best, float((1 + np.sum(by_chance >= observed[best] - 1e-9)) / (1 + RULES.sign_draws))
+    return best, chance_of((off[orders_of(units)] @ scaled.T).max(1), observed[best])
 
 
 def false_discovery_rates(found: list[Found]) -> list[float]:

@@ -46,7 +46,7 @@ class Judges:
             -1
         )
 
-    def gained(self, one: Confined, trial: Choice, choice: Choice, facts: Facts) -> tuple[Confined, float]:
+    def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
         over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region."""
         judged = self.fitted == 0

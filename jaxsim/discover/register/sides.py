@@ -14,9 +14,13 @@ POINTS = 60_000
 """Points looked at in all frames together ..."""
 FEWEST_POINTS, MOST_POINTS = 300, 4000
 """... and of each frame, at least and at most."""
-POSE, LIFT, TRAVEL, NUMBERS = slice(0, 6), 6, 7, 8
-"""Of a motion: x, y, z in m and a rotation vector in rad; how much higher beams point, rad; and the way driven forward
-during the scan, m."""
+POSE = slice(0, 6)
+"""Of a motion's numbers: x, y, z in m and a rotation vector in rad;"""
+LIFT = 6
+"""how much higher beams point, rad;"""
+TRAVEL = 7
+"""and the way driven forward during the scan, m."""
+NUMBERS = 8
 Motion = Float[np.ndarray, "*f 8"]
 Points = Float[np.ndarray, "f n 3"]
 
