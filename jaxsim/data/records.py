@@ -86,7 +86,7 @@ _TREE = {
 
 
 def _names() -> list[str]:
-    """Of the tree's leaves, in their order."""
+    """The names of the tree's leaves, in their order."""
     paths = jax.tree_util.tree_flatten_with_path(_TREE)[0]
     return [jax.tree_util.keystr(path, simple=True, separator="/").removeprefix("pair/") for path, _ in paths]
 

@@ -40,7 +40,7 @@ def ask(question: Question, of: Cells, unit: Int[np.ndarray, " b"]) -> Found:
 def _contrasts(
     question: Question, of: Cells, unit: Int[np.ndarray, " b"]
 ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, " k"]]:
-    """By how much the region's slope exceeds its share of each unit's, and the variance that the curvature gives it."""
+    """Gives by how much each region's slope exceeds its share of each unit's, and the variance by the curvature."""
     units = int(unit.max()) + 1
     excess = np.bincount(unit, of.excess.sum(1), units)
     curvature = np.bincount(unit, of.curvature.sum(1), units)
@@ -49,6 +49,7 @@ def _contrasts(
     for region in question.inside:
         here = np.bincount(unit, (of.excess * region).sum(1), units)
         weight = np.bincount(unit, (of.curvature * region).sum(1), units)
+        # A unit that asks for more of the effect everywhere asks for no region.
         share = weight / curvature
         rows.append(here - share * excess)
         variance.append((weight * (1 - share)).sum())
@@ -71,8 +72,10 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     out anew (`Rules.sign_draws` times)."""
     units = len(excess)
     off = clipped(excess - excess.mean())
+    # Clipping leaves a mean, which regions of more units would gather.
     off = off - off.mean()
     count = whole.sum(1)
+    # Drawn without replacement: a region of all units but one varies as little as that one.
     spread = np.sqrt(count * (units - count) / units)
     scaled = whole / spread[:, None]
     observed = scaled @ off

@@ -82,7 +82,8 @@ def confine(
 
 
 def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
-    """Of the effect inside, and beside it outside, in units of the fit inside; intervals from the scatter of scenes."""
+    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
+    scenes."""
     fitted = one.step.fitted
     law = one.step.chosen.effect
     inside = cells(law, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)

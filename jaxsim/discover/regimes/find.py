@@ -38,7 +38,7 @@ class Divided:
 
     @property
     def regions(self) -> dict[str, Region]:
-        """By effect."""
+        """Each effect's region."""
         return {one.effect: one.where for one in self.regimes}
 
 
@@ -61,7 +61,7 @@ class Lead:
 
 
 def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
-    """Of the find scenes' blocks; `scenes` are those of all frames."""
+    """The facts of the find scenes' blocks; `scenes` are those of all frames."""
     keep = np.array([unit in division.parts.find for unit in division.blocks.scene])
     order = {name: k for k, name in enumerate(division.parts.find)}
     unit = np.array([order[name] for name in division.blocks.scene if name in order])
@@ -150,8 +150,8 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
 
 
 def _ranked(leads: list[Lead]) -> list[Lead]:
-    """With q-values over all of them, least probable by chance first; what divides drives by a fact before what divides
-    them by their readings alone."""
+    """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
+    what divides them by their readings alone."""
     rates = false_discovery_rates([one.found for one in leads])
     rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
     return sorted(rated, key=lambda one: (one.found.question.divides == "scene", one.found.p_value))
@@ -193,6 +193,7 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
 def _divisions(effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]) -> list[Found]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
     their own sizes."""
+    # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
     own = by_own_size(both, facts)

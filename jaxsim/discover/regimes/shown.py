@@ -56,6 +56,6 @@ def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
 
 
 def _size(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """NaN where next to nothing tells it."""
+    """The size that each place asks for; NaN where next to nothing tells it."""
     tells = curvature > RULES.regime_least_curvature * curvature.max()
     return np.where(tells, 1 + slope / np.maximum(curvature, 1e-9), np.nan)

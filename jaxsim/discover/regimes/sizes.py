@@ -61,6 +61,7 @@ def cells(
     def slope_at(state: EffectGradient) -> Float[np.ndarray, "b a"]:
         by_fields = objective.gradient_at(state.fields, state.constant, noise).by_fields
         of_rays = _slope(by_fields, before.fields, after.fields, same=same)
+        # In float64: cells are differences of sums over thousands of rays.
         total = np.zeros((len(sector), sectors))
         np.add.at(total, (np.arange(len(sector))[:, None], sector), np.asarray(of_rays, np.float64).sum(-1))
         return total
@@ -74,7 +75,7 @@ def cells(
 
 @jax.jit
 def _slope(by_fields: Fields, before: Fields, after: Fields, *, same: Array) -> Float[Array, "b c r"]:
-    """Of the log-likelihood along the way between two states of the rays, ray by ray."""
+    """The log-likelihood's slope along the way between two states of the rays, ray by ray."""
     total = jnp.zeros(same.shape)
     for name, gradient in by_fields.items():
         change = after[name] - before[name]

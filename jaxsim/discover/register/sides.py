@@ -48,7 +48,7 @@ class Sides:
     """Frames with fewer returns have fewer points."""
 
     def thinned(self, every: int) -> Sides:
-        """With some of the points alone."""
+        """The same sides with some of the points alone."""
         of_points = ("row", "range_m", "direction", "upward", "late", "counts")
         return replace(self, **{name: getattr(self, name)[:, ::every] for name in of_points})
 
@@ -71,6 +71,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     azimuth = np.asarray(grid.azimuth_rad, float)
     elevation = np.asarray(grid.elevation_rad, float)
     rng = np.random.default_rng(0)
+    # Frames of fewer points are filled up with ones that do not count.
     cell = np.zeros((len(range_m), count), int)
     counts = np.zeros(cell.shape, bool)
     for k, known in enumerate(valid & (range_m > 0)):
@@ -81,6 +82,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     frame = np.arange(len(cell))[:, None]
     a = azimuth[column]
     e = elevation[row]
+    # An image closes where one more column would stand on the first.
     step = abs(azimuth[1] - azimuth[0])
     return Sides(
         azimuth_rad=azimuth,
@@ -123,6 +125,7 @@ def meet(sides: Sides, place: Points) -> Met:
     down = np.interp(-np.arctan2(z, np.hypot(x, y)), -sides.elevation_rad, np.arange(rows), left=-1, right=rows)
     step = (sides.azimuth_rad[0] - sides.azimuth_rad[-1]) / (columns - 1)
     off = np.arctan2(y, x) - (sides.azimuth_rad[0] + sides.azimuth_rad[-1]) / 2
+    # From the middle of the image: an arc that crosses the back has no jump in it.
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     column = np.round((columns - 1) / 2 - off / step).astype(int)
     row = np.round(down).astype(int)

@@ -94,7 +94,8 @@ def _table(pattern: Pattern, sd: Pattern, *, along: str, channel: str) -> Learne
 
 
 def _allowed(values: np.ndarray, channel: str) -> tuple[float, ...]:
-    """Within what a law may change; of echoes no share below none is lost, so all are told above the least."""
+    """The heights within what a law may change; of echoes no share below none is lost, so all are told above the
+    least."""
     low, high = LIMITS[channel]
     return _plain(np.clip(values - min(values.min(), 0.0) if channel == "drop" else values, low, high))
 

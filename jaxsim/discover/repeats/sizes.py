@@ -36,6 +36,6 @@ def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
 
 
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
-    """With what the value becomes `without` each of the scenes: the jackknife, widened as parameters' intervals are."""
+    """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
     half = RULES.interval_widening * jackknife_half_width(without)
     return Interval(float(value), float(value) - half, float(value) + half, UNITS[channel])

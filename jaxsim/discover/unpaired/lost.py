@@ -56,7 +56,7 @@ class _Side:
         return np.asarray(self.lost.all(axis=1))
 
     def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
-        """Of the rays on smooth surfaces in these rows and columns, those that are lost."""
+        """The share that is lost of the rays on smooth surfaces in these rows and columns."""
         counts = self.smooth[:, rows] & columns
         return (self.lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
 
