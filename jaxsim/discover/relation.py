@@ -40,7 +40,7 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
         measured = np.bincount(group, theirs[of == one])[known] / size[known]
         simulated = np.bincount(group, ours[of == one])[known] / size[known]
         alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
-        found.append(np.nan if alike else spearmanr(measured, simulated).statistic)
+        found.append(np.nan if alike else spearmanr(measured, simulated)[0])
     return np.array(found)
 
 

@@ -24,7 +24,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
-from scipy.stats import ttest_ind
 
 from jaxsim.discover.rules import RULES
 
@@ -177,10 +176,16 @@ def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray
     differ (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where either has fewer than two scenes."""
     if min(len(first), len(second)) < 2:
         return float("nan"), float("nan")
-    if not first.std() and not second.std():
-        return (float(first.mean() - second.mean()),) * 2
-    low, high = ttest_ind(first, second, equal_var=False).confidence_interval(RULES.interval_level)
-    return float(low), float(high)
+    centre = float(first.mean() - second.mean())
+    variance_first = first.var(ddof=1) / len(first)
+    variance_second = second.var(ddof=1) / len(second)
+    variance = variance_first + variance_second
+    if variance == 0:
+        return centre, centre
+    # Degrees of freedom by Welch and Satterthwaite: near those of the group that scatters more.
+    freedom = variance**2 / (variance_first**2 / (len(first) - 1) + variance_second**2 / (len(second) - 1))
+    half = float(student.ppf(0.5 + RULES.interval_level / 2, freedom) * np.sqrt(variance))
+    return centre - half, centre + half
 
 
 def fold_half_width(fits: Float[np.ndarray, "g k"]) -> Float[np.ndarray, " k"]:

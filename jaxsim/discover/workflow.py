@@ -20,7 +20,7 @@ from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import brought, named_mounting, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects
-from jaxsim.discover.name.select import Log, refitted
+from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.relation import correlations, of_ranges, unrelated
