@@ -34,6 +34,7 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, code_version, read_rows
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Chain, add_effects, in_place
+from jaxsim.discover.dependences import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.learn import form_of
 from jaxsim.discover.model.fit import Problem
@@ -44,7 +45,6 @@ from jaxsim.discover.name.answer import decide
 from jaxsim.discover.name.select import Choice, refitted
 from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
 from jaxsim.discover.repeats import examine, with_repeats
-from jaxsim.discover.workflow import find_dependences
 from jaxsim.effects import Law
 from jaxsim.effects.learned import CHANGE
 from jaxsim.effects.rays import Rays, Scan

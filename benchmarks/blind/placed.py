@@ -70,7 +70,7 @@ def register_folders(case: Path) -> Registration:
     scan = scan_of(simulated.grid, [image for image, _ in read], [rasters for _, rasters in read], about=about)
     range_m = np.stack([image.range_m for image in sensed])
     valid = np.stack([image.valid for image in sensed])
-    return register(scan, range_m, valid, [str(one["scene"]) for one in about])
+    return register(scan, range_m, valid, scenes=[str(one["scene"]) for one in about])
 
 
 def _plan(args: argparse.Namespace) -> Iterator[tuple[str, Placed]]:

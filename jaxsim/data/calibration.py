@@ -37,7 +37,9 @@ def check_pinhole(intrinsics: Real[np.ndarray, "3 3"], size: tuple[int, int], wh
     `axis` is how far the optical axis may lie from the middle, of the image's size.
     """
     k = np.asarray(intrinsics, np.float64)
-    fx, fy, (h, w) = k[0, 0], k[1, 1], size
+    fx = k[0, 0]
+    fy = k[1, 1]
+    h, w = size
     if (
         not np.isfinite(k).all()
         or not (fx > 0 and fy > 0)

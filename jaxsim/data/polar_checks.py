@@ -169,7 +169,7 @@ def within(values: np.ndarray, low: int | float, high: int | float) -> bool:
 
 
 def span(values: np.ndarray) -> str:
-    """From least to largest, and how many are not finite."""
+    """Says from what to what values go, and how many are not finite."""
     known = values[np.isfinite(values)]
     told = f"{known.min():g}..{known.max():g}" if known.size else "nothing"
     return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"

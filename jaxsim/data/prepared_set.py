@@ -68,7 +68,7 @@ class PreparedSet:
 
     @property
     def spec(self) -> LidarSpec:
-        """Of the sensor that the pairs were made for."""
+        """The sensor that the pairs were made for."""
         return self.about.spec
 
     @property

@@ -86,7 +86,7 @@ _TREE = {
 
 
 def _names() -> list[str]:
-    """Of the tree's leaves, in their order."""
+    """The names of the tree's leaves, in their order."""
     paths = jax.tree_util.tree_flatten_with_path(_TREE)[0]
     return [jax.tree_util.keystr(path, simple=True, separator="/").removeprefix("pair/") for path, _ in paths]
 
@@ -103,13 +103,13 @@ def example_of(record: PairRecord) -> Example:
 def record_of(example: Mapping[str, Any]) -> PairRecord:
     """The record of these values. Raises KeyError for a missing one."""
     tree = jax.tree.unflatten(jax.tree.structure(_TREE), [example[name] for name in _names()])
-    rows, columns = map(int, example["image_size"])
+    rows, columns = example["image_size"]
     return PairRecord(
         name=str(example["name"]),
         scene=str(example["scene"]),
         position=int(example["position"]),
         edges=example["edges"],
-        image_size=(rows, columns),
+        image_size=(int(rows), int(columns)),
         **tree,
     )
 

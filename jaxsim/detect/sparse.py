@@ -140,13 +140,13 @@ def neighbours(inputs: Sites, outputs: Sites, window: Window) -> Int[Array, "m k
 
 
 def submanifold_tables(sites: Sites) -> Tables:
-    """Of a convolution with a kernel of 3 x 3 x 3 whose outputs are its inputs' sites."""
+    """Tables of a convolution with a kernel of 3 x 3 x 3 whose outputs are its inputs' sites."""
     forward = neighbours(sites, sites, Window(CUBE, (1, 1, 1), (1, 1, 1)))
     return Tables(forward, forward[:, ::-1])  # who sees a site through one cell is seen by it through the opposite one
 
 
 def strided_tables(inputs: Sites, outputs: Sites, window: Window) -> Tables:
-    """Of a convolution from `inputs` to the sites that `strided_sites` gave."""
+    """Tables of a convolution from `inputs` to the sites that `strided_sites` gave."""
     forward = neighbours(inputs, outputs, window)
     m, k = forward.shape
     rows, columns = jnp.arange(m, dtype=jnp.int32)[:, None], jnp.arange(k, dtype=jnp.int32)[None]

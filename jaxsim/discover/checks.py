@@ -123,7 +123,7 @@ def sceneless(names: Sequence[str], facts: Sequence[Mapping[str, Any]]) -> list[
 
 
 class RangeAgreement(NamedTuple):
-    """Of a frame's pair, or of many: shares of the rays that return on both sides."""
+    """Shares of the rays that return on both sides, of a frame's pair or of many."""
 
     near: Float[np.ndarray, "*n"]
     beyond: Float[np.ndarray, "*n"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import Gap, Interval, Named, Verdict
+from jaxsim.discover.verdict import Gap, Named, Verdict
 from jaxsim.effects.chain import SensorModel
 
 WHY_NOT = "scenes that it was not fitted to do not gain by it"
@@ -72,17 +72,9 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     held = {name for name, _ in known.effects}
     there = {name for name, _ in added.effects}
     lost = {effect.name for effect in verdict.unconfirmed} - held
-    mounting = [(one.name, _values(one)) for one in verdict.effects if one.name not in there | held]
+    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in there | held]
     stated = [pair for pair in known.effects if pair[0] not in there]
     kept = [pair for pair in added.effects if pair[0] not in lost]
     if not mounting and not stated and len(kept) == len(added.effects):
         return added
     return replace(added, effects=(*stated, *mounting, *kept))
-
-
-def _values(effect: Named) -> dict[str, float | tuple[float, ...]]:
-    """The middles of an effect's intervals."""
-    return {
-        key: one.value if isinstance(one, Interval) else tuple(part.value for part in one)
-        for key, one in effect.parameters.items()
-    }

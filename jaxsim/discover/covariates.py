@@ -7,7 +7,6 @@ that one compiled program serves all curves of a channel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,37 +17,16 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
+from jaxsim.effects.covariates import covariates
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays
 
-COVARIATES: dict[str, Callable[[Any], np.ndarray]] = {
-    "range": lambda r: np.log(np.maximum(r.range_m, 0.5)),
-    "incidence": lambda r: r.incidence_rad,
-    "row": lambda r: r.row,
-    "azimuth": lambda r: r.azimuth_rad,
-    "even rows": lambda r: r.row % 2,
-    "even columns": lambda r: r.column % 2,
-    "class": lambda r: r.semantic,
-    "power": lambda r: r.log_power,
-    "intensity": lambda r: r.log_intensity,
-    "step": lambda r: np.abs(_step(r)),
-    "step side": lambda r: _step(r),
-    "frame": lambda r: r.time_s,
-    "time": lambda r: r.phase,
-    "speed": lambda r: r.speed_mps,
-    "speed x time": lambda r: r.speed_mps * (r.phase - 0.5) * np.cos(r.azimuth_rad),
-    "heading": lambda r: np.mod(r.azimuth_rad + r.heading_rad, 2 * np.pi),
-    "rgb": lambda r: r.rgb.mean(-1),
-    "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
-}
-"""Covariates of rays on the host, by the name that a verdict uses."""
-MORE: dict[str, Callable[[Any], np.ndarray]] = {
-    "hue angle": lambda r: np.arctan2(
-        np.sqrt(3) * (r.rgb[..., 1] - r.rgb[..., 2]), 2 * r.rgb[..., 0] - r.rgb[..., 1] - r.rgb[..., 2]
-    ),
-}
-"""Those along which free curves alone run (`name.unexplained.TAKEN_UP`): a surface is of one hue, so that its level
-takes up what follows the hue, and residuals show none of it."""
+ON_HOST = covariates(np)
+HUE_ANGLE = "hue angle"
+"""Free curves alone run along it (`name.unexplained.TAKEN_UP`): a surface is of one hue, so that its level takes up
+what follows the hue, and residuals show none of it."""
+COVARIATES = {name: read for name, read in ON_HOST.items() if name not in ("column", HUE_ANGLE)}
+"""Covariates along which residuals are looked at: functions of rays on the host, by the name that a verdict uses."""
 ALTERNATING = ("even rows", "even columns")
 """Receivers and emitters often work in two banks, in turn."""
 CATEGORICAL = ("row", "class", *ALTERNATING)
@@ -56,7 +34,7 @@ NAMED = {
     "step side": "step",
     "speed x time": "time",
     "hue": "rgb",
-    "hue angle": "rgb",
+    HUE_ANGLE: "rgb",
     "even rows": "row",
     "even columns": "column",
 }
@@ -65,17 +43,9 @@ COLUMNS = 36
 """Columns of every free curve's basis; one that needs fewer (knots, classes) is filled up with zeros."""
 
 
-def _step(r: Any) -> np.ndarray:
-    """Signed depth step to the side where it is larger: positive to the right, compressed, m."""
-    # A neighbour that hits nothing lies far behind.
-    side = [np.where(np.isfinite(r.beside_m[..., k]), r.beside_m[..., k], 100.0) - r.range_m for k in (0, 1)]
-    step = np.where(np.abs(side[0]) > np.abs(side[1]), -side[0], side[1])
-    return np.sign(step) * np.log1p(np.abs(step) / 0.3)
-
-
 def values_of(covariate: str, rays: Any, counts: np.ndarray) -> np.ndarray:
     """A covariate of the rays where `counts`, on the host."""
-    return np.asarray((COVARIATES | MORE)[covariate](_Picked(rays, counts)))
+    return np.asarray(ON_HOST[covariate](_Picked(rays, counts)))
 
 
 class _Picked:

@@ -99,7 +99,7 @@ def _errors(
 
 
 def gaps(before: Distance, after: Distance, *, placebo: Distance, floor: Distance) -> dict[str, Gap]:
-    """By channel: mean errors, and what the log-likelihood gains."""
+    """Each channel's mean errors, and what its log-likelihood gains."""
     result = {}
     for k, name in enumerate(CHANNELS):
         gain = _gain(before, after)[:, k]

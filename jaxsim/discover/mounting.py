@@ -90,7 +90,8 @@ def _as_stated(name: str, known: SensorModel, scan: Scan) -> dict[str, Float[np.
 
 
 def parameters(registered: Registration, effect: str) -> dict[str, Interval]:
-    """Of an effect of a mounting, with intervals, within the catalogue's bounds; beams' is that of each."""
+    """The parameters of an effect of a mounting, with intervals, within the catalogue's bounds; beams' is that of
+    each."""
     values = {
         "extrinsic_rotation": registered.rotation,
         "extrinsic_translation": registered.translation,
@@ -172,6 +173,7 @@ def gains(
 
     def gain(scene: str, others: Sequence[str]) -> float:
         own = z[names == scene]
+        # The median: a frame that was registered to another valley must not name a mounting.
         middle = np.median(z[np.isin(names, others)], axis=0)
         return 0.5 * float(np.sum(own**2 - (own - middle) ** 2))
 

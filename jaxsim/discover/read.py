@@ -93,7 +93,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     scenes = [str(fact.get("scene", name)) for name, fact in zip(names, about, strict=True)]
     scan = scan_of(grid, images, extra, about=about)
     heard = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
-    registration = register(scan, heard.range_m, heard.valid, scenes)
+    registration = register(scan, heard.range_m, heard.valid, scenes=scenes)
     check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
     notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]

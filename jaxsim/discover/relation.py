@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.stats import rankdata
+from scipy.stats import spearmanr
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.rules import RULES
@@ -24,20 +24,23 @@ UNRELATED = (
 
 
 def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray, " s"]:
-    """Of each scene, the rank correlation (Spearman's) between measured and simulated ln I, means of its surfaces; NaN
+    """Each scene's rank correlation (Spearman's) between measured and simulated ln I, means of its surfaces; NaN
     where a scene shows too few surfaces, or one side has them all alike."""
     counts = np.asarray(ev.compared)
     surface = np.asarray(ev.surface)[np.asarray(ev.strip)][counts]
     of = np.broadcast_to(np.asarray(scene)[:, None, None], counts.shape)[counts]
-    sides = [np.asarray(side)[counts] for side in (ev.log_intensity, ev.rays.log_intensity)]
+    ours = np.asarray(ev.rays.log_intensity)[counts]
+    theirs = np.asarray(ev.log_intensity)[counts]
     found = []
     for one in np.unique(scene):
         _, group = np.unique(surface[of == one], return_inverse=True)
+        # Surfaces, not rays: the noise of a surface's rays would hide how surfaces rank.
         size = np.bincount(group)
         known = size >= RULES.related_rays
-        measured, simulated = (np.bincount(group, side[of == one])[known] / size[known] for side in sides)
+        measured = np.bincount(group, theirs[of == one])[known] / size[known]
+        simulated = np.bincount(group, ours[of == one])[known] / size[known]
         alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
-        found.append(np.nan if alike else np.corrcoef(rankdata(measured), rankdata(simulated))[0, 1])
+        found.append(np.nan if alike else spearmanr(measured, simulated)[0])
     return np.array(found)
 
 

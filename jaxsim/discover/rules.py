@@ -50,6 +50,9 @@ class Rules:
     little more than the road agrees (tests/discover/test_checks.py)."""
     not_beyond: float = 0.8
     """The same share of the rays that agree or go beyond, at least: clutter before the surface does not count."""
+    in_sight: float = 0.7
+    """Share of a frame's measured points that must lie within the simulated image as it was registered: those beyond
+    it count as apart where fewer do."""
     common_returns: float = 0.05
     """Rays that return on both sides, of those of the poorer side, at least."""
     steady: float = 0.05
@@ -197,6 +200,8 @@ class Rules:
     """What an effect must gain more on held-out find scenes where it acts in its region alone: `bar_nats` once more."""
     regime_outside: float = 0.5
     """Size outside, over that inside, below which it must lie for certain: streets alone make sizes differ a little."""
+    regime_least_curvature: float = 0.02
+    """Curvature of a scene's likelihood in an effect's size, over the largest scene's, below which it tells no size."""
     regime_rivals: int = 3
     """Other candidates that are fitted in a region, where another may be the better name."""
 

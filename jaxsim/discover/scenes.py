@@ -86,6 +86,18 @@ def signs_of(scenes: int) -> Float[np.ndarray, "k s"]:
     return signs
 
 
+def orders_of(scenes: int) -> Int[np.ndarray, "k s"]:
+    """`Rules.sign_draws` orders in which scenes may be dealt out anew where nothing tells them apart."""
+    rng = np.random.default_rng(0)
+    return rng.permuted(np.tile(np.arange(scenes), (RULES.sign_draws, 1)), axis=1)
+
+
+def chance_of(by_chance: Float[np.ndarray, " k"], observed: float) -> float:
+    """Probability of reaching `observed` by chance, from draws that do not hold what was measured: that is one more
+    (Phipson & Smyth 2010)."""
+    return float((1 + np.sum(by_chance >= observed - 1e-9)) / (1 + len(by_chance)))
+
+
 def p_value(gains: Float[np.ndarray, " s"]) -> float:
     """One-sided probability of so large a mean gain if scenes gain nothing, by the signs of `signs_of`."""
     if not gains.any():
@@ -141,16 +153,20 @@ def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
     return centre - half, centre + half
 
 
+def jackknife_half_width(without: Float[np.ndarray, " s"]) -> float:
+    """Half width of the interval of a statistic, from what it becomes without each of the scenes."""
+    n = len(without)
+    return float(student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+
+
 def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]) -> tuple[float, float]:
     """Interval of mean(top) / mean(bottom), by the jackknife over scenes that have both."""
     both = np.isfinite(top) & np.isfinite(bottom)
     top = top[both]
     bottom = bottom[both]
-    n = len(top)
-    if n < 2:
+    if len(top) < 2:
         return float("nan"), float("nan")
-    without = (top.sum() - top) / (bottom.sum() - bottom)
-    half = student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum())
+    half = jackknife_half_width((top.sum() - top) / (bottom.sum() - bottom))
     value = top.sum() / bottom.sum()
     return float(value - half), float(value + half)
 

@@ -48,6 +48,14 @@ class Named:
     parameters: dict[str, Interval | tuple[Interval, ...]]
     """Vectors as one interval a beam or class."""
 
+    @property
+    def values(self) -> dict[str, float | tuple[float, ...]]:
+        """The parameters without their intervals, as sensor.json holds them."""
+        return {
+            name: one.value if isinstance(one, Interval) else tuple(part.value for part in one)
+            for name, one in self.parameters.items()
+        }
+
 
 @dataclass(frozen=True)
 class Registered:
@@ -314,34 +322,14 @@ class Verdict:
 
     def to_json(self) -> dict[str, Any]:
         """The content of verdict.json (docs/verdict.md)."""
+        plain = _plain(self)
         # A channel that was not compared (unpaired: all but the intensity) is null.
-        gap: dict[str, Any] = {name: _plain(self.gap.get(name)) for name in ("intensity", "range", "drop")}
+        gap: dict[str, Any] = {name: plain["gap"].get(name) for name in ("intensity", "range", "drop")}
         for name, one in self.gap.items():
             gap[name]["not_worse"] = one.not_worse
-        gap["closure"] = _plain(self.closure)
-        return {
-            "verdict": self.verdict,
-            "effects": [_plain(effect) for effect in self.effects],
-            "where": [_plain(place) for place in self.where],
-            "unexplained": _plain(self.unexplained),
-            "gap": gap,
-            "splits": {"find": list(self.find), "judge": list(self.judge), "sha256": self.sha256},
-            "frames": self.frames,
-            "seconds": round(self.seconds, 2),
-            "moved": _plain(self.moved),
-            "ranking": [_plain(rank) for rank in self.ranking],
-            "nulls": _plain(self.nulls),
-            "levels": [_plain(level) for level in self.levels],
-            "own": [_plain(one) for one in self.own],
-            "learned": [_plain(law) for law in self.learned],
-            "law": _plain(self.law),
-            "repeats": [_plain(one) for one in self.repeats],
-            "unconfirmed": [_plain(effect) for effect in self.unconfirmed],
-            "registered": _plain(self.registered),
-            "unrelated": self.unrelated,
-            "regimes": [_plain(one) for one in self.regimes],
-            "notes": list(self.notes),
-        }
+        gap["closure"] = plain.pop("closure")
+        splits = {name: plain.pop(name) for name in ("find", "judge", "sha256")}
+        return plain | {"gap": gap, "splits": splits, "seconds": round(self.seconds, 2)}
 
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
-from jaxtyping import Int
+from typing import Any
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import add_effects, in_place
+from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.confirm import confirmed, sensor_of, with_mounting
+from jaxsim.discover.dependences import Dependences, find_dependences
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
-from jaxsim.discover.find import Dependence, interactions, localise, reported, spelled
 from jaxsim.discover.law import closed_law
 from jaxsim.discover.learn import form_of
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
-from jaxsim.discover.model.fit import CLUTTER, Problem
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import brought, named_mounting, registered_of
-from jaxsim.discover.name.answer import name_effects
-from jaxsim.discover.name.select import Log, refitted
+from jaxsim.discover.name.answer import Answer, name_effects
+from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
-from jaxsim.discover.regimes import find_regimes
+from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.relation import correlations, of_ranges, unrelated
 from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
+from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -77,14 +74,12 @@ def discover(
     mounting = brought(comparison, [effect.name for effect in catalogue], known)
     comparison = mounting.comparison
     catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
-    stated = known
-    known = mounting.known
     division = Division.of(comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
-    dependences = find_dependences(division, known)
+    dependences = find_dependences(division, mounting.known)
     null = dependences.null
     stranger = unrelated(correlations(null.ev, dependences.scene))
     if stranger:
@@ -99,11 +94,68 @@ def discover(
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
-    divided = find_regimes(division, comparison.scenes, null, answer, known=known, log=log)
-    answer = divided.answer
+    divided = find_regimes(division, comparison.scenes, null, answer=answer, known=mounting.known, log=log)
 
-    # Add: every effect fitted again with the others in place.
+    # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
+    model = build(division, comparison.scenes, dependences, divided=divided, known=mounting.known, log=log)
+
+    # Show: the scenes that nothing has seen.
+    log("judging on unseen scenes")
+    shown = show_gap(division, null, model.choice, added=model.added, known=mounting.known)
+    levels = compare_levels(comparison)
+    rows = len(null.scan.grid.elevation_rad)
+    verdict = Verdict(
+        frames=len(comparison.names),
+        where=dependences.where,
+        gap=shown.gap,
+        closure=shown.closure,
+        find=parts.find,
+        judge=parts.judge,
+        sha256=parts.sha256,
+        levels=levels,
+        regimes=divided.regimes,
+        registered=registered_of(comparison),
+        unrelated=stranger is not None,
+        notes=(
+            *notes(comparison, parts, model.choice, held=held),
+            *own_noise(division.simulator.noise),
+            *([stranger] if stranger else []),
+        ),
+        seconds=time.monotonic() - begun,
+        **told(null, model, known=mounting.known),
+    )
+    verdict = with_mounting(confirmed(verdict), *named_mounting(mounting, parts, rows=rows))
+    sensor = replace(sensor_of(verdict, model.added.sensor, known), levels=missing(levels))
+    ranked = model.choice.first_ranking
+    return Result(verdict, sensor, comparison.scan.grid, shown.maps_before, shown.maps_after, shown.curves, ranked)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The sensor model that an answer makes."""
+
+    answer: Answer
+    """With what repeats."""
+    choice: Choice
+    """Its steps, and the problem with all that was added in place."""
+    added: Added
+    repeats: tuple[LearnedRepeat, ...]
+
+
+def build(
+    division: Division,
+    scenes: Sequence[str],
+    dependences: Dependences,
+    *,
+    divided: Divided,
+    known: SensorModel,
+    log: Log,
+) -> Model:
+    """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
+    and columns in every scene with these in place. `scenes` are those of the frames."""
     log("fitting what was named together")
+    null = dependences.null
+    answer = divided.answer
     choice = answer.choice
     form = None
     if answer.curve:
@@ -112,57 +164,31 @@ def discover(
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
-
-    # Repeat: what is fixed in the sensor shows in every scene at the same rows and columns, and is added as it is.
     log("looking for what repeats")
-    noise = choice.problem.noise
-    repeats = examine(division, comparison.scenes, null, chain=added.chain, noise=noise, known=known)
+    repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
         added = with_repeats(added, [one.learned for one in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
+    return Model(answer, choice, added, repeats)
 
-    # Show: the scenes that nothing has seen.
-    log("judging on unseen scenes")
-    shown = show_gap(division, null, choice, added=added, known=known)
 
-    levels = compare_levels(comparison)
-    verdict = Verdict(
-        verdict=answer.verdict,
-        effects=tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
-        where=dependences.where,
-        unexplained=answer.unexplained,
-        gap=shown.gap,
-        closure=shown.closure,
-        find=parts.find,
-        judge=parts.judge,
-        sha256=parts.sha256,
-        frames=len(comparison.names),
-        seconds=time.monotonic() - begun,
-        moved=nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
-        ranking=ranking(choice, why_not, bar=choice.bars.effect),
-        nulls=answer.nulls,
-        levels=levels,
-        own=own_candidates(choice),
-        learned=added.sensor.learned[len(known.learned) :],
-        law=closed_law(added.learned) if added.learned else formula_of(repeats),
-        repeats=tuple(one.repeat for one in repeats),
-        regimes=divided.regimes,
-        registered=registered_of(comparison),
-        unrelated=stranger is not None,
-        notes=(
-            *notes(comparison, parts, choice, held=held),
-            *own_noise(division.simulator.noise),
-            *([stranger] if stranger else []),
-        ),
-    )
-    verdict = with_mounting(
-        confirmed(verdict), *named_mounting(mounting, parts, rows=len(null.scan.grid.elevation_rad))
-    )
-    grid = comparison.scan.grid
-    sensor = replace(sensor_of(verdict, added.sensor, stated), levels=missing(levels))
-    return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves, choice.first_ranking)
+def told(null: Problem, model: Model, *, known: SensorModel) -> dict[str, Any]:
+    """What a verdict says of the sensor model, by its fields' names."""
+    choice, added = model.choice, model.added
+    return {
+        "verdict": model.answer.verdict,
+        "effects": tuple(named(step, values) for step, values in zip(choice.steps, added.parameters, strict=True)),
+        "unexplained": model.answer.unexplained,
+        "moved": nuisance_changes(null, choice, [one.fit.z for one in added.refits]),
+        "ranking": ranking(choice, why_not, bar=choice.bars.effect),
+        "nulls": model.answer.nulls,
+        "own": own_candidates(choice),
+        "learned": added.sensor.learned[len(known.learned) :],
+        "law": closed_law(added.learned) if added.learned else formula_of(model.repeats),
+        "repeats": tuple(one.repeat for one in model.repeats),
+    }
 
 
 @one_blas_thread
@@ -171,35 +197,3 @@ def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -
     first. Raises ValueError where the scenes are too few to decide anything."""
     here = brought(comparison, {*EFFECTS}, known)
     return find_dependences(Division.of(here.comparison), here.known).where
-
-
-@dataclass(frozen=True)
-class Dependences:
-    """What the find scenes show before any effect is added."""
-
-    null: Problem
-    scene: Int[np.ndarray, " b"]
-    """The scene of each block."""
-    single: list[Dependence]
-    """Dependences of the null's residuals on single covariates, strongest first."""
-    where: tuple[Where, ...]
-    """Those that a verdict lists, pairs of covariates among them."""
-    pairs: tuple[Dependence, ...]
-    """Pairs of covariates that are sure enough for it, `A x B`."""
-
-
-def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
-    """The null model of the find scenes with the `known` effects in place, and what its residuals depend on. Raises
-    ValueError for a learned law of what the frames do not hold."""
-    for law in known.learned:
-        law.check(division.scan)
-    ev, scene = division.evidence(division.parts.find, known)
-    all_blocks = np.ones(len(scene), np.float32)
-    clutter = any(name in CLUTTER for name, _ in known.effects)
-    null, _ = fit_null(division.scan, ev, all_blocks, clutter=clutter)
-    rays, residuals = standardised(null, all_blocks)
-    single = localise(rays, residuals, scene)
-    pairs = interactions(rays, residuals, scene)
-    listed = reported([*single, *pairs])
-    where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, single, where, tuple(reported(pairs)))

@@ -6,6 +6,7 @@ In the order of reading:
     effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays (clutter.py: early false returns)
+    covariates.py   what a reading may depend on: range, row, class, colour ...
     recast.py       what rays meet that a law turned or moved
     learned.py      what no effect describes, as numbers along covariates
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports

@@ -21,53 +21,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.effects.covariates import READ, TURN
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.rays import Array, Rays, Scan
 from jaxsim.files import check_keys, real
 
 KINDS = ("curve", "table", "periodic", "product", "wave")
-TURN = 2 * np.pi
 LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
 """Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
 UNITS = {"intensity": "nats", "range": "m", "drop": ""}
 CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {"intensity": brighten, "range": misread, "drop": lose}
-
-
-def _step(rays: Rays) -> Float[Array, "*n"]:
-    """Signed depth step to the side where it is larger: positive to the right, compressed, m."""
-    beside = rays.beside_m[..., :2]
-    # A neighbour that hits nothing lies far behind.
-    side = jnp.where(jnp.isfinite(beside), beside, 100.0) - rays.range_m[..., None]
-    step = jnp.where(jnp.abs(side[..., 0]) > jnp.abs(side[..., 1]), -side[..., 0], side[..., 1])
-    return jnp.sign(step) * jnp.log1p(jnp.abs(step) / 0.3)
-
-
-READ: dict[str, Callable[[Rays], Array]] = {
-    "range": lambda r: jnp.log(jnp.maximum(r.range_m, 0.5)),
-    "incidence": lambda r: r.incidence_rad,
-    "row": lambda r: r.row,
-    "azimuth": lambda r: r.azimuth_rad,
-    "even rows": lambda r: r.row % 2,
-    "even columns": lambda r: r.column % 2,
-    "column": lambda r: r.column,
-    "class": lambda r: r.semantic,
-    "power": lambda r: r.log_power,
-    "intensity": lambda r: r.log_intensity,
-    "step": lambda r: jnp.abs(_step(r)),
-    "step side": _step,
-    "frame": lambda r: r.time_s,
-    "time": lambda r: r.phase,
-    "speed": lambda r: r.speed_mps,
-    "speed x time": lambda r: r.speed_mps * (r.phase - 0.5) * jnp.cos(r.azimuth_rad),
-    "heading": lambda r: jnp.mod(r.azimuth_rad + r.heading_rad, TURN),
-    "rgb": lambda r: r.rgb.mean(-1),
-    "hue": lambda r: r.rgb[..., 0] - r.rgb[..., 2],
-    "hue angle": lambda r: jnp.arctan2(
-        jnp.sqrt(3.0) * (r.rgb[..., 1] - r.rgb[..., 2]), 2 * r.rgb[..., 0] - r.rgb[..., 1] - r.rgb[..., 2]
-    ),
-}
-"""Covariates as `discover` compares them (its own, on the host, are in `discover.covariates`); the column serves what
-repeats alone, curves go by the azimuth."""
 TABLES = ("row", "column", "class", "even rows", "even columns")
 TURNING = ("azimuth", "heading", "hue angle")
 NEEDS = {

@@ -172,7 +172,7 @@ class LearnedDetector:
     network: Network
 
     def capped(self, max_voxels: int | None) -> LearnedDetector:
-        """With another cap on voxels than its own, where one is given."""
+        """The detector with another cap on voxels than its own, where one is given."""
         if not max_voxels:
             return self
         voxels = replace(self.experiment.voxels, max_voxels=max_voxels)

@@ -29,7 +29,7 @@ class Moments:
 
     @staticmethod
     def of(features: Float[np.ndarray, "n d"]) -> Moments:
-        """Of one batch."""
+        """The moments of one batch."""
         x = np.asarray(features, np.float64)
         if not np.isfinite(x).all():
             raise ValueError("frechet: features are not finite; look at the images that they were taken from")
@@ -37,7 +37,7 @@ class Moments:
         return Moments(len(x), mean, (x - mean).T @ (x - mean))
 
     def merge(self, other: Moments) -> Moments:
-        """Of both sets together (Chan et al. 1983)."""
+        """The moments of both sets together (Chan et al. 1983)."""
         if self.mean.shape != other.mean.shape:
             raise ValueError(f"frechet: sets have {self.mean.size} and {other.mean.size} features; they must agree")
         count = self.count + other.count

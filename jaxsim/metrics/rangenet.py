@@ -108,7 +108,7 @@ def folded(arrays: Arrays, width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS)
 
 def _layer(values: Values, name: str, x: Array, *, stride: int = 1) -> Array:
     """Convolution and leaky ReLU; `upconv` doubles the columns, `stride` thins them."""
-    kernel, bias = map(jnp.asarray, values[name])
+    kernel, bias = jax.tree.map(jnp.asarray, values[name])
     convolve = partial(
         jax.lax.conv_general_dilated, dimension_numbers=("NHWC", "HWIO", "NHWC"), precision=jax.lax.Precision.HIGHEST
     )

@@ -75,7 +75,7 @@ def _pixels(
     Bool[Array, "*b rows columns"],
     Bool[Array, "*b rows columns"],
 ]:
-    """Of every pixel the distance from the vertical axis and the height; and what `_winners` says of them.
+    """Every pixel's distance from the vertical axis and the height; and what `_winners` says of them.
 
     Raises ValueError where the frame has no depth.
     """
@@ -108,7 +108,7 @@ def _winners(
     grid: PolarGrid,
     occlusion_m: float,
 ) -> tuple[Int[Array, "*b cells"], Bool[Array, "*b rows columns"], Bool[Array, "*b rows columns"]]:
-    """Of pixels at float rows and columns: the one that stands for each cell, whether there is one, and whether
+    """Finds, of pixels at float rows and columns, the one that stands for each cell, whether there is one, and whether
     others lie behind its surface.
 
     What lies in front is told by the distance from the origin of `velo`, within a cell as good as from the beam's.
@@ -175,7 +175,7 @@ def surface_depth(
     valid: Bool[Array, "*b rows columns"],
     occlusion_m: Float[Array, ""] | float,
 ) -> Float[Array, "*b rows columns"]:
-    """By how much the pixels of one surface may differ in range within a cell, in metres.
+    """How far the pixels of one surface may differ in range within a cell, in metres.
 
     `occlusion_m`, or a tenth of the range if that is more, plus one and a half times the change per cell of the surface
     in front, along rows and columns. Pixels that differ by more lie on different surfaces: the cell is occluded.

@@ -29,11 +29,11 @@ def learned(verdict: Verdict, draw: Draw) -> str:
     """Each learned law with its band and what it gains on judge scenes, and the formula."""
     if not verdict.learned:
         return ""
-    parts = [_law(law, verdict, draw, str(k) if k else "") for k, law in enumerate(verdict.learned)]
+    parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
     return section("What was learned and added", "".join(parts) + (_formula(verdict.law) if verdict.law else ""))
 
 
-def _law(law: Learned, verdict: Verdict, draw: Draw, mark: str) -> str:
+def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> str:
     words = (
         f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
         f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "

@@ -13,7 +13,10 @@ from jaxsim.report.charts import label, ticks, x_axis
 from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
 from jaxsim.report.words import number, part_of, percent, probability, span
 
-LEFT, RIGHT, TOP, BOTTOM = 72, 706, 14, 132
+LEFT = 72
+RIGHT = 706
+TOP = 14
+BOTTOM = 132
 ALONG = {
     "azimuth": "azimuth, ° (grows to the left)",
     "time": "time since the first frame, s",

@@ -36,7 +36,7 @@ MODALITIES: dict[str, tuple[InputName, ...]] = {
 
 
 def besides(inputs: Sequence[InputName]) -> tuple[InputName, ...]:
-    """Those that the paper has not, as the laser line: every network of a table has the same of them."""
+    """The inputs that the paper has not, as the laser line: every network of a table has the same of them."""
     return tuple(name for name in inputs if name not in MODALITIES["combined"])
 
 

@@ -58,4 +58,4 @@ def measured_of(theirs) -> Measured:
 def registered(ours, theirs, names) -> Registration:
     """The registration of simulated and measured rooms."""
     measured = measured_of(theirs)
-    return register(scan_of(GRID, ours), measured.range_m, measured.valid, names)
+    return register(scan_of(GRID, ours), measured.range_m, measured.valid, scenes=names)

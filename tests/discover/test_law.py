@@ -13,7 +13,8 @@ from jaxsim.discover.law import VARIABLES, closed_law, read_law, write_effect
 from jaxsim.discover.learn import LearnedFit
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
-from jaxsim.effects.learned import READ, Learned
+from jaxsim.effects.covariates import READ
+from jaxsim.effects.learned import Learned
 from tests.discover.test_symbolic import learned
 from tests.effects.streets import clutter_of_everything
 

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.covariates import CURVES, with_basis
+from jaxsim.discover.dependences import find_dependences
 from jaxsim.discover.find import Dependence
 from jaxsim.discover.law import closed_law
 from jaxsim.discover.learn import Form, form_of
@@ -16,7 +17,6 @@ from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
 from jaxsim.discover.show import judge
-from jaxsim.discover.workflow import find_dependences
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from tests.discover.toy import toy

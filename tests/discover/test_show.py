@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from jaxsim.discover.dependences import find_dependences
 from jaxsim.discover.read import Comparison, Division
 from jaxsim.discover.show import judge
-from jaxsim.discover.workflow import find_dependences
 from tests.discover.toy import toy
 
 FRAMES = 12

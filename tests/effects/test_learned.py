@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.covariates import COVARIATES, MORE
 from jaxsim.effects import all_rays
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.learned import READ, TABLES, Learned, kind_of
+from jaxsim.effects.covariates import READ, covariates
+from jaxsim.effects.learned import TABLES, Learned, kind_of
 from tests.effects.streets import clutter_of_everything
 
 WAVE = Learned("intensity", "curve", ("azimuth",), ((-0.5, 0.0, 0.4),), (0.1, -0.2, 0.3), (0.01, 0.02, 0.03))
@@ -31,12 +31,11 @@ def rays(scan):
     return jax.jit(all_rays)(scan)
 
 
-@pytest.mark.parametrize("name", sorted(set(READ) - {"column"}))
+@pytest.mark.parametrize("name", READ)
 def test_a_covariate_is_read_as_discover_compares_it(rays, name):
     np.testing.assert_allclose(
-        np.asarray(READ[name](rays)), (COVARIATES | MORE)[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
+        np.asarray(READ[name](rays)), covariates(np)[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
     )
-    assert set(READ) == {*COVARIATES, *MORE, "column"}
 
 
 def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):

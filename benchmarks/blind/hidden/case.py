@@ -260,7 +260,7 @@ def _write(
     setting: Setting,
     simulated: list[dict[str, np.ndarray]],
     states: list[f.State],
-    part: Part | None,
+    part: Part | None = None,
 ) -> None:
     """Arrays of fixed dtype without compression: no file's size depends on what it holds."""
     grid = {

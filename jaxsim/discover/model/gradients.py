@@ -212,7 +212,7 @@ def _effect_fields(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Fields, Pullb
 
 @partial(jax.jit, static_argnames="effect")
 def _displaced(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Pullback]:
-    """By how much an effect turns and moves rays, whatever was done to them before."""
+    """How far an effect turns and moves rays, whatever was done to them before."""
     straight = replace(rays, turned_rad=jnp.zeros_like(rays.turned_rad), moved_m=jnp.zeros_like(rays.moved_m))
 
     def by(z: Z) -> Fields:

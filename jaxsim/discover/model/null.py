@@ -84,7 +84,7 @@ def _group_offset(
     *,
     group: Int[np.ndarray, "b c r"],
 ) -> Float[np.ndarray, "b c r"]:
-    """By how much each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a
+    """How far each group's mean value is off what is known of it already; FEW rays' worth of the latter holds a
     group of few rays there."""
     _, of = np.unique(group, return_inverse=True)
     of = of.reshape(-1)

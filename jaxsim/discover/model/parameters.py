@@ -22,7 +22,7 @@ beam's, a class's) has 1: few rays speak for each, and all are shrunk."""
 
 
 class Prior(NamedTuple):
-    """Of every z, in the order of `ravel`: normal about 0, between bounds."""
+    """Every z's prior, in the order of `ravel`: normal about 0, between bounds."""
 
     sd: Float[np.ndarray, " n"]
     low: Float[np.ndarray, " n"]

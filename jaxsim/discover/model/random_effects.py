@@ -43,7 +43,7 @@ class Groups:
 
     @property
     def variance(self) -> Float[Array, " g"]:
-        """Of each level, given its rays."""
+        """The variance of each level, given its rays."""
         return 1 / (self.weight + self.precision)
 
     def gram_of_levels(self, blocks: int) -> Float[Array, "{blocks} p p"]:
@@ -130,7 +130,7 @@ def _surfaces(ev: Evidence, strips: Groups) -> Groups:
 
 @struct.dataclass
 class ReflectanceLevels:
-    """Of reflectance over the simulator's, nats."""
+    """Levels of reflectance over the simulator's, nats."""
 
     shared: Float[Array, " p"]
     """Coefficient of each feature, in all scenes."""
@@ -229,7 +229,7 @@ def poses(
 
 
 def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, "b c r"]) -> Float[Array, "b c r"]:
-    """By how much a small motion of each frame moves the predicted ranges, m."""
+    """How far a small motion of each frame moves the predicted ranges, m."""
     away = jnp.einsum("bcri,bi->bcr", ev.pose, pose) / jnp.maximum(predicted_m, 0.1)
     # A grazing ray far away would move without bound, or pass through infinity.
     away = jnp.clip(away, -POSE_MOST, POSE_MOST)
@@ -239,7 +239,7 @@ def moved_by(ev: Evidence, pose: Float[Array, "b 6"], predicted_m: Float[Array, 
 def pose_shift(
     ev: Evidence, eq: NormalEquations, predicted_m: Float[Array, "b c r"], *, on: Bool[Array, "b c r"]
 ) -> tuple[Float[Array, "b c r"], Float[Array, " b"]]:
-    """By how much each frame's own pose (`poses`) moves the predicted ranges, m, and what it costs by its prior, nats
+    """How far each frame's own pose (`poses`) moves the predicted ranges, m, and what it costs by its prior, nats
     of log-likelihood."""
     pose = poses(ev, eq, predicted_m, on=on)
     cost = 0.5 * jnp.sum((pose / jnp.asarray(POSE_SD, jnp.float32)[None]) ** 2, axis=-1)

@@ -31,7 +31,7 @@ def spread(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Arr
 
 
 class Residuals(NamedTuple):
-    """Of one channel, ray by ray."""
+    """One channel's residuals, ray by ray."""
 
     off: Float[np.ndarray, "b c r"]
     """In its own unit: nats, m, or share lost."""

@@ -189,7 +189,7 @@ class _Factored:
 
 
 def _gram(design: list[Array], weight: Float[Array, "k c"]) -> _Factored:
-    """Of weighted least squares, with a little of a prior: where rays are few, slopes are none."""
+    """The matrix of weighted least squares, with a little of a prior: where rays are few, slopes are none."""
     lower: list[list[Array]] = []
     diagonal: list[Array] = []
     for k, p in enumerate(design):

@@ -140,7 +140,7 @@ def _brighter(
 def _readings(
     problem: Problem, explained: Problem, residual_m: Array3, *, sign: Float[np.ndarray, " b"], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Of each ray (b, c, r): its reading, m; whether it may return; and the log of the probability that it does."""
+    """Each ray's (b, c, r) reading, m; whether it may return; and the log of the probability that it does."""
     ev = explained.ev
     w = explained.equations
     noise = explained.noise

@@ -16,8 +16,7 @@ from scipy.stats import false_discovery_control
 
 from jaxsim.discover.regimes.questions import Question
 from jaxsim.discover.regimes.sizes import Cells
-from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, signs_of
+from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
 
 
 class Found(NamedTuple):
@@ -41,7 +40,7 @@ def ask(question: Question, of: Cells, unit: Int[np.ndarray, " b"]) -> Found:
 def _contrasts(
     question: Question, of: Cells, unit: Int[np.ndarray, " b"]
 ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, " k"]]:
-    """By how much the region's slope exceeds its share of each unit's, and the variance that the curvature gives it."""
+    """Gives by how much each region's slope exceeds its share of each unit's, and the variance by the curvature."""
     units = int(unit.max()) + 1
     excess = np.bincount(unit, of.excess.sum(1), units)
     curvature = np.bincount(unit, of.curvature.sum(1), units)
@@ -50,6 +49,7 @@ def _contrasts(
     for region in question.inside:
         here = np.bincount(unit, (of.excess * region).sum(1), units)
         weight = np.bincount(unit, (of.curvature * region).sum(1), units)
+        # A unit that asks for more of the effect everywhere asks for no region.
         share = weight / curvature
         rows.append(here - share * excess)
         variance.append((weight * (1 - share)).sum())
@@ -72,16 +72,15 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     out anew (`Rules.sign_draws` times)."""
     units = len(excess)
     off = clipped(excess - excess.mean())
+    # Clipping leaves a mean, which regions of more units would gather.
     off = off - off.mean()
     count = whole.sum(1)
+    # Drawn without replacement: a region of all units but one varies as little as that one.
     spread = np.sqrt(count * (units - count) / units)
-    rng = np.random.default_rng(0)
-    draws = rng.permuted(np.tile(off, (RULES.sign_draws, 1)), axis=1)
     scaled = whole / spread[:, None]
     observed = scaled @ off
     best = int(observed.argmax())
-    by_chance = (draws @ scaled.T).max(1)
-    return best, float((1 + np.sum(by_chance >= observed[best] - 1e-9)) / (1 + RULES.sign_draws))
+    return best, chance_of((off[orders_of(units)] @ scaled.T).max(1), observed[best])
 
 
 def false_discovery_rates(found: list[Found]) -> list[float]:

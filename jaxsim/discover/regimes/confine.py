@@ -22,8 +22,6 @@ from jaxsim.effects.region import WHOLE, Region, within
 
 OF_FIT = "of the fit inside"
 """Unit of sizes."""
-LEAST_SHARE = 0.02
-"""Curvature, over the largest scene's, below which a scene tells no size."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,8 @@ def confine(
     problem: Problem,
     candidates: Sequence[Candidate],
     region: Region,
-    facts: Facts,
     *,
+    facts: Facts,
     ranking: Sequence[Candidate],
 ) -> Confined | None:
     """The best of `candidates`, the one whose region it is first, fitted in the region on top of `problem`; None where
@@ -84,7 +82,8 @@ def confine(
 
 
 def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
-    """Of the effect inside, and beside it outside, in units of the fit inside; intervals from the scatter of scenes."""
+    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
+    scenes."""
     fitted = one.step.fitted
     law = one.step.chosen.effect
     inside = cells(law, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
@@ -99,7 +98,7 @@ def _size(of: Cells, facts: Facts) -> Interval:
     top = np.bincount(facts.unit, (of.slope + of.curvature).sum(1), facts.units)
     bottom = np.bincount(facts.unit, of.curvature.sum(1), facts.units)
     # Scenes that lie on the other side say nothing, and have no part in the scatter.
-    tells = bottom > LEAST_SHARE * bottom.max()
+    tells = bottom > RULES.regime_least_curvature * bottom.max()
     top = top[tells]
     bottom = bottom[tells]
     return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)

@@ -38,7 +38,7 @@ class Divided:
 
     @property
     def regions(self) -> dict[str, Region]:
-        """By effect."""
+        """Each effect's region."""
         return {one.effect: one.where for one in self.regimes}
 
 
@@ -61,7 +61,7 @@ class Lead:
 
 
 def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
-    """Of the find scenes' blocks; `scenes` are those of all frames."""
+    """The facts of the find scenes' blocks; `scenes` are those of all frames."""
     keep = np.array([unit in division.parts.find for unit in division.blocks.scene])
     order = {name: k for k, name in enumerate(division.parts.find)}
     unit = np.array([order[name] for name in division.blocks.scene if name in order])
@@ -72,8 +72,8 @@ def find_regimes(
     division: Division,
     scenes: Sequence[str],
     null: Problem,
-    answer: Answer,
     *,
+    answer: Answer,
     known: SensorModel,
     log: Log = lambda line: None,
 ) -> Divided:
@@ -86,22 +86,22 @@ def find_regimes(
     judges = None
     for stage in (_of_named, _of_candidates):
         # What is named comes first; other candidates are asked about where nothing divides it.
-        for lead in [] if regimes else _ranked(stage(null, choice, facts, asked)):
+        for lead in [] if regimes else _ranked(stage(null, choice, facts=facts, asked=asked)):
             if not _promising(lead, choice, regimes):
                 continue
-            placed = _placed(lead, null, choice, facts)
+            placed = _placed(lead, null, choice, facts=facts)
             if placed is None:
                 continue
             judges = judges or Judges.of(division, null, known)
-            trial = _with(null, choice, placed.confined.step, lead.step)
-            confined, gained = judges.gained(placed.confined, trial, choice, facts)
+            trial = _with(null, choice, placed.confined.step, at=lead.step)
+            confined, gained = judges.gained(placed.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
             log(f"{confined.plain.name} acts in a part alone: {confined.more:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
-            choice = _with(null, choice, confined.step, lead.step)
+            choice = _with(null, choice, confined.step, at=lead.step)
             told = Told(placed.inside, placed.outside, lead.found.p_value, lead.q_value, gained)
-            regimes.append(shown(confined, lead.found.question.divides, facts, told))
+            regimes.append(shown(confined, lead.found.question.divides, told, facts=facts))
     if not regimes:
         return Divided(answer)
     named = named_answer(choice, scene=facts.unit)
@@ -124,7 +124,7 @@ class Placed(NamedTuple):
     outside: Interval
 
 
-def _placed(lead: Lead, null: Problem, choice: Choice, facts: Facts) -> Placed | None:
+def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Placed | None:
     """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
     region = lead.found.question.regions[lead.found.k]
     problem = _without(null, choice, lead.step)
@@ -135,7 +135,7 @@ def _placed(lead: Lead, null: Problem, choice: Choice, facts: Facts) -> Placed |
         # Gains of a step were those over the steps before it alone.
         again = {one.effect.name: one for one in rank_effects(problem, [one.effect for one in candidates])}
         candidates = tuple(again[one.effect.name] for one in candidates)
-    confined = confine(problem, candidates, region, facts, ranking=_ranking(choice, lead.step))
+    confined = confine(problem, candidates, region, facts=facts, ranking=_ranking(choice, lead.step))
     if confined is None:
         return None
     chosen = confined.step.chosen
@@ -150,26 +150,26 @@ def _placed(lead: Lead, null: Problem, choice: Choice, facts: Facts) -> Placed |
 
 
 def _ranked(leads: list[Lead]) -> list[Lead]:
-    """With q-values over all of them, least probable by chance first; what divides drives by a fact before what divides
-    them by their readings alone."""
+    """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
+    what divides them by their readings alone."""
     rates = false_discovery_rates([one.found for one in leads])
     rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
     return sorted(rated, key=lambda one: (one.found.question.divides == "scene", one.found.p_value))
 
 
-def _of_named(null: Problem, choice: Choice, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
+def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
     leads: list[Lead] = []
     for k, step in enumerate(choice.steps):
         effect = step.chosen.effect
         if effect.name in WHOLE:
             continue
         rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
-        found = _divisions(effect, step.fitted, _without(null, choice, k), facts, asked)
+        found = _divisions(effect, step.fitted, _without(null, choice, k), facts=facts, asked=asked)
         leads += [Lead(one, (step.chosen, *rivals), k, step.fitted, named=True) for one in found]
     return leads
 
 
-def _of_candidates(null: Problem, choice: Choice, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
+def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
     """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
     divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
     scenes' dispute kept it from being named, the scenes themselves."""
@@ -184,15 +184,16 @@ def _of_candidates(null: Problem, choice: Choice, facts: Facts, asked: Sequence[
     strongest = tried[0]
     fitted = strongest.fits[0]
     arcs = [one for one in asked if one.between_units(facts.unit) is None]
-    for found in _divisions(strongest.effect, fitted, null, facts, arcs):
+    for found in _divisions(strongest.effect, fitted, null, facts=facts, asked=arcs):
         exists = found.question.divides != "scene" or strongest.total > choice.bars.effect
         leads.append(Lead(found, tuple(tried[:few]), None, fitted, exists=exists))
     return leads
 
 
-def _divisions(effect: Law, fitted: Fit, problem: Problem, facts: Facts, asked: Sequence[Question]) -> list[Found]:
+def _divisions(effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]) -> list[Found]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
     their own sizes."""
+    # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
     own = by_own_size(both, facts)
@@ -212,11 +213,11 @@ def _without(null: Problem, choice: Choice, step: int | None) -> Problem:
     return with_steps(null, others)
 
 
-def _with(null: Problem, choice: Choice, confined: FittedStep, step: int | None) -> Choice:
+def _with(null: Problem, choice: Choice, confined: FittedStep, *, at: int | None) -> Choice:
     """The choice with an effect in its region in place of the same everywhere."""
     steps = list(choice.steps)
-    if step is None:
+    if at is None:
         steps.append(confined)
     else:
-        steps[step] = confined
+        steps[at] = confined
     return replace(choice, steps=tuple(steps), problem=with_steps(null, steps))

@@ -32,21 +32,21 @@ class Judges:
 
     @classmethod
     def of(cls, division: Division, null: Problem, known: SensorModel) -> Judges:
-        """Of a division's find and judge scenes."""
+        """All find and judge scenes of a division."""
         ev, scene = division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
         base = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
         return cls(with_own_weights(base, fitted), scene, fitted, division.blocks.frame)
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
-        """Of each block, nats, at the weights of the null."""
+        """Each block's log-likelihood, nats, at the weights of the null."""
         equations, fitted = self.base.equations, jnp.asarray(self.fitted)
         clutter = problem.clutter
         return np.asarray(log_likelihood(problem.ev, noise, equations=equations, fitted=fitted, clutter=clutter)).sum(
             -1
         )
 
-    def gained(self, one: Confined, trial: Choice, choice: Choice, facts: Facts) -> tuple[Confined, float]:
+    def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
         over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region."""
         judged = self.fitted == 0
@@ -57,7 +57,7 @@ class Judges:
         return one, float((now - was)[judged].sum())
 
     def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
-        """With the judge scenes that are likelier with the effect than without it."""
+        """Takes in the judge scenes that are likelier with the effect than without it."""
         law, z = one.step.chosen.effect, one.step.fitted.z
         everywhere = on_top(one.plain, self.base, z)
         better = self.likelihood(everywhere, one.step.fitted.noise) > self.likelihood(self.base, self.base.noise)

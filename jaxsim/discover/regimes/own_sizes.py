@@ -10,7 +10,7 @@ from jaxsim.discover.regimes.chance import Found
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.regimes.sizes import Cells
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
+from jaxsim.discover.scenes import chance_of, clipped, orders_of
 from jaxsim.effects.region import Region
 
 
@@ -42,8 +42,7 @@ def alike(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> fl
     a = clipped(first - first.mean())
     b = clipped(second - second.mean())
     a = a - a.mean()
-    draws = np.random.default_rng(0).permuted(np.tile(b, (RULES.sign_draws, 1)), axis=1)
-    return float((1 + np.sum(draws @ a >= a @ b - 1e-9)) / (1 + RULES.sign_draws))
+    return chance_of(b[orders_of(len(b))] @ a, a @ b)
 
 
 def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:

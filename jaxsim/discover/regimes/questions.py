@@ -16,7 +16,7 @@ from jaxsim.effects.scan import Scan
 
 @dataclass(frozen=True)
 class Facts:
-    """Of the blocks that an effect was fitted to, and of all frames."""
+    """What is known of the blocks that an effect was fitted to, and of all frames."""
 
     scan: Scan
     names: tuple[str, ...]
@@ -28,7 +28,7 @@ class Facts:
 
     @property
     def sector(self) -> Int[np.ndarray, "b c"]:
-        """Of the blocks' columns."""
+        """The sector of each of the blocks' columns."""
         return sectors_of(self.scan)[self.column]
 
     @property
@@ -89,7 +89,7 @@ def _time(facts: Facts) -> Iterator[Question]:
 
 
 def _spans(moment: Float[np.ndarray, " m"]) -> list[Span]:
-    """With `Rules.regime_fewest_units` moments inside and outside, each end halfway between two of them."""
+    """Spans with `Rules.regime_fewest_units` moments inside and outside, each end halfway between two of them."""
     order = np.sort(moment)
     few = RULES.regime_fewest_units
     cuts = [None, *((order[1:] + order[:-1]) / 2).tolist(), None]

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.regimes.confine import LEAST_SHARE, Confined
+from jaxsim.discover.regimes.confine import Confined
 from jaxsim.discover.regimes.questions import Facts
 from jaxsim.discover.regimes.sizes import cells
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
 
 
@@ -23,7 +24,7 @@ class Told(NamedTuple):
     judge_nats: float
 
 
-def shown(one: Confined, divides: str, facts: Facts, told: Told) -> Regime:
+def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
     fitted = one.step.fitted
     of = cells(one.plain, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
@@ -55,6 +56,6 @@ def shown(one: Confined, divides: str, facts: Facts, told: Told) -> Regime:
 
 
 def _size(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """NaN where next to nothing tells it."""
-    tells = curvature > LEAST_SHARE * curvature.max()
+    """The size that each place asks for; NaN where next to nothing tells it."""
+    tells = curvature > RULES.regime_least_curvature * curvature.max()
     return np.where(tells, 1 + slope / np.maximum(curvature, 1e-9), np.nan)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.discover.model.fit import Objective, Problem
-from jaxsim.discover.model.gradients import Fields, effect_with_gradient
+from jaxsim.discover.model.gradients import EffectGradient, Fields, effect_with_gradient
 from jaxsim.discover.model.noise import Noise
 from jaxsim.effects import Law
 from jaxsim.frame import Array
@@ -57,27 +57,25 @@ def cells(
     after = effect_with_gradient(effect, z, objective.rays, scan=problem.scan)
     # Of rays that meet another surface there is no share.
     same = before.constant["hit"] == after.constant["hit"]
-    none, whole = (
-        _slope(objective.gradient_at(at.fields, at.constant, noise).by_fields, before.fields, after.fields, same)
-        for at in (before, after)
-    )
 
-    def summed(of_rays: Array) -> Float[np.ndarray, "b a"]:
-        by_column = np.asarray(of_rays, np.float64).sum(-1)
+    def slope_at(state: EffectGradient) -> Float[np.ndarray, "b a"]:
+        by_fields = objective.gradient_at(state.fields, state.constant, noise).by_fields
+        of_rays = _slope(by_fields, before.fields, after.fields, same=same)
+        # In float64: cells are differences of sums over thousands of rays.
         total = np.zeros((len(sector), sectors))
-        np.add.at(total, (np.arange(len(sector))[:, None], sector), by_column)
+        np.add.at(total, (np.arange(len(sector))[:, None], sector), np.asarray(of_rays, np.float64).sum(-1))
         return total
 
-    slope = summed(whole)
-    curvature = summed(none) - slope
+    slope = slope_at(after)
+    curvature = slope_at(before) - slope
     # A cell of few rays may bend upwards by chance; it then counts for next to nothing.
     least = 0.01 * max(float(curvature.mean()), 1e-6)
     return Cells(slope, np.maximum(curvature, least))
 
 
 @jax.jit
-def _slope(by_fields: Fields, before: Fields, after: Fields, same: Array) -> Float[Array, "b c r"]:
-    """Of the log-likelihood along the way between two states of the rays, ray by ray."""
+def _slope(by_fields: Fields, before: Fields, after: Fields, *, same: Array) -> Float[Array, "b c r"]:
+    """The log-likelihood's slope along the way between two states of the rays, ray by ray."""
     total = jnp.zeros(same.shape)
     for name, gradient in by_fields.items():
         change = after[name] - before[name]

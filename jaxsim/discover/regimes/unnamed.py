@@ -17,7 +17,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.chance import Found
 from jaxsim.discover.regimes.questions import Facts, Question
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped
+from jaxsim.discover.scenes import chance_of, clipped, orders_of
 from jaxsim.effects.region import WHOLE
 
 
@@ -60,10 +60,8 @@ def divided(
     count = whole.sum(1)
     scaled = (whole / np.sqrt(count * (units - count) / units)[:, None]).T
     strength = off @ scaled
-    by_chance = [(off[:, order] @ scaled).max() for order in _orders(units)]
-    best = strength.max()
-    p = (1 + np.sum(np.array(by_chance) >= best - 1e-9)) / (1 + RULES.sign_draws)
-    return int(strength.max(0).argmax()), strength, float(p)
+    by_chance = np.array([(off[:, order] @ scaled).max() for order in orders_of(units)])
+    return int(strength.max(0).argmax()), strength, chance_of(by_chance, strength.max())
 
 
 def existing(rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]) -> float:
@@ -72,10 +70,5 @@ def existing(rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]) ->
     unit = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
     rng = np.random.default_rng(1)
     units = rates.shape[1]
-    by_chance = [(unit[:, order] * rng.choice([-1.0, 1.0], units) @ scaled).max() for order in _orders(units)]
-    return float((1 + np.sum(np.array(by_chance) >= (unit @ scaled).max() - 1e-9)) / (1 + RULES.sign_draws))
-
-
-def _orders(units: int) -> np.ndarray:
-    rng = np.random.default_rng(0)
-    return rng.permuted(np.tile(np.arange(units), (RULES.sign_draws, 1)), axis=1)
+    by_chance = [(unit[:, order] * rng.choice([-1.0, 1.0], units) @ scaled).max() for order in orders_of(units)]
+    return chance_of(np.array(by_chance), (unit @ scaled).max())

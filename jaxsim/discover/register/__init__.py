@@ -29,7 +29,7 @@ from jaxsim.discover.register.climb import (
     sandwich,
 )
 from jaxsim.discover.register.registration import Registration
-from jaxsim.discover.register.sides import predicted, sides_of
+from jaxsim.discover.register.sides import Sides, predicted, sides_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import half_width
 from jaxsim.effects.rays import Scan
@@ -56,7 +56,7 @@ OWN_LIFT_SD = 0.003
 
 
 def register(
-    scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"], scenes: Sequence[str]
+    scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.ndarray, "f r c"], *, scenes: Sequence[str]
 ) -> Registration:
     """The motion of the sensor between simulated frames (host memory) and the measured ranges (m, where `valid`);
     `scenes` names each frame's, between which it scatters. What the streets do not tell (a yaw within a round wall) is
@@ -86,7 +86,7 @@ def register(
     # Each frame for itself, from the best of the places and ways that it may have along its heading.
     frames = np.repeat(common[None], len(scan.range_m), axis=0)
     for number, ways in ((0, AHEAD_M), (TRAVEL, DRIVEN_M)):
-        frames = _from_the_best(few, frames, number, ways)
+        frames = _from_the_best(few, frames, ways, number=number)
     frames = climb(sides, frames, FINE, free=own, centre=common, pooled=False)
 
     half = sandwich(sides, common, scene, free=free)
@@ -100,7 +100,7 @@ def register(
     return Registration(common, half, frames, predicted(sides, frames), given_m=given, measured_m=measured)
 
 
-def _from_the_best(sides, motion: Motion, number: int, ways: Float[np.ndarray, " k"]) -> Motion:
+def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], *, number: int) -> Motion:
     """Each frame's motion with that of the `ways` added to one of its numbers which agrees best."""
     tried = np.repeat(motion[None], len(ways), axis=0)
     tried[..., number] += ways[:, None]

@@ -52,12 +52,12 @@ class Free(NamedTuple):
 
     @property
     def numbers(self) -> Int[np.ndarray, " k"]:
-        """Those that are fitted."""
+        """The numbers that are fitted."""
         return np.flatnonzero(self.sd)
 
     @property
     def precision(self) -> Float[np.ndarray, "k k"]:
-        """Of their prior, in units of a point's."""
+        """The precision of their prior, in units of a point's."""
         return np.diag((NOISE_M / np.asarray(self.sd)[self.numbers]) ** 2)
 
 
@@ -80,6 +80,7 @@ def climb(
 ) -> Motion:
     """The motions in the valley where they begin, of all frames together (`pooled`) or of each, held to `centre`."""
     middle = np.zeros(NUMBERS) if centre is None else centre
+    # Wide first: a motion of two degrees takes far points off their planes by more than noise ever does.
     for width in [*widths, *[widths[-1]] * FINAL_STEPS]:
         matrix, right = _equations(sides, motion, width, free=free)
         if pooled:
@@ -88,6 +89,7 @@ def climb(
         right = right + (middle - motion)[:, free.numbers] @ free.precision
         step = np.zeros((len(right), NUMBERS))
         step[:, free.numbers] = np.linalg.solve(matrix + free.precision, right[..., None])[..., 0]
+        # Rotations compose, their vectors do not add up.
         rotation = Rotation.from_rotvec(step[:, 3:6]) * Rotation.from_rotvec(motion[:, 3:6])
         motion = motion + step
         motion[:, 3:6] = rotation.as_rotvec()
@@ -104,6 +106,7 @@ def sandwich(
     slopes = np.zeros((count, right.shape[1]))
     np.add.at(slopes, scene, right)
     inverse = np.linalg.inv(matrix.sum(0) + free.precision)
+    # At the maximum they add up to what the prior pulls, which is no scatter.
     slopes = slopes - slopes.mean(0)
     scatter = inverse @ (slopes.T @ slopes * count / max(count - 1, 1)) @ inverse
     sd = np.sqrt(np.maximum(np.diag(scatter), NOISE_M**2 * np.diag(inverse)))
@@ -121,6 +124,7 @@ def _equations(
     met = meet(sides, place)
     off = _off(met, place)
     weight = np.where(met.inside, np.maximum(1 - (off / _width(sides, width)) ** 2, 0) ** 2, 0)
+    # A point's derivative off its plane: the normal in its place, the moment about the sensor in its rotation.
     driven = met.normal[..., 0] * sides.late
     lift = np.sum(met.normal * lifted, -1)
     slope = np.concatenate([met.normal, np.cross(ray, met.normal), lift[..., None], driven[..., None]], axis=-1)
@@ -130,9 +134,10 @@ def _equations(
 
 
 def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:
-    """By how much planes lie beyond points, m."""
+    """How far planes lie beyond points, m."""
     return met.away_m - np.sum(met.normal * place, -1)
 
 
 def _width(sides: Sides, width: float) -> Float[np.ndarray, "f n"]:
+    # Neighbouring rays, and so the planes' errors, lie farther apart far off.
     return width * (1 + sides.range_m / FAR_M)

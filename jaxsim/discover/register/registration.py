@@ -14,8 +14,6 @@ from jaxsim.discover.rules import RULES
 
 PARTS = {"extrinsic_translation": slice(0, 3), "extrinsic_rotation": slice(3, 6), "beam_elevation_error": slice(6, 7)}
 """Of a motion: what each effect of a mounting, or of the table of beams, changes."""
-IN_SIGHT = 0.7
-"""Share of the points that must lie within the simulated image: those beyond it count as apart where fewer do."""
 SCAN_S = 0.1
 """Time of a turn at 10 Hz, as `motion_distortion` has it."""
 
@@ -108,5 +106,5 @@ def _near(predicted_m: Float[np.ndarray, "f n"], measured_m: Float[np.ndarray, "
     limit = np.maximum(RULES.near_m, RULES.near_share * np.where(known, predicted_m, 0))
     # A moved sensor sees a little of what the simulated image does not hold; a street must not agree by being out of
     # sight.
-    least = IN_SIGHT * np.isfinite(measured_m).sum(-1)
+    least = RULES.in_sight * np.isfinite(measured_m).sum(-1)
     return np.sum(known & (off < limit), -1) / np.maximum(known.sum(-1), np.maximum(least, 1))

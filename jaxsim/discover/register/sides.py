@@ -14,9 +14,13 @@ POINTS = 60_000
 """Points looked at in all frames together ..."""
 FEWEST_POINTS, MOST_POINTS = 300, 4000
 """... and of each frame, at least and at most."""
-POSE, LIFT, TRAVEL, NUMBERS = slice(0, 6), 6, 7, 8
-"""Of a motion: x, y, z in m and a rotation vector in rad; how much higher beams point, rad; and the way driven forward
-during the scan, m."""
+POSE = slice(0, 6)
+"""Of a motion's numbers: x, y, z in m and a rotation vector in rad;"""
+LIFT = 6
+"""how much higher beams point, rad;"""
+TRAVEL = 7
+"""and the way driven forward during the scan, m."""
+NUMBERS = 8
 Motion = Float[np.ndarray, "*f 8"]
 Points = Float[np.ndarray, "f n 3"]
 
@@ -44,7 +48,7 @@ class Sides:
     """Frames with fewer returns have fewer points."""
 
     def thinned(self, every: int) -> Sides:
-        """With some of the points alone."""
+        """The same sides with some of the points alone."""
         of_points = ("row", "range_m", "direction", "upward", "late", "counts")
         return replace(self, **{name: getattr(self, name)[:, ::every] for name in of_points})
 
@@ -67,6 +71,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     azimuth = np.asarray(grid.azimuth_rad, float)
     elevation = np.asarray(grid.elevation_rad, float)
     rng = np.random.default_rng(0)
+    # Frames of fewer points are filled up with ones that do not count.
     cell = np.zeros((len(range_m), count), int)
     counts = np.zeros(cell.shape, bool)
     for k, known in enumerate(valid & (range_m > 0)):
@@ -77,6 +82,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     frame = np.arange(len(cell))[:, None]
     a = azimuth[column]
     e = elevation[row]
+    # An image closes where one more column would stand on the first.
     step = abs(azimuth[1] - azimuth[0])
     return Sides(
         azimuth_rad=azimuth,
@@ -119,6 +125,7 @@ def meet(sides: Sides, place: Points) -> Met:
     down = np.interp(-np.arctan2(z, np.hypot(x, y)), -sides.elevation_rad, np.arange(rows), left=-1, right=rows)
     step = (sides.azimuth_rad[0] - sides.azimuth_rad[-1]) / (columns - 1)
     off = np.arctan2(y, x) - (sides.azimuth_rad[0] + sides.azimuth_rad[-1]) / 2
+    # From the middle of the image: an arc that crosses the back has no jump in it.
     off -= 2 * np.pi * np.round(off / (2 * np.pi))
     column = np.round((columns - 1) / 2 - off / step).astype(int)
     row = np.round(down).astype(int)

@@ -19,7 +19,7 @@ CHUNK = 256
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of k patterns."""
+    """How far scenes agree on k patterns."""
 
     strength: Float[np.ndarray, " k"]
     """|sum over scenes| in units of its spread."""
@@ -41,8 +41,8 @@ def of_patterns(
     *,
     usual: float,
 ) -> Agreement:
-    """Of each pattern alone. `information` is its sum's variance as the weights have it, all scenes together; `usual`
-    the `scatter` of its kind.
+    """Asks of each pattern alone. `information` is its sum's variance as the weights have it, all scenes together;
+    `usual` the `scatter` of its kind.
 
     Half of the spread is what a pattern scatters by itself, half what its kind does: few scenes that are alike by
     chance, or a place at which nothing rare happened, must not look sure.
@@ -60,8 +60,8 @@ def of_patterns(
 def of_maps(
     sums: Float[np.ndarray, "n k"], information: Float[np.ndarray, " k"], signs: Float[np.ndarray, "f n"]
 ) -> Agreement:
-    """Of all patterns together: whether the maps of scenes resemble each other, pair by pair, whatever they show. One
-    statistic, which sees also what each place alone is too weak, or too rarely seen, to show."""
+    """Asks of all patterns together: whether the maps of scenes resemble each other, pair by pair, whatever they show.
+    One statistic, which sees also what each place alone is too weak, or too rarely seen, to show."""
     pairs = alike(sums)
     spread = np.sqrt((pairs**2).sum() / 2)
     if spread <= 0:

@@ -41,7 +41,7 @@ class Dense:
 
     @classmethod
     def of(cls, division: Division, scenes: Sequence[str], null: Problem, *, known: SensorModel) -> Dense:
-        """With the `known` effects in place; `scenes` are those of the frames."""
+        """The columns with the `known` effects in place; `scenes` are those of the frames."""
         rows, columns = division.scan.range_m.shape[1:]
         chosen = blocks(scenes, rows, columns, rays=RULES.repeats_rays)
         dense = replace(division, blocks=chosen, rays=cast(division.scan, chosen.frame, chosen.column))

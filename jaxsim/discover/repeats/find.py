@@ -18,8 +18,6 @@ from jaxsim.discover.verdict import Interval, Repeat
 
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "Δ p(drop)"}
 """What a formula says of each channel."""
-
-
 LEAST = {
     "intensity": RULES.repeats_least_nats,
     "range": RULES.repeats_least_m,
@@ -70,6 +68,7 @@ def find_repeats(
         response = known.centred(known.left(pattern))
         shows = np.einsum("nrc,rc->n", known.total, pattern)
         answers = np.einsum("nrc,rc->n", response, pattern)
+        # Judge scenes must show it with the sign that the find scenes give it.
         height = shows[finding].sum() / max(answers[finding].sum(), 1e-12)
         p_judge = p_value(np.sign(height) * shows[~finding])
         size = height_of(shows, answers, channel) if scale.pattern else common_size(known, scale, channel)
@@ -77,6 +76,7 @@ def find_repeats(
         if large and convincing(p_judge, int((~finding).sum())):
             repeat = told(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
             found.append(Found(repeat, scale, k, phase))
+        # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         left[channel] = replace(known, total=known.total - height * response)
         looked[channel] = Look.at(left[channel], finding, signs, bins=bins)
     return tuple(sorted(found, key=lambda one: one.repeat.p_value))
@@ -93,7 +93,7 @@ class Look:
 
     @classmethod
     def at(cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"], *, bins: int) -> Look:
-        """At a channel's maps, already centred."""
+        """Looks at a channel's maps, already centred."""
         known = scales(*maps.total.shape[1:], bins=bins)
         sums = {(one.name, one.along): one.sums(maps.total) for one in known}
         seen = {key: one[finding] for key, one in sums.items()}
@@ -116,6 +116,7 @@ def strongest(looked: Mapping[str, Look]) -> tuple[str, Scale, int, float] | Non
     pattern is told rather than all together where it explains `Rules.repeats_one_pattern` of what these do."""
     if not looked:
         return None
+    # Max-T: one draw of signs serves all channels, and its largest strength pays for having looked everywhere.
     by_chance = np.max([one.by_chance for look in looked.values() for one in look.agreement], axis=0)
     best, most = None, 0.0
     for channel, look in looked.items():

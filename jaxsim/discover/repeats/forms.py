@@ -43,11 +43,12 @@ class Form:
             return Learned(channel, "wave", names, knots, _plain(values), _plain(sd))
         if scale.name == "parity":
             names = tuple(f"even {name}s" for name in ("row", "column") if name in scale.along)
-            corner, spread = (self.spread(one)[:2, :2] for one in (heights, sd))
+            corner = self.spread(heights)[:2, :2]
+            spread = self.spread(sd)[:2, :2]
             cut = np.ix_(*([0, 1] if name in scale.along else [0] for name in ("row", "column")))
             knots = ((0.0, 1.0),) * len(names)
             return Learned(channel, "table", names, knots, _allowed(corner[cut], channel), _plain(np.abs(spread[cut])))
-        return _table(scale.along, channel, self.spread(heights), self.spread(sd))
+        return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
 def form_of(found: Found, rows: int, columns: int) -> Form:
@@ -78,7 +79,7 @@ def form_of(found: Found, rows: int, columns: int) -> Form:
     )
 
 
-def _table(along: str, channel: str, pattern: Pattern, sd: Pattern) -> Learned:
+def _table(pattern: Pattern, sd: Pattern, *, along: str, channel: str) -> Learned:
     """A number for each row, column or cell that the pattern changes."""
     axes = [axis for axis, name in enumerate(("row", "column")) if name in along]
     # Along the other axis it is the same everywhere.
@@ -93,7 +94,8 @@ def _table(along: str, channel: str, pattern: Pattern, sd: Pattern) -> Learned:
 
 
 def _allowed(values: np.ndarray, channel: str) -> tuple[float, ...]:
-    """Within what a law may change; of echoes no share below none is lost, so all are told above the least."""
+    """The heights within what a law may change; of echoes no share below none is lost, so all are told above the
+    least."""
     low, high = LIMITS[channel]
     return _plain(np.clip(values - min(values.min(), 0.0) if channel == "drop" else values, low, high))
 

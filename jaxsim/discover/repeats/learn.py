@@ -103,6 +103,7 @@ def conjugate_gradients(normal: Callable[[Heights], Heights], right: Heights, in
     for _ in range(STEPS):
         if size <= CLOSE**2 * first:
             break
+        # `normal` is dear, a map of every ray: few steps, each along a direction that no later one undoes.
         bent = normal(along)
         step = size / float(along @ bent)
         x = x + step * along

@@ -55,7 +55,7 @@ class Maps:
 
     @classmethod
     def plain(cls, weight: Sums, residual: Sums) -> Maps:
-        """Of residuals that no level takes up."""
+        """Maps of residuals that no level takes up."""
         return cls(weight, weight * residual, lambda pattern: weight * pattern)
 
 
@@ -80,12 +80,14 @@ def maps_of(
     hit = np.asarray(ev.rays.hit)
     weight_i = np.asarray(eq.intensity, np.float64)
     weight_r = np.asarray(eq.range_, np.float64)
+    # A lost ray is a coin: residual lost - p, variance p (1 - p).
     weight_d = np.where(hit, 1 / (p * (1 - p) + COIN), 0)
     off_i, off_r = conditional_residuals(ev, eq, blocks)
 
     def left_of(channel: int, weight: np.ndarray, variance: np.ndarray) -> Callable[[Pattern], Sums]:
         steeper = 1 - robust_slope(weight, variance)
 
+        # Residuals if measured and simulated differed by the pattern alone: what levels and poses leave of it.
         def only(made: np.ndarray) -> np.ndarray:
             shift = jnp.asarray(made, jnp.float32)
             alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
@@ -142,7 +144,7 @@ def half_steps(ev: Evidence) -> dict[str, float]:
 
 
 def robust_slope(weight: np.ndarray, variance: np.ndarray) -> float:
-    """By how much a small shift of all residuals changes weight times residual, over the weight: less than 1, since a
+    """How much a small shift of all residuals changes weight times residual, over the weight: less than 1, since a
     Student-t's weight (DEGREES + 1) / (DEGREES + z^2) / variance falls with the residual."""
     share = weight * np.broadcast_to(variance, weight.shape)
     slope = 2 * DEGREES / (DEGREES + 1) * share - 1

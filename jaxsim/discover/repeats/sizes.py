@@ -9,7 +9,7 @@ from jaxsim.discover.repeats.chance import alike
 from jaxsim.discover.repeats.maps import Maps
 from jaxsim.discover.repeats.scales import Scale
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import student_reach
+from jaxsim.discover.scenes import jackknife_half_width
 from jaxsim.discover.verdict import Interval
 
 UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
@@ -27,7 +27,8 @@ def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
     grid = maps.total.shape[1:]
     shape = [count if name in scale.along else 1 for count, name in zip(grid, ("row", "column"), strict=True)]
     made = np.broadcast_to(np.random.default_rng(0).choice([-1.0, 1.0], shape), grid).copy()
-    shows, answers = (alike(scale.sums(one)).sum(1) for one in (maps.total, maps.centred(maps.left(made))))
+    shows = alike(scale.sums(maps.total)).sum(1)
+    answers = alike(scale.sums(maps.centred(maps.left(made)))).sum(1)
     # A product belongs to both of its scenes: without one of them, what it shares with all others goes twice.
     without = (shows.sum() - 2 * shows) / np.maximum(answers.sum() - 2 * answers, 1e-12)
     square = shows.sum() / max(answers.sum(), 1e-12)
@@ -35,9 +36,6 @@ def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
 
 
 def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
-    """With what the value becomes `without` each of the scenes: the jackknife, widened as parameters' intervals are."""
-    n = len(without)
-    half = RULES.interval_widening * float(
-        student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum())
-    )
+    """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
+    half = RULES.interval_widening * jackknife_half_width(without)
     return Interval(float(value), float(value) - half, float(value) + half, UNITS[channel])

@@ -182,7 +182,7 @@ def compare(
 
 
 def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
-    """Those that are not rare."""
+    """The classes that are not rare."""
     values, counts = np.unique(classes, return_counts=True)
     return values[counts > COMMON * counts.sum()]
 

@@ -35,7 +35,7 @@ def show_gap(problem: Conditional, steps: Sequence[Step[Candidate]], refined: Re
     rays = np.bincount(comparison.scene, minlength=len(comparison.measured))[judged]
 
     def distance(eq: Equations, blocks: Sequence[Block] = ()) -> Float[np.ndarray, " j"]:
-        """Of each judge scene."""
+        """The root mean square error of each judge scene."""
         solution = _solution(problem, eq, [problem.nuisance, *blocks])
         loss = eq.losses(solution, problem.measured)[judged]
         # Back from nats: the loss is half the squares over variance and inflation, of all rays of a scene.

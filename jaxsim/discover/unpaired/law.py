@@ -166,7 +166,7 @@ def lowered(
     weight: Float[np.ndarray, " s"],
     nuisance: Block,
 ) -> Float[np.ndarray, "d b"]:
-    """By how much each block lowers the loss beyond law and nuisance, nats, for every draw of the sides."""
+    """How much each block lowers the loss beyond law and nuisance, nats, for every draw of the sides."""
     n = eq.law
     near = nuisance.columns
     # The law's part is the same for all draws: it is factored once.

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import difference_interval
+from jaxsim.discover.scenes import chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
@@ -56,7 +56,7 @@ class _Side:
         return np.asarray(self.lost.all(axis=1))
 
     def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
-        """Of the rays on smooth surfaces in these rows and columns, those that are lost."""
+        """The share that is lost of the rays on smooth surfaces in these rows and columns."""
         counts = self.smooth[:, rows] & columns
         return (self.lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
 
@@ -159,10 +159,8 @@ def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " 
     n = len(measured)
     seen = measured.mean() - simulated.mean()
     drawn = np.array([both[rng.permutation(len(both))] for _ in range(DRAWS)])
-    by_chance = drawn[:, :n].mean(1) - drawn[:, n:].mean(1)
-    # One more on both sides: the true division is one of the exchanges (Phipson & Smyth 2010).
-    p = (1 + (by_chance >= seen - 1e-12).sum()) / (1 + DRAWS)
-    return float(p), Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
+    p = chance_of(drawn[:, :n].mean(1) - drawn[:, n:].mean(1), seen)
+    return p, Interval(float(seen), *difference_interval(measured, simulated), "share of rays")
 
 
 def lattices(comparison: UnpairedComparison, find: Bool[np.ndarray, " s"]) -> list[Named]:

@@ -96,7 +96,7 @@ class UnpairedComparison:
 
     @property
     def covariates(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """Of every ray, those that both sides have, as verdicts compare them: range as its ln."""
+        """Every ray's covariates that both sides have, as verdicts compare them: range as its ln."""
         return {
             "range": np.log(self.rays.range_m).astype(float),
             "incidence": np.asarray(self.rays.incidence_rad, float),

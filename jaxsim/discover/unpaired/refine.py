@@ -107,7 +107,7 @@ class JointFit:
         return result
 
     def change(self) -> Float[np.ndarray, " n"]:
-        """Of ln I by all effects."""
+        """The change of ln I by all effects."""
         parts = [change(values) for change, values in zip(self.changes, self.values, strict=True)]
         return sum(parts, np.zeros(len(self.problem.y)))
 
@@ -134,7 +134,7 @@ class JointFit:
         return here.z + side[len(self.problem.nuisance.columns) :]
 
     def loss(self, here: Linear) -> float:
-        """With the effects as they are, nats."""
+        """The loss with the effects as they are, nats."""
         nuisance = self.problem.nuisance
         solution = solve(here.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
         # Minus the log-posterior: half the residuals' squares, and the priors of nuisances and of z.
@@ -164,8 +164,8 @@ class JointFit:
         return here
 
     def half_widths(self, here: Linear) -> Float[np.ndarray, " k"]:
-        """Of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far the prior
-        pulls."""
+        """Half widths of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far
+        the prior pulls."""
         rng = np.random.default_rng(0)
         sides = [np.flatnonzero(self.problem.find & (self.problem.measured == side)) for side in (0, 1)]
         draws = []
@@ -181,7 +181,7 @@ class JointFit:
         return reach * np.sqrt(np.maximum(np.var(draws, axis=0), np.diag(of_rays))) + pull
 
     def _covariance(self, here: Linear, information: float) -> Float[np.ndarray, "k k"]:
-        """Of z by rays and prior, the rays' information multiplied."""
+        """The covariance of z by rays and prior, the rays' information multiplied."""
         inner = here.equations.pooled(self.problem.weight, self.problem.measured).inner
         nuisance = self.problem.nuisance
         columns = np.concatenate([nuisance.columns, here.block.columns])
@@ -194,7 +194,7 @@ class JointFit:
 def equations_without(
     problem: Conditional, side: Float[np.ndarray, "n k"], change: Float[np.ndarray, " n"]
 ) -> Equations:
-    """Of the readings with `change` taken off the measured ones, in the problem's units."""
+    """The equations of the readings with `change` taken off the measured ones, in the problem's units."""
     comparison = problem.comparison
     eq = equations(
         problem.y - np.where(comparison.measured[comparison.scene], change, 0),

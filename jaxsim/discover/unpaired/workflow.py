@@ -12,7 +12,6 @@ import hashlib
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
@@ -90,7 +89,8 @@ def discover_unpaired(
         notes=(*notes(comparison, find), *of_losses),
     )
     grid = comparison.grid
-    return Result(verdict, sensor_of(effects), grid, shown.maps_before, shown.maps_after, shown.curves)
+    sensor = SensorModel(tuple((one.name, one.values) for one in effects))
+    return Result(verdict, sensor, grid, shown.maps_before, shown.maps_after, shown.curves)
 
 
 def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"]]:
@@ -118,17 +118,6 @@ def named_by_law(
     contrast = name in INCIDENCE_SET and not comparison.shared_classes
     alike = [other for other in INCIDENCE_SET if other != name] if contrast else []
     return named(step, parameters, more_alike=alike, remedy="frames of the same streets on both sides")
-
-
-def sensor_of(named: Sequence[Named]) -> SensorModel:
-    """The sensor model that an answer adds up to."""
-    values: dict[str, dict[str, Any]] = {}
-    for one in named:
-        values[one.name] = {
-            name: value.value if isinstance(value, Interval) else tuple(v.value for v in value)
-            for name, value in one.parameters.items()
-        }
-    return SensorModel(tuple(values.items()))
 
 
 def where(problem: Conditional, curves: Sequence[Candidate]) -> tuple[Where, ...]:

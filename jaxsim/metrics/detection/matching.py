@@ -30,7 +30,7 @@ class Pairs(NamedTuple):
     detection: Int[np.ndarray, " p"]
 
     def at(self, chosen: Shaped[np.ndarray, " k"]) -> Pairs:
-        """Those of these places, or of this mask."""
+        """The candidates of these places, or of this mask."""
         return Pairs(self.truth[chosen], self.detection[chosen])
 
 

@@ -177,7 +177,7 @@ def _span(shares: Mapping[str, Shares], edges: Float[np.ndarray, " m"], step: fl
 
 
 def _round_up(value: float) -> float:
-    """To 1, 2, 4 or 8 times a power of ten."""
+    """Rounds up to 1, 2, 4 or 8 times a power of ten."""
     if value <= 0:
         return 1.0
     power = 10.0 ** (ceil(log10(value)) - 1)

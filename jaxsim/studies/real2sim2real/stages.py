@@ -50,7 +50,7 @@ def check_sources(config: LoopConfig) -> None:
 
 
 def _classes(scene: Scene) -> list[str]:
-    """Of the labelled objects. Raises ValueError where there are no labels."""
+    """The classes of the labelled objects. Raises ValueError where there are no labels."""
     if scene.labels is None:
         raise ValueError(f"real2sim2real: {scene.name} has no labels; choose labelled frames")
     return [kind for kind in scene.labels.kind if kind.lower() != "dontcare"]

@@ -69,7 +69,7 @@ def test_fitted_in_its_part_an_effect_is_as_large_as_it_is_there(night):
     _, found = asked(null, facts)
     time = found["time", None]
     [candidate] = rank_effects(null, [GAIN])
-    one = confine(null, [candidate], time.question.regions[time.k], facts, ranking=[candidate])
+    one = confine(null, [candidate], time.question.regions[time.k], facts=facts, ranking=[candidate])
     assert one is not None
     assert one.more > 10
     gain = np.asarray(to_values(GAIN, one.step.fitted.z)["gain"])
@@ -87,7 +87,7 @@ def test_what_acts_everywhere_is_not_confined(standard_promotion):
     _, found = asked(null, facts)
     [candidate] = rank_effects(null, [GAIN])
     tag = found["tag", "night"].question.regions[0]
-    assert confine(null, [candidate], tag, facts, ranking=[candidate]) is None
+    assert confine(null, [candidate], tag, facts=facts, ranking=[candidate]) is None
 
 
 def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():

@@ -13,7 +13,7 @@ from jaxsim.discover.explain import ranking
 from jaxsim.discover.name.select import Step
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.select import Choice
-from jaxsim.discover.unpaired.workflow import divide, sensor_of, why_not
+from jaxsim.discover.unpaired.workflow import divide, why_not
 from jaxsim.effects.chain import SensorModel
 from tests.discover.unpaired.made import RAYS, SMALL, candidate
 
@@ -48,7 +48,7 @@ def test_the_gap_shrinks_on_streets_that_nothing_was_fitted_to(gains):
 
 
 def test_the_sensor_holds_what_was_named(gains):
-    assert sensor_of(gains[2].verdict.effects) == gains[2].sensor
+    assert dict(gains[2].sensor.effects) == {one.name: one.values for one in gains[2].verdict.effects}
 
 
 def test_the_answer_says_that_streets_differ_and_what_cannot_be_told(gains):
