@@ -181,6 +181,8 @@ class TreeRecord:
         def read(record: bytes) -> dict[str, Any]:
             content = parse_json(record)
             frames.update(content["frames"])
+            if not all(isinstance(one["name"], str) and "left_out" in one for one in frames.values()):
+                raise ValueError("a frame has no name")
             return content["settings"] if frames or written else settings
 
         written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIXES.items())
