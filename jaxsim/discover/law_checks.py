@@ -80,5 +80,5 @@ def _allowed(node: ast.expr, names: Collection[str]) -> bool:
         case ast.Name(id=name):
             return name in names
         case ast.Constant(value=value):
-            return type(value) in (int, float) and abs(value) < MOST
+            return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MOST
     return False
