@@ -224,8 +224,8 @@ RECORDINGS: dict[str, Reader] = {
     "vkitti2 frame": Reader(
         _virtual_frame,
         lambda f: VirtualKitti2(f, scenes=("Scene01",), variations=("clone",))[0],
-        within={**_NEAR, "bbox_px": (-1e5, 1e5)},
-        largest=1e5,
+        within=_NEAR,
+        largest=1e6,
     ),
     "kitti step frame": Reader(
         _step_frame,
@@ -237,7 +237,7 @@ RECORDINGS: dict[str, Reader] = {
         lambda f: read_extrinsics(f / "e.txt"),
         largest=1e5,
     ),
-    "vkitti2 objects": Reader(_virtual_texts, read_objects, largest=1e5),
+    "vkitti2 objects": Reader(_virtual_texts, read_objects, largest=1e6),
     "nuscenes sweep": Reader(
         one("n015__LIDAR_TOP__1532402927647951.pcd.bin", _sweep()),
         lambda f: read_lidar_top(f / "n015__LIDAR_TOP__1532402927647951.pcd.bin"),
