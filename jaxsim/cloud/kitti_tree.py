@@ -181,6 +181,9 @@ class TreeRecord:
         def read(record: bytes) -> dict[str, Any]:
             content = parse_json(record)
             frames.update(content["frames"])
+            for one in frames.values():
+                if not isinstance(one["name"], str) or not isinstance(one["left_out"], str | None):
+                    raise ValueError("a frame's name, or why it was left out, is no text")
             return content["settings"] if frames or written else settings
 
         written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIXES.items())

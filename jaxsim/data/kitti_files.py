@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from jaxsim.data.calibration import check_pinhole, check_rigid
+from jaxsim.data.calibration import APART_M, check_pinhole, check_rigid
 from jaxsim.files import check_size, numbers, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
@@ -87,6 +87,11 @@ def read_plane(path: Path) -> Float[np.ndarray, " 4"]:
     normal = np.linalg.norm(plane[:3])
     if plane.shape != (4,) or not normal > 0 or not np.isfinite(plane).all():
         raise ValueError(f"{right}, not {fourth!r}")
+    if abs(plane[3]) > APART_M * normal:
+        raise ValueError(
+            f"kitti: {path}: the road lies {abs(plane[3]) / normal:g} m from the camera; it must be in metres, and at "
+            f"most {APART_M:g}"
+        )
     return plane / normal * (-1 if plane[1] > 0 else 1)
 
 

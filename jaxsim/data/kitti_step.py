@@ -125,16 +125,16 @@ class KittiStep:
         if self._maps is not None:
             if sequence not in self._maps:
                 raise ValueError(
-                    f"kitti_step: no panoptic maps of sequence {sequence}: neither train/ nor val/ holds {sequence}/; "
-                    "copy both folders of KITTI-STEP"
+                    f"kitti_step: {self.root}: no panoptic maps of sequence {sequence}: neither train/ nor val/ "
+                    f"holds {sequence}/; copy both folders of KITTI-STEP"
                 )
             needs["panoptic map"] = _files(self._maps[sequence], ".png")
         for kind, found in needs.items():
             missing = sorted(set(wanted) - set(found))
             if missing:
                 raise ValueError(
-                    f"kitti_step: sequence {sequence}: {len(missing)} of {len(wanted)} images have no {kind} "
-                    f"({', '.join(missing[:4])}{', ...' if len(missing) > 4 else ''}); copy them, or remove these "
+                    f"kitti_step: {self._folder}: sequence {sequence}: {len(missing)} of {len(wanted)} images have "
+                    f"no {kind} ({', '.join(missing[:4])}{', ...' if len(missing) > 4 else ''}); copy them, or remove these "
                     "images (only 0001/000177-000180 were published without a scan)"
                 )
         return wanted

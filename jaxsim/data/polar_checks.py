@@ -21,6 +21,8 @@ TURNS_RAD = 4 * np.pi
 
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
+ABOUT = ("scene", "time", "speed", "heading", "tags")
+"""What grid.json may say of a frame."""
 WHOLE = ("semantic", "instance")
 """Rasters of ids."""
 
@@ -68,9 +70,12 @@ def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
 def _reals(given: Any, wrong: str) -> Float[np.ndarray, " n"]:
     """A JSON text's list of numbers. Raises ValueError `wrong` where it is none."""
     try:
-        return np.asarray([*map(real, given)], np.float32)
-    except (TypeError, ValueError, OverflowError) as error:
+        numbers = np.asarray([*map(real, given)], np.float64)
+    except (TypeError, ValueError) as error:
         raise ValueError(wrong) from error
+    if (np.abs(numbers) > np.finfo(np.float32).max).any():
+        raise ValueError(wrong)
+    return numbers.astype(np.float32)
 
 
 def check_about(path: Path, frames: dict[str, Any]) -> None:
@@ -81,7 +86,7 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
                 f"polar frames: {path}: frames[{name!r}] is {shown(entry)}; it must be an object with any of scene, "
                 f"time, speed, heading and tags; {SEE}"
             )
-        check_keys(entry, ("scene", "time", "speed", "heading"), where=f"polar frames: {path}: frames[{name!r}]")
+        check_keys(entry, ABOUT, where=f"polar frames: {path}: frames[{name!r}]")
         scene = entry.get("scene", "")
         if not isinstance(scene, str | int) or isinstance(scene, bool):
             raise ValueError(
@@ -95,11 +100,11 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
             )
         for key, unit in (("time", "seconds"), ("speed", "m/s"), ("heading", "radians")):
             value = entry.get(key, 0.0)
-            if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
-                raise ValueError(
-                    f"polar frames: {path}: the {key} of {name!r} is {shown(value)}; it must be a finite number in "
-                    f"{unit}, or be left out"
-                )
+            _reals(
+                [value],
+                f"polar frames: {path}: the {key} of {name!r} is {shown(value)}; it must be a finite number in {unit}, "
+                "or be left out",
+            )
         if abs(entry.get("heading", 0.0)) > TURNS_RAD:
             raise ValueError(
                 f"polar frames: {path}: the heading of {name!r} is {entry['heading']:g}; it must be in radians, not "

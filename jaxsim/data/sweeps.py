@@ -179,6 +179,7 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
     largest = float(value[valid].max(initial=0))
     if largest > full_scale:
         raise ValueError(f"ouster: {path}: {intensity} reaches {largest:g}, above full_scale={full_scale:g}; raise it")
+    _check_beams(path, info)
     grid, first = _ouster_grid(info)
     image = PolarImage(
         range_m=np.roll(range_m, -first, axis=1),
@@ -193,6 +194,19 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
         grid=grid,
         time_s=float(stamps[0]) / 1e9 if len(stamps) else None,
     )
+
+
+def _check_beams(path: Path, info: Any) -> None:
+    """Raises ValueError where the sensor's description holds what no sensor has."""
+    limits = {
+        "beam_azimuth_angles": (info.beam_azimuth_angles, 180.0),
+        "beam_altitude_angles": (info.beam_altitude_angles, 90.0),
+        "pixel_shift_by_row": (info.format.pixel_shift_by_row, int(info.format.columns_per_frame)),
+        "lidar_to_sensor_transform": (info.lidar_to_sensor_transform, 1000.0),
+    }
+    for name, (given, most) in limits.items():
+        if not (np.abs(np.asarray(given, float)) <= most).all():
+            raise ValueError(f"ouster: the sensor of {path} has {name} beyond {most:g}; copy its .json again")
 
 
 def _ouster_grid(info: Any) -> tuple[PolarGrid, int]:

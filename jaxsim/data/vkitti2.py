@@ -98,11 +98,10 @@ class VirtualKitti2:
 
     def __getitem__(self, index: int) -> Frame:
         drive, number = self._frames[index]
-        texts = self._texts(drive)
         depth_m, known = read_depth(self._raster(drive, "depth", number))
         known = known & (depth_m <= self.reach_m)
         rgb = read_image(self._raster(drive, "rgb", number))
-        camera = self._camera(texts, number)
+        camera = self._camera(drive, number)
         check_pinhole(np.asarray(camera.intrinsics), rgb.shape[:2], f"vkitti2: {drive}: intrinsic.txt, frame {number}")
         return Frame(
             name=self.name_of(index),
@@ -141,13 +140,13 @@ class VirtualKitti2:
             self._read[drive] = _read_texts(drive)
         return self._read[drive]
 
-    def _camera(self, texts: _Texts, number: int) -> Camera:
-        frame = (number, self.camera)
-        intrinsics = _of_frame(texts.intrinsics, "intrinsic", frame).astype(np.float32)
+    def _camera(self, drive: Path, number: int) -> Camera:
+        texts, frame = self._texts(drive), (number, self.camera)
+        intrinsics = _of_frame(texts.intrinsics, drive / "intrinsic.txt", frame).astype(np.float32)
         if self.lidar == "camera":
             return camera_at_lidar(intrinsics)
-        left_from_world = _of_frame(texts.cam_from_world, "extrinsic", (number, 0))
-        cam_from_world = _of_frame(texts.cam_from_world, "extrinsic", frame)
+        left_from_world = _of_frame(texts.cam_from_world, drive / "extrinsic.txt", (number, 0))
+        cam_from_world = _of_frame(texts.cam_from_world, drive / "extrinsic.txt", frame)
         cam_from_left = cam_from_world @ np.linalg.inv(left_from_world)
         return Camera(intrinsics, (cam_from_left @ kitti_camera().cam_from_velo).astype(np.float32))
 
@@ -195,11 +194,11 @@ def _read_texts(drive: Path) -> _Texts:
     )
 
 
-def _of_frame(table: dict[tuple[int, int], np.ndarray], name: str, frame: tuple[int, int]) -> np.ndarray:
+def _of_frame(table: dict[tuple[int, int], np.ndarray], path: Path, frame: tuple[int, int]) -> np.ndarray:
     """What a text file has for (frame, camera)."""
     if frame not in table:
         number, camera = frame
-        raise ValueError(f"vkitti2: {name}.txt has no line for frame {number} and camera {camera}; copy it again")
+        raise ValueError(f"vkitti2: {path} has no line for frame {number} and camera {camera}; copy it again")
     return table[frame]
 
 

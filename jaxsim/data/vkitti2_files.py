@@ -57,6 +57,8 @@ COLUMNS = {
 """Header line of each text file."""
 FARTHEST = 65535
 """The value that depth saturates to: sky, and whatever is 655.35 m away or more."""
+MOST = 1e6
+"""No number of its texts is beyond it, be it metres or pixels of an object."""
 WORLD_M = 1e5
 """No street lies farther from its world's origin."""
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -287,6 +289,8 @@ def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[
     values = [number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
     if not np.isfinite(values).all():
         raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
+    if np.abs(values).max(initial=0) > MOST:
+        raise ValueError(f"vkitti2: {path}, line {line} holds a number beyond {MOST:g}; copy it again")
     return values
 
 

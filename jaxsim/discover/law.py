@@ -15,6 +15,7 @@ import numpy as np
 
 from jaxsim.discover.covariates import ALTERNATING, NAMED
 from jaxsim.discover.formulas import Variable
+from jaxsim.discover.law_checks import check_law
 from jaxsim.discover.learn import LearnedFit
 from jaxsim.discover.symbolic import search
 from jaxsim.discover.verdict import ClosedLaw
@@ -77,7 +78,8 @@ def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
 
 
 def read_law(path: Path | str) -> ClosedLaw:
-    """The `law` of a verdict.json. Raises ValueError where the file is none, or holds no law."""
+    """The `law` of a verdict.json. Raises ValueError where the file is none, or holds no law, or one that is no formula
+    of `discover`: it becomes code."""
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"law: no file {path}; `jaxsim discover` writes one as OUT/verdict.json")
@@ -90,7 +92,9 @@ def read_law(path: Path | str) -> ClosedLaw:
             "sensor.json beside it as it is (`jaxsim simulate --effects`)"
         )
     try:
-        return parse_settings(ClosedLaw, content["law"])
+        law = parse_settings(ClosedLaw, content["law"])
+        check_law(law, {covariate: name for covariate, (name, _) in VARIABLES.items()})
+        return law
     except ValueError as error:
         raise ValueError(f"law: {path} holds a `law` that is none: {error}; run `jaxsim discover` again") from error
 

@@ -15,10 +15,13 @@ from jaxtyping import Bool, Float
 
 from jaxsim.effects.effect import Law
 from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.files import parse_settings
 
 WHOLE = ("intensity_quantization", "range_quantization", "saturation")
 """Effects that have one number for all rays of a recording (steps, a top), and so no part."""
 TURN = 2 * math.pi
+FAR = 1e9
+"""Seconds that no recording lasts."""
 L = TypeVar("L", bound=Law)
 Span = tuple[float | None, float | None]
 
@@ -42,6 +45,9 @@ class Region:
     def __post_init__(self) -> None:
         if self.azimuth_rad is None and self.time_s is None and self.tag is None and not self.scenes:
             raise ValueError("where: nothing is said; give azimuth_rad, time_s, tag or scenes, or leave `where` out")
+        ends = [*(self.azimuth_rad or ()), *(one for one in self.time_s or () if one is not None)]
+        if any(not abs(end) <= FAR for end in ends):
+            raise ValueError(f"where: {ends} are no radians or seconds; each must lie within {FAR:g}")
         if self.azimuth_rad is not None:
             low, high = self.azimuth_rad
             if not 0 < high - low < TURN:
@@ -88,23 +94,11 @@ class Region:
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> Region:
         """The region of an entry of sensor.json. Raises ValueError where it is none."""
-        known = cls.__dataclass_fields__
-        if not isinstance(entry, Mapping) or set(entry) - set(known):
-            raise ValueError(f"where: {entry!r} is not understood; it may hold {', '.join(known)}")
         try:
-            return cls(
-                azimuth_rad=_pair(entry["azimuth_rad"]) if "azimuth_rad" in entry else None,
-                time_s=_pair(entry["time_s"], open_ends=True) if "time_s" in entry else None,
-                tag=str(entry["tag"]) if "tag" in entry else None,
-                scenes=tuple(str(one) for one in entry.get("scenes", ())),
-            )
-        except TypeError as error:
-            raise ValueError(f"where: {dict(entry)!r} is not understood ({error})") from error
-
-
-def _pair(given: Any, *, open_ends: bool = False) -> Any:
-    first, last = given
-    return tuple(None if open_ends and one is None else float(one) for one in (first, last))
+            return parse_settings(cls, entry)
+        except ValueError as error:
+            known = ", ".join(cls.__dataclass_fields__)
+            raise ValueError(f"where: {entry!r:.200} is not understood ({error}); it may hold {known}") from error
 
 
 def kept(inside: Bool[Array, "*n"], before: Rays, after: Rays) -> Rays:

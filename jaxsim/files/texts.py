@@ -64,17 +64,25 @@ def real(value: Any) -> float:
 
 
 def parse_json(content: str | bytes, *, finite: bool = True) -> Any:
-    """What a JSON text holds. Raises ValueError where it is none, names a key twice, or is too deep to be read; and, if
-    `finite`, for NaN, for infinity, and for numbers that are too large to be told from it."""
+    """What a JSON text holds. Raises ValueError where it is none, names a key twice, or is too deep to be read; for
+    whole numbers of more than 64 bits; and, if `finite`, for NaN, for infinity, and for numbers that are too large to
+    be told from it."""
     hooks = {"parse_constant": _no_number, "parse_float": _finite} if finite else {}
     try:
-        return json.loads(content, object_pairs_hook=_each_once, **hooks)
+        return json.loads(content, object_pairs_hook=_each_once, parse_int=_whole, **hooks)
     except RecursionError:
         raise ValueError("it holds values within values, deeper than can be read") from None
 
 
 def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no number of JSON")
+
+
+def _whole(digits: str) -> int:
+    value = int(digits)
+    if abs(value) >= 2**63:
+        raise ValueError(f"{digits[:40]} is too large for a whole number")
+    return value
 
 
 def _finite(digits: str) -> float:
@@ -109,7 +117,7 @@ def read_entry(path: Path | str, name: str, kind: type[Any], *, by: str) -> Any:
     """
     content = read_json(path, by=by)
     try:
-        return TypeAdapter[Any](kind).validate_python(content[name], strict=True)
+        return parse_settings(kind, content[name])
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{by}: {path} must hold {name!r}, a {kind} ({error}); remove it, or make it anew") from error
 

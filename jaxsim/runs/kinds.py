@@ -19,6 +19,8 @@ from jaxsim.files import parse_settings
 from jaxsim.frame import Camera
 from jaxsim.geometry import LidarSpec
 
+MOST_PX = 1e5
+"""No camera has a focal length or an optical axis beyond it."""
 Matrix = tuple[tuple[float, ...], ...]
 AnyExperiment = Experiment | DetectorExperiment | DepthExperiment
 
@@ -43,6 +45,9 @@ class Run:
         if wrong:
             raise ValueError(f"{wrong[0]} must be a matrix of {shapes[wrong[0]][0]} rows and columns")
         check_rigid(np.asarray(self.cam_from_velo, float), "cam_from_velo")
+        k = np.asarray(self.intrinsics, float)
+        if not (np.abs(k) < MOST_PX).all() or not (k[0, 0] > 0 and k[1, 1] > 0) or k[2].tolist() != [0, 0, 1]:
+            raise ValueError(f"intrinsics are {k.tolist()}; they must be [fx 0 cx; 0 fy cy; 0 0 1] in pixels")
 
     @property
     def camera(self) -> Camera:

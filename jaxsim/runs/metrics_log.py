@@ -10,7 +10,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from jaxsim.files import parse_json, read_text, replacing
+from jaxsim.files import parse_json, read_text, real, replacing
+
+LONGEST_S = 1e9
+"""Thirty years: no training takes them."""
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -28,6 +31,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             content = parse_json(line, finite=False)  # a score may have no value
             if not isinstance(content, dict) or type(content.get("step")) is not int:
                 raise ValueError("it has no step")
+            if not 0 <= real(content.get("seconds", 0)) < LONGEST_S:
+                raise ValueError("its seconds cannot be")
         except ValueError as error:
             raise ValueError(
                 f"run: {path}, line {number} is not what a training writes there ({error}); remove that line, and the "

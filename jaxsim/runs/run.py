@@ -149,8 +149,10 @@ class Checkpoints:
         )
         try:
             return ocp.CheckpointManager(self.folder, options=options)
-        except ValueError as error:
-            raise ValueError(f"run: {self.folder} holds a damaged checkpoint ({error}); remove its folder") from error
+        except Exception as error:  # of orbax's own and those of its JSON
+            raise ValueError(
+                f"run: {self.folder} holds a damaged checkpoint ({_brief(error)}); remove its folder"
+            ) from error
 
     @property
     def latest(self) -> int | None:

@@ -139,6 +139,15 @@ def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, 
         Export(**settings, data=kitti(tmp_path / "a", rows="elevation"), frames="0-1")()
 
 
+@pytest.mark.parametrize("entry", ["six-0", {"name": 3, "left_out": None}, {"name": "six-0"}])
+def test_a_record_whose_frames_are_none_is_refused(tmp_path, six, entry):
+    Export(out=tmp_path, frames="0")()
+    record = json.loads((tmp_path / "export.json").read_text())
+    (tmp_path / "export.json").write_text(json.dumps(record | {"frames": {"000000": entry}}))
+    with pytest.raises(ValueError, match=r"export\.json cannot be read"):
+        Export(out=tmp_path, frames="0-1")()
+
+
 def test_a_data_set_whose_frames_have_shifted_is_not_mixed_with_what_it_was(tmp_path, six, monkeypatch):
     Export(out=tmp_path, frames="0")()
     monkeypatch.setattr(Six, "name_of", lambda self, index: f"six-{index + 1}")

@@ -8,6 +8,7 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.data import KittiObject, KittiRaw, open_dataset
+from jaxsim.data.kitti_files import read_plane
 
 DRIVE = "2011_09_26/2011_09_26_drive_0001_sync"
 
@@ -209,3 +210,10 @@ def test_a_data_set_that_reads_files_needs_a_root():
 def test_an_unknown_kind_is_answered_with_the_known_ones():
     with pytest.raises(ValueError, match="known: synthetic, kitti_raw, kitti_object"):
         open_dataset(DataConfig(kind="waymo"))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_road_plane_in_other_units_is_refused(tmp_path):
+    path = tmp_path / "000000.txt"
+    path.write_text("# Matrix\nWIDTH 4\nHEIGHT 1\n-7.05e-03 -9.99e-01 -1.78e-02 1.65e+03\n")
+    with pytest.raises(ValueError, match=r"000000\.txt: the road lies 1651\.\d+ m from the camera"):
+        read_plane(path)

@@ -8,29 +8,10 @@ import pytest
 
 from tests.programs import environment
 
-WRITES_AND_READS = """
-import resource, sys
-from pathlib import Path
-import numpy as np
-from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
-from jaxsim.frame import PolarGrid, PolarImage
-
-folder, count, rows, columns = Path(sys.argv[1]), int(sys.argv[2]), 32, 128
-grid = PolarGrid(np.linspace(1, -1, columns, dtype="f4"), np.linspace(0, -0.4, rows, dtype="f4"), np.zeros(rows, "f4"))
-rng, valid = np.random.default_rng(0), np.ones((rows, columns), bool)
-write_grid(folder, grid, frames={f"{k:06d}": {"scene": f"{k // 100}", "time": k / 10} for k in range(count)})
-for k in range(count):
-    range_m, intensity = rng.uniform(3, 60, (rows, columns)), rng.random((rows, columns))
-    write_frame(folder, f"{k:06d}", PolarImage(range_m.astype("f4"), intensity.astype("f4"), valid))
-frames = open_polar_frames(folder)
-total = sum(float(frames.read(name)[0].range_m.mean()) for name in frames.names)
-print(len(frames.names), total / count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-"""
-
 
 def peak_mb(folder, count: int) -> int:
     """Megabytes that a program takes at most which writes and reads so many frames."""
-    command = [sys.executable, "-c", WRITES_AND_READS, str(folder), str(count)]
+    command = [sys.executable, "-m", "tests.data.many_frames", str(folder), str(count)]
     ended = subprocess.run(command, capture_output=True, text=True, env=environment(folder), check=True)
     read, mean_m, peak = ended.stdout.split()
     assert int(read) == count

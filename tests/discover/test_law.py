@@ -3,13 +3,16 @@
 import json
 import runpy
 from dataclasses import replace
+from functools import cache
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxsim.discover.formulas import Variable, shapes_of
 from jaxsim.discover.law import VARIABLES, closed_law, read_law, write_effect
+from jaxsim.discover.law_checks import check_expression
 from jaxsim.discover.learn import LearnedFit
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
@@ -26,6 +29,7 @@ TRUTH = {
 }
 
 
+@cache
 def law_of(channel):
     curve, without = learned(TRUTH[channel](np.exp(KNOTS)), sd=0.005)
     values = tuple(np.clip(curve, 0, 0.95).tolist() if channel == "drop" else curve.tolist())
@@ -85,6 +89,48 @@ def test_a_verdict_without_a_law_is_refused(tmp_path, content, message):
         (tmp_path / "verdict.json").write_text(json.dumps(content))
     with pytest.raises(ValueError, match=message):
         read_law(tmp_path / "verdict.json")
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"expression": "__import__('os').system('touch owned')"}, "it holds"),
+        ({"expression": "level + size * range_m.real"}, "it holds 'range_m.real'"),
+        ({"expression": "level + exit(range_m)"}, "it holds 'exit"),
+        ({"expression": "exp(*range_m)"}, "it holds"),
+        ({"expression": "[level for level in range_m]"}, "it holds"),
+        ({"expression": "level + size * 9**9**9**9"}, "it holds '9 "),
+        ({"expression": "level + 'a'"}, "it holds \"'a'\""),
+        ({"expression": "level + size * incidence_rad"}, "it holds 'incidence_rad'"),
+        ({"expression": "level)\nimport os  # ("}, "is no formula of range_m"),
+        ({"expression": "(" * 300}, "is no formula of range_m"),
+        ({"expression": "level" + " + level" * 100}, "is too long"),
+        ({"formula": 'x""" + __import__("os").system("touch owned") + """'}, "holds what no formula does"),
+        ({"formula": "x\n"}, "holds what no formula does"),
+        ({"covariates": ["rain"]}, "covariate 'rain' is in no formula"),
+        ({"channel": "colour"}, "channel 'colour' is not known"),
+        ({"parameters": {"x[0]": {"value": 1.0, "low": 0.0, "high": 2.0, "unit": ""}}}, "parameter 'x.0.' is in no"),
+        ({"limits": {}}, "limits of range_m are missing"),
+        ({"limits": {"range_m": [90.0, 2.0]}}, "or do not rise"),
+        ({"share": 1e30}, "a number is beyond"),
+    ],
+)
+def test_a_strangers_formula_becomes_no_code(tmp_path, changed, message):
+    law = law_of("intensity")
+    Verdict("not_in_catalogue", (), (), None, {}, None, ("a",), ("b",), "", 2, 1.0, law=law).save(tmp_path)
+    path = tmp_path / "verdict.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"law": content["law"] | changed}))
+    with pytest.raises(ValueError, match=rf"verdict\.json holds a `law` that is none: .*{message}"):
+        read_law(path)
+
+
+def test_every_formula_of_the_grammar_may_become_code():
+    for variable, unit in VARIABLES.values():
+        for x in (np.linspace(-2, 3, 20), np.geomspace(1e-3, 90, 20)):
+            for shape in shapes_of([Variable(variable, unit, x), Variable("row", "", x)]):
+                own = [word for word in (variable, "row") if word in shape.expression]
+                check_expression(shape.expression, [*own, "pi", "phase", "level", "size", shape.constant])
 
 
 def test_names_that_cannot_be_are_refused(tmp_path):

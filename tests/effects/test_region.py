@@ -86,6 +86,14 @@ def test_sensor_json_keeps_where(tmp_path):
         ({"time_s": [40, 30]}, "must end after it begins"),
         ({"night": True}, "it may hold azimuth_rad, time_s, tag, scenes"),
         ({"azimuth_rad": 3.0}, "is not understood"),
+        ({"azimuth_rad": [True, 2.0]}, "is not understood"),
+        ({"azimuth_rad": ["0.1", 2.0]}, "is not understood"),
+        ({"azimuth_rad": [0.1, 2.0, 3.0]}, "is not understood"),
+        ({"time_s": [None, 10**400]}, "is not understood"),
+        ({"time_s": [0.0, 1e30]}, "no radians or seconds"),
+        ({"tag": ["night"]}, "is not understood"),
+        ({"scenes": "drive"}, "is not understood"),
+        ({"azimut_rad": [0.1, 2.0], "tag": "a"}, "did you mean azimuth_rad"),
     ],
 )
 def test_a_region_that_cannot_be_is_refused(tmp_path, where, words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,12 @@ from jaxsim.data.prepared_set import PreparedSet
 from jaxsim.data.records import PairRecord, example_of
 from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, Split, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene
-from jaxsim.discover.law import read_law
+from jaxsim.discover.law import read_law, write_effect
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import claim, write_arrays
+from jaxsim.effects.learned import Learned
+from jaxsim.effects.own import known_effects, write_template
+from jaxsim.files import claim, read_entry, write_arrays
 from jaxsim.frame import Camera, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import preset
 from jaxsim.metrics.frechet import halves, load_halves, save_halves
@@ -31,6 +35,7 @@ from jaxsim.runs.metrics_log import MetricsLog, read_metrics
 from jaxsim.runs.run import Checkpoints, load_run, start_run
 from jaxsim.simulate.folder import claim_frames
 from jaxsim.studies.real2sim2real.clouds import checked_kinds
+from jaxsim.studies.real2sim2real.scores import Scored
 from jaxsim.train.experiments import load_loop, read_experiment
 from jaxsim.weights import ABOUT, Converter, convert, fit, load_weights
 from tests.fuzz.reader import Reader, one
@@ -51,7 +56,8 @@ def _image() -> PolarImage:
 
 
 def _polar(folder: Path) -> None:
-    write_grid(folder, GRID, frames={"a": {"time": 1.0, "speed": 9.0, "heading": 0.1, "scene": "x"}})
+    about = {"time": 1.0, "speed": 9.0, "heading": 0.1, "scene": "x", "tags": ["night", "rain"]}
+    write_grid(folder, GRID, frames={"a": about})
     rasters = {"semantic": np.full((R, C), 7), "rgb": np.full((R, C, 3), 90.0, "f4")}
     write_frame(folder, "a", _image(), incidence=np.full((R, C), 0.4, "f4"), **rasters)
 
@@ -175,18 +181,55 @@ def _converted(folder: Path) -> Any:
 
 
 def _law() -> str:
+    numbers = {"level": 0.2, "size": 0.1, "period": 5.0, "phase": 0.3}
     entry = {
         "channel": "intensity",
         "covariates": ["range"],
-        "formula": "0.1 * range",
-        "expression": "a * range",
-        "parameters": {"a": {"value": 0.1, "low": 0.05, "high": 0.15, "unit": "1"}},
-        "limits": {"range": [0.0, 80.0]},
+        "formula": "0.2 + 0.1·sin(2·π·range_m / 5 + 0.3)",
+        "expression": "level + size * sin(2 * pi * range_m / period + phase)",
+        "parameters": {key: {"value": v, "low": v - 0.1, "high": v + 0.1, "unit": "m"} for key, v in numbers.items()},
+        "limits": {"range_m": [2.0, 80.0]},
         "nodes": 3,
         "held_out_nats": 12.5,
         "share": 0.9,
     }
     return json.dumps({"law": entry, "verdict": "none"})
+
+
+def _read_law(folder: Path) -> Any:
+    """The law, and whether the file that it becomes is Python."""
+    law = read_law(folder / "verdict.json")
+    path = write_effect(law, folder / "mine.py")
+    compile(path.read_bytes(), path, "exec")
+    return law
+
+
+def _own_effect(folder: Path) -> None:
+    write_template("own_effect", folder / "own.py")
+    of = {"file": "own.py", "sha256": hashlib.sha256((folder / "own.py").read_bytes()).hexdigest()}
+    entry = {"name": "own_effect", "parameters": {"share": 0.5}, "from": of, "where": {"tag": "night"}}
+    one("sensor.json", json.dumps({"effects": [entry]}))(folder)
+
+
+def _read_own_effect(folder: Path) -> Any:
+    """A sensor with an effect of one's own, which no later reader knows."""
+    before = dict(EFFECTS)
+    try:
+        known_effects([folder / "own.py"])
+        model = SensorModel.load(folder / "sensor.json", rows=R)
+        return [*EFFECTS], model.effects, model.regions
+    finally:
+        EFFECTS.clear()
+        EFFECTS.update(before)
+
+
+def _read_export(folder: Path) -> Any:
+    record = TreeRecord.open(folder, {"a": 1})
+    record.check_names(folder, {"000000": "x"})
+    return record.frames, record.has(folder, "000000")
+
+
+_SCORED = {"step": 1, "ap_r40": {"3d 0.7 easy": 61.5, "bev 0.7 hard": None}, "labels": {"easy": 7, "hard": 0}}
 
 
 def _claimed(name: str, text: str, made: dict[str, Any]) -> Reader:
@@ -203,13 +246,23 @@ def _loop_file() -> str:
     return TypeAdapter(LoopConfig).dump_json(LoopConfig()).decode()
 
 
+_LEARNED = (
+    Learned("intensity", "curve", ("range",), ((1.0, 2.0, 4.0),), (0.1, -0.2, 0.3), (0.01,) * 3),
+    Learned("drop", "product", ("row", "azimuth"), ((0.0, 3.0), (-1.0, 1.0)), (0.0, 0.1, 0.2, 0.3), (0.0,) * 4),
+    Learned("range", "wave", ("column",), ((0.25,),), (0.05, -0.02), (0.001, 0.001)),
+)
 _SENSOR = {
     "effects": [
-        {"name": "beam_gain", "parameters": {"gain": [0.1, -0.1, 0.05, 0.0]}},
-        {"name": "range_scale", "parameters": {}},
+        {
+            "name": "beam_gain",
+            "parameters": {"gain": [0.1, -0.1, 0.05, 0.0]},
+            "where": {"azimuth_rad": [0.5, 1.25], "time_s": [None, 40.0]},
+        },
+        {"name": "range_scale", "parameters": {}, "where": {"tag": "night"}},
+        {"name": "random_dropout", "parameters": {"probability": 0.1}, "where": {"scenes": ["a", "b"]}},
     ],
-    "levels": {},
-    "learned": [],
+    "levels": {"range_noise": 0.02, "random_loss": 0.1},
+    "learned": [law.to_json() for law in _LEARNED],
 }
 _FILES = ("config.json",)
 
@@ -230,7 +283,8 @@ MADE: dict[str, Reader] = {
     "sensor.json": Reader(
         one("sensor.json", json.dumps(_SENSOR, indent=1)), lambda f: SensorModel.load(f / "sensor.json", rows=R)
     ),
-    "verdict.json": Reader(one("verdict.json", _law()), lambda f: read_law(f / "verdict.json")),
+    "verdict.json": Reader(one("verdict.json", _law()), _read_law, largest=1e12),
+    "own effect": Reader(_own_effect, _read_own_effect),
     "config.json": Reader(lambda f: _run(f, _sensor_run()), load_run, _FILES, largest=1e12),
     "config.json, detector": Reader(
         lambda f: _run(f, DetectorRun(DetectorExperiment(), 9, 2)),
@@ -261,7 +315,12 @@ MADE: dict[str, Reader] = {
         ("simulation.json",),
     ),
     "record of settings": _claimed("plan.json", '{"a": 1, "b": [1, 2]}', {"a": 1, "b": [1, 2]}),
-    "export.json": Reader(_export, lambda f: TreeRecord.open(f, {"a": 1}).frames, ("export.json",)),
+    "export.json": Reader(_export, _read_export, ("export.json",)),
+    "scores": Reader(
+        one("s.json", json.dumps({"checkpoints": [_SCORED]})),
+        lambda f: read_entry(f / "s.json", "checkpoints", list[Scored], by="test"),
+        largest=1e12,
+    ),
     "clouds.json": Reader(one("clouds.json", '{"clouds": ["real", "simulated"], "classes": {}}'), checked_kinds),
     "note of a shard": Reader(
         lambda f: (_set(f), None)[1],

@@ -26,8 +26,9 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.data.kitti_step import read_panoptic
+from jaxsim.data.kitti_step import KittiStep, read_panoptic
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
+from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import (
     COLOURS,
     COLUMNS,
@@ -36,7 +37,6 @@ from jaxsim.data.vkitti2_files import (
     read_depth,
     read_extrinsics,
     read_instances,
-    read_intrinsics,
     read_objects,
 )
 from jaxsim.metrics.detection.files import frame_list, read_detections, read_truth
@@ -66,12 +66,12 @@ def _png(image: np.ndarray) -> bytes:
     return cv2.imencode(".png", image)[1].tobytes()
 
 
-def _indexed() -> bytes:
+def _indexed(size: tuple[int, int] = (12, 20)) -> bytes:
     import io
 
     from PIL import Image
 
-    image = Image.fromarray((_rng.integers(0, 5, (12, 20))).astype(np.uint8), mode="P")
+    image = Image.fromarray((_rng.integers(0, 5, size)).astype(np.uint8), mode="P")
     image.putpalette([k * 7 % 256 for k in range(768)])
     out = io.BytesIO()
     image.save(out, "PNG")
@@ -127,6 +127,32 @@ def _virtual_texts(root: Path) -> None:
     pose += [f"{f} 0 {t} -1.5 1.8 1.5 4.2 10 1 20 0.1 0 0 -3.2 1.7 15.5 -1.55 0 0" for f in (0, 1) for t in (0, 1)]
     for name, lines in (("info", info), ("bbox", boxes), ("pose", pose)):
         one(f"{name}.txt", "\n".join(lines) + "\n")(root)
+
+
+def _virtual_frame(root: Path) -> None:
+    """A frame of Virtual KITTI 2 in 12 x 40 pixels."""
+    drive = root / "Scene01" / "clone"
+    (drive / "frames").mkdir(parents=True)
+    _virtual_texts(drive)
+    one("colors.txt", f"{COLUMNS['colors']}\nCar 255 127 80\nRoad 100 60 100\n")(drive)
+    one("intrinsic.txt", f"{COLUMNS['intrinsic']}\n0 0 23.36 23.36 20 6\n")(drive)
+    one("extrinsic.txt", f"{COLUMNS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n")(drive)
+    for kind, name, data in (
+        ("rgb", "rgb_00000.jpg", cv2.imencode(".jpg", _RGB)[1].tobytes()),
+        ("depth", "depth_00000.png", _png(_rng.integers(200, 60000, (12, 40)).astype(np.uint16))),
+        ("classSegmentation", "classgt_00000.png", _png(np.full((12, 40, 3), (80, 127, 255), np.uint8))),
+        ("instanceSegmentation", "instancegt_00000.png", _indexed((12, 40))),
+    ):
+        one(name, data)(drive / "frames" / kind / "Camera_0")
+
+
+def _step_frame(root: Path) -> None:
+    """A frame of KITTI-STEP in 12 x 40 pixels."""
+    one("image_02/0000/000000.png", _png(_RGB))(root / "training")
+    one("velodyne/0000/000000.bin", _points().tobytes())(root / "training")
+    one("calib/0000.txt", _TRACKING.replace(P2, _SMALL_P2))(root / "training")
+    one("label_02/0000.txt", f"0 1 {CAR}\n")(root / "training")
+    one("panoptic_maps/train/0000/000000.png", _png(np.zeros((12, 40, 3), np.uint8)))(root)
 
 
 def _ouster(root: Path) -> None:
@@ -195,17 +221,23 @@ RECORDINGS: dict[str, Reader] = {
         lambda f: read_colours(f / "colors.txt"),
         largest=255,
     ),
-    "vkitti2 intrinsics": Reader(
-        one("k.txt", f"{COLUMNS['intrinsic']}\n0 0 725.0087 725.0087 620.5 187\n"),
-        lambda f: read_intrinsics(f / "k.txt"),
-        largest=1e5,
+    "vkitti2 frame": Reader(
+        _virtual_frame,
+        lambda f: VirtualKitti2(f, scenes=("Scene01",), variations=("clone",))[0],
+        within=_NEAR,
+        largest=1e6,
+    ),
+    "kitti step frame": Reader(
+        _step_frame,
+        lambda f: KittiStep(f, sequences=("0000",), rows="elevation")[0],
+        within={**_CLOUD, **_NEAR, **_LABEL},
     ),
     "vkitti2 extrinsics": Reader(
         one("e.txt", f"{COLUMNS['extrinsic']}\n0 0 1 0 0 3.5 0 1 0 -2 0 0 1 9 0 0 0 1\n"),
         lambda f: read_extrinsics(f / "e.txt"),
         largest=1e5,
     ),
-    "vkitti2 objects": Reader(_virtual_texts, read_objects, largest=1e5),
+    "vkitti2 objects": Reader(_virtual_texts, read_objects, largest=1e6),
     "nuscenes sweep": Reader(
         one("n015__LIDAR_TOP__1532402927647951.pcd.bin", _sweep()),
         lambda f: read_lidar_top(f / "n015__LIDAR_TOP__1532402927647951.pcd.bin"),

@@ -73,55 +73,59 @@ def fill(command: Command, work: Path, cache: Path, *, largest: int) -> str:
     return "" if ended == 1 else "ended before" if ended == 0 else f"status {ended}"
 
 
+def attack(name: str, count: int, seed: int, base: Path) -> Counter[str]:
+    """What came of so many kills of one command; the same for a seed, whichever others are asked for."""
+    command, place, found = COMMANDS[name], base / name.replace(" ", "_"), Counter[str]()
+    rng = np.random.default_rng([seed, list(COMMANDS).index(name)])
+    (place / "inputs").mkdir(parents=True)
+    command.inputs(place / "inputs")
+    # Twice: the second one finds compiled programs, as the killed ones will.
+    for _ in range(2):
+        took = run_whole(command, fresh(place / "inputs", place / "work"), base)
+    wanted = digests(place / "work" / command.results)
+    files = (place / "work" / command.results).rglob("*")
+    largest_file = max(path.stat().st_size for path in files if path.is_file())
+    print(f"{name}: {took:.0f} s, {len(wanted)} results", flush=True)
+    for k in range(count):
+        work = fresh(place / "inputs", place / "work")
+        if k % 3 == 2:
+            largest = int(largest_file * rng.uniform(0.05, 0.95))
+            how, outcome = f"no file above {largest} bytes", fill(command, work, base, largest=largest)
+        else:
+            after_s = float(rng.uniform(0.2, 1.0)) * took
+            how = f"killed after {after_s:.1f} s"
+            outcome = "" if kill(command, work, base, after_s=after_s) else "ended before"
+        if outcome in ("", "ended before"):
+            try:
+                run_whole(command, work, base)
+                now = digests(work / command.results)
+                changed = [file for file in {*now, *wanted} if now.get(file) != wanted.get(file)]
+                outcome = f"differs: {', '.join(sorted(changed)[:5])}" if changed else outcome or "same bytes"
+            except RuntimeError as error:
+                outcome = f"does not resume: {str(error)[-400:]}"
+        print(f"{name}, {how}: {outcome}", flush=True)
+        found[outcome.partition(":")[0]] += 1
+    return found
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
     parser.add_argument("count", type=int, help="kills")
     parser.add_argument("seed", type=int)
     parser.add_argument("--only", nargs="*", default=list(COMMANDS), choices=list(COMMANDS))
     given = parser.parse_args(argv)
-    rng = np.random.default_rng(given.seed)
-    table: dict[str, Counter[str]] = {name: Counter() for name in given.only}
+    total = Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
-        base = Path(folder)
-        wanted, took, sizes = {}, {}, {}
-        for name in given.only:
-            command, place = COMMANDS[name], base / name.replace(" ", "_")
-            (place / "inputs").mkdir(parents=True)
-            command.inputs(place / "inputs")
-            # Twice: the second one finds compiled programs, as the killed ones will.
-            for _ in range(2):
-                took[name] = run_whole(command, fresh(place / "inputs", place / "work"), base)
-            wanted[name] = digests(place / "work" / command.results)
-            files = (place / "work" / command.results).rglob("*")
-            sizes[name] = max(path.stat().st_size for path in files if path.is_file())
-            print(f"{name}: {took[name]:.0f} s, {len(wanted[name])} results", flush=True)
-        for k in range(given.count):
-            name = given.only[k % len(given.only)]
-            command, place = COMMANDS[name], base / name.replace(" ", "_")
-            work = fresh(place / "inputs", place / "work")
-            if k // len(given.only) % 3 == 2:
-                largest = int(sizes[name] * rng.uniform(0.05, 0.95))
-                how, outcome = f"no file above {largest} bytes", fill(command, work, base, largest=largest)
-            else:
-                after_s = float(rng.uniform(0.2, 1.0)) * took[name]
-                how = f"killed after {after_s:.1f} s"
-                outcome = "" if kill(command, work, base, after_s=after_s) else "ended before"
-            if outcome in ("", "ended before"):
-                try:
-                    run_whole(command, work, base)
-                    now = digests(work / command.results)
-                    changed = [file for file in {*now, *wanted[name]} if now.get(file) != wanted[name].get(file)]
-                    outcome = f"differs: {', '.join(sorted(changed)[:5])}" if changed else outcome or "same bytes"
-                except RuntimeError as error:
-                    outcome = f"does not resume: {str(error)[-400:]}"
-            print(f"{name}, {how}: {outcome}", flush=True)
-            table[name][outcome.partition(":")[0]] += 1
-    total = sum(table.values(), Counter())
-    for name, counts in table.items():
-        print(f"{name:<16}" + ", ".join(f"{outcome} {count}" for outcome, count in sorted(counts.items())))
-    told = ", ".join(f"{outcome} {count}" for outcome, count in sorted(total.items()))
-    print(f"seed {given.seed}, {len(table)} commands, {total.total()} kills: {told}")
+        for k, name in enumerate(given.only):
+            counts = attack(name, len(range(k, given.count, len(given.only))), given.seed, Path(folder))
+            print(f"{name:<16}{told(counts)}", flush=True)
+            total += counts
+    print(f"seed {given.seed}, {len(given.only)} commands, {total.total()} kills: {told(total)}")
     return int(any(outcome not in GOOD for outcome in total))
+
+
+def told(counts: Counter[str]) -> str:
+    return ", ".join(f"{outcome} {count}" for outcome, count in sorted(counts.items()))
 
 
 if __name__ == "__main__":

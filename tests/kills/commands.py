@@ -42,6 +42,28 @@ experiment = DepthExperiment(
     run=RunConfig(name="depth", log_every=1, save_every=3, picture_every=100),
 )
 """
+LOOP = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+sys.path.insert(0, ".")
+from jaxsim.config import LoopConfig
+from tests.detect.tiny import EXPERIMENT
+from tiny import experiment as intensity
+
+real = replace(intensity.data, train="0,8", validation="16", cache=Path("cache"))
+loop = LoopConfig(
+    intensity=replace(intensity, data=real, optim=replace(intensity.optim, steps=4)),
+    detector=replace(
+        EXPERIMENT,
+        data=real,
+        optim=replace(EXPERIMENT.optim, epochs=2),
+        run=replace(EXPERIMENT.run, log_every=1, save_every=1),
+    ),
+    synthetic=replace(real, seed=1, streets="suburb", train="0", validation="8"),
+    kinds=("simulated_grid",),  # without `discover`, which is killed by itself
+)
+"""
 _DETECTOR_FLAGS = (
     *("--data.train=0,8", "--data.validation=0", "--data.cache=cache", "--optim.epochs=4", "--run.log-every=1"),
     *("--run.save-every=1", "--voxels.max-voxels-train=2000", "--voxels.max-voxels=2000", "--augment.sampled=0"),
@@ -72,6 +94,11 @@ def _clouds(work: Path) -> None:
     (work / "clouds").mkdir()
     for k in range(6):
         scene(k).points.astype("<f4").tofile(work / "clouds" / f"{k:06d}.bin")
+
+
+def _loop(work: Path) -> None:
+    (work / "tiny.py").write_text(INTENSITY)
+    (work / "loop.py").write_text(LOOP)
 
 
 def _toy_folders(work: Path) -> None:
@@ -111,6 +138,7 @@ COMMANDS: dict[str, Command] = {
         "runs",
         _text("tiny.py", INTENSITY),
     ),
+    "real2sim2real": Command(("real2sim2real", "--config", "loop.py", "--out", "loop"), "loop", _loop),
 }
 """By what they do."""
 

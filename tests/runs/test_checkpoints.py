@@ -81,3 +81,9 @@ def test_a_moved_run_has_its_checkpoints_and_saves_on(tmp_path):
     Checkpoints(tmp_path / "after").save(8, state=TREE)
     assert Checkpoints(tmp_path / "after").steps == [7, 8]
     assert not (tmp_path / "before").exists()
+
+
+def test_orbaxs_own_json_that_is_too_deep_names_the_folder(tmp_path):
+    (saved(tmp_path).parent / "_CHECKPOINT_METADATA").write_text("[" * 100_000)
+    with pytest.raises(ValueError, match=f"run: .*{tmp_path}.* damaged"):
+        restored(tmp_path)

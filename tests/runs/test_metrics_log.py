@@ -51,7 +51,13 @@ def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
     assert (tmp_path / "metrics.jsonl").read_bytes() == whole
 
 
-@pytest.mark.parametrize("line", ["{", "3", '{"loss": 1}', '{"step": "3"}', '{"step": true}'])
+@pytest.mark.parametrize(
+    "line",
+    [
+        *("{", "3", '{"loss": 1}', '{"step": "3"}', '{"step": true}'),
+        *('{"step": 3, "seconds": 1e30}', '{"step": 3, "seconds": "1"}', f'{{"step": 3, "loss": {10**400}}}'),
+    ],
+)
 def test_a_line_that_is_none_is_named(tmp_path, line):
     (tmp_path / "metrics.jsonl").write_text(f'{{"step": 1}}\n{line}\n')
     with pytest.raises(ValueError, match=r"metrics\.jsonl, line 2 is not what a training writes"):

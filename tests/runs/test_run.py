@@ -1,5 +1,6 @@
 import dataclasses
 import fcntl
+import json
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,17 @@ def test_settings_of_another_version_are_refused_with_the_field(tmp_path):
     path = tmp_path / "config.json"
     path.write_text(path.read_text().replace('"batch": 8', '"batch": "many"'))
     with pytest.raises(ValueError, match=r"experiment\.optim\.batch"):
+        load_run(tmp_path)
+
+
+@pytest.mark.parametrize("focal", ["1e30", "-700.0", "0.0"])
+def test_a_camera_that_is_none_is_refused(tmp_path, focal):
+    start_run(tmp_path, run())
+    path = tmp_path / "config.json"
+    content = json.loads(path.read_text())
+    content["intrinsics"][0][0] = float(focal)
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"intrinsics are .* in pixels"):
         load_run(tmp_path)
 
 

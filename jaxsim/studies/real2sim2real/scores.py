@@ -6,10 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 
+from jaxsim.config.ranges import Whole
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_entry, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts
@@ -19,6 +21,7 @@ from jaxsim.studies.real2sim2real import REAL, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, plain_rows
 
 Counts = Mapping[str, CloudCounts]
+Percent = Annotated[float, Ge(0), Le(100)]
 Paper = dict[str, dict[str, tuple[float, ...]]]
 HEADS = ("3D@0.7", "BEV@0.7", "3D@0.5", "BEV@0.5", "2D@0.7", "AOS@0.7")
 """COLUMNS as the papers print them."""
@@ -87,10 +90,19 @@ class Average:
     labels: int
 
 
-def read_checkpoints(loop: Loop, trained: str, judged: str, *, seed: int) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class Scored:
+    """A checkpoint's entry of a file of scores."""
+
+    step: int
+    ap_r40: dict[str, Percent | None]
+    labels: dict[str, Whole]
+
+
+def read_checkpoints(loop: Loop, trained: str, judged: str, *, seed: int) -> list[Scored]:
     """What `write_score` kept of one detector, a dict a checkpoint; none where it is not scored."""
     path = loop.score(trained, judged, seed)
-    return read_entry(path, "checkpoints", list[dict[str, Any]], by="real2sim2real") if path.is_file() else []
+    return read_entry(path, "checkpoints", list[Scored], by="real2sim2real") if path.is_file() else []
 
 
 def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, str], difficulty: str) -> Average | None:
@@ -100,10 +112,10 @@ def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, st
     labels = 0
     for seed in loop.config.seeds:
         checkpoints = read_checkpoints(loop, trained, judged, seed=seed)
-        found = [c["ap_r40"][key] for c in checkpoints if c["ap_r40"].get(key) is not None]
+        found = [ap for c in checkpoints if (ap := c.ap_r40.get(key)) is not None]
         if found:
             values.append(float(np.mean(found)))
-            labels = checkpoints[-1]["labels"][difficulty]
+            labels = checkpoints[-1].labels.get(difficulty, 0)
     if not values:
         return None
     spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
@@ -116,8 +128,8 @@ def epochs_on_real(loop: Loop) -> dict[str, list[list[float]]]:
     curves = {}
     for kind in (REAL, *loop.config.kinds):
         seeds = [found for seed in loop.config.seeds if (found := read_checkpoints(loop, kind, REAL, seed=seed))]
-        known = seeds and seeds[0][0]["ap_r40"].get(key) is not None
-        curves[kind] = [[c["ap_r40"][key] for c in one] for one in seeds] if known else []
+        known = seeds and seeds[0][0].ap_r40.get(key) is not None
+        curves[kind] = [[c.ap_r40.get(key) or 0.0 for c in one] for one in seeds] if known else []
     return curves
 
 

@@ -1,5 +1,6 @@
 """Averages of what was scored and the loop's tables, beside the paper's."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -76,3 +77,15 @@ def test_the_papers_numbers_stand_beside_ours(scored):
     assert "| raw_64 | easy | - | - (63.78)" in text
     assert "| raw_64 | moderate | 9 | 81.00 ± 1.41 (88.78)" in text  # trained on real, scored on it
     assert "| raw_64 | 1 | 90 |" in text  # one car, 90 points on it; no car at any other distance
+
+
+@pytest.mark.parametrize(
+    "changed", [{"ap_r40": {"3d 0.7 easy": 130.0}}, {"ap_r40": [1]}, {"labels": {"easy": "7"}}, {"steps": 3}]
+)
+def test_scores_that_cannot_be_are_refused(scored, changed):
+    path = scored.score("raw_64", "real", 0)
+    content = json.loads(path.read_text())
+    content["checkpoints"][0] |= changed
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"raw_64_on_real\.json must hold 'checkpoints'"):
+        answer(scored)
