@@ -44,6 +44,34 @@ class Prediction:
         return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
 
 
+def drawn(says: Prediction, key: Array) -> Rays:
+    """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
+
+    A ray drops with its own probability; else its intensity is that of a level drawn evenly: linear between LEVELS,
+    and as steep as beside the outer ones beyond them. Cells are drawn each for itself. `key` has the batch's dims.
+
+    Raises ValueError where the network gives no distribution.
+    """
+    if says.levels is None or says.drop_share is None:
+        raise ValueError(
+            "simulate: this run's network gives one intensity a cell, not a distribution to draw from; leave out "
+            "--draws, or train one with --generator.form unet"
+        )
+    if key.ndim:
+        return jax.vmap(drawn)(says, key)
+    of_level, of_drop = jax.random.split(key)
+    u = jax.random.uniform(of_level, says.intensity.shape)
+    values, levels = jnp.moveaxis(says.levels, -1, 0), LEVELS
+    # Pieces from level to level; the first and the last go on beyond their ends.
+    intensity = values[0]
+    for k in range(len(levels) - 1):
+        slope = (values[k + 1] - values[k]) / (levels[k + 1] - levels[k])
+        piece = values[k] + slope * (u - levels[k])
+        intensity = jnp.where((u >= levels[k]) | (k == 0), piece, intensity)
+    drops = jax.random.uniform(of_drop, u.shape) < says.drop_share
+    return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
+
+
 def make_batch(
     prepare: PrepareConfig, *, drop_weight: float = 1.0, unseen_weight: float = 0.0, occluded_weight: float = 0.0
 ) -> Callable[[Pair], dict[str, Array]]:
@@ -142,8 +170,10 @@ def simulate_frame(
     row: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
+    key: Array | None = None,
 ) -> tuple[PolarImage, Painted]:
-    """What the LiDAR reports of a camera's view, and what was painted on its grid on the way.
+    """What the LiDAR reports of a camera's view, and what was painted on its grid on the way; with `key` a draw from
+    what the network holds possible (`drawn`), else what it holds most likely.
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
     intensity there, drop the rays of zero intensity. `row` is each beam's place in the sensor, 0 top, 1 bottom.
@@ -151,7 +181,8 @@ def simulate_frame(
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
     rows = jnp.broadcast_to(row[:, None], angle.shape)
-    intensity = predict_intensity(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
+    says = predict_cells(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
+    intensity = says.reported if key is None else drawn(says, key)
     return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0)), painted
 
 
