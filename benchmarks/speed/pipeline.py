@@ -60,7 +60,7 @@ def main(experiment: Experiment, *, steps: int, rounds: int) -> None:
         pairs = jax.device_put(stack([train[k % len(train)] for k in range(size)]))
         one = interleave(
             f"inference, batch {size}, window {train[0].target.shape[0]} x {train[0].target.shape[1]}",
-            {"jaxsim": lambda pairs=pairs: np.asarray(predict(params, pairs))},
+            {"jaxsim": lambda pairs=pairs: np.asarray(predict(params, pairs).reported)},
             rounds=2 * rounds,
         )
         print(f"  inference: {size / one['jaxsim']:.1f} images/s")

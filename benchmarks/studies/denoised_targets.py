@@ -137,7 +137,7 @@ def scores_of(
 def predictions(run: Path, pairs: Sequence[Pair]) -> list[np.ndarray]:
     sensor = jaxsim.load(run)
     predict = make_predict(sensor.generate, sensor.run.experiment.prepare)
-    return [np.asarray(predict(sensor.params, pair)) for pair in pairs]
+    return [np.asarray(predict(sensor.params, pair).reported) for pair in pairs]
 
 
 def main(

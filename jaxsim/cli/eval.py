@@ -17,7 +17,15 @@ from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.files import file_of
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.report import pair_picture, save_picture, score_table, write_frechet, write_scores
+from jaxsim.report import (
+    difference_table,
+    list_scores,
+    pair_picture,
+    save_picture,
+    score_table,
+    write_frechet,
+    write_scores,
+)
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 
@@ -26,8 +34,9 @@ from jaxsim.simulate.sensor import load
 class Evaluation(Checked):
     """Paired scores on the cells that the camera saw, with baselines beside them, and pictures.
 
-    The baselines average the run's own training frames. Writes scores.json, scores.md and pictures (input |
-    predicted | measured | difference) to RUN/evaluation. Of a detector's run: KITTI's average precision.
+    The baselines are fitted to the run's own training frames; where two scenes or more are judged, every score has its
+    interval over them. Writes scores.json, scores.md and pictures (input | predicted | measured | difference) to
+    RUN/evaluation. Of a detector's run: KITTI's average precision.
 
     Also: jaxsim eval generation (two folders of frames or clouds), jaxsim eval detection (KITTI result files),
     jaxsim eval ablation (networks of different inputs in one table); each has its own --help.
@@ -41,6 +50,9 @@ class Evaluation(Checked):
     """Frames to judge: `0-2`, or a part by name: `evaluation`. Empty: the validation frames, or all of another set."""
     out: Path | None = None
     """Where to write instead of RUN/evaluation."""
+    trees: bool = False
+    """Also fit boosted trees to the training frames, the strongest baseline (minutes; needs scikit-learn, the extra
+    `trees`)."""
     pictures: Whole = 4
     """Frames to draw."""
     fid: str = ""
@@ -63,15 +75,29 @@ class Evaluation(Checked):
         own = sensor.run.experiment.data
         data, validation = self.data.config(own), self.data.validation(own)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
-        judged = score_sensor(sensor, data, frames=self.frames, validation=validation, extractor=extractor)
+        judged = score_sensor(
+            sensor, data, frames=self.frames, validation=validation, trees=self.trees, extractor=extractor
+        )
 
         # Tables and pictures.
         pairs = judged.pairs
-        write_scores(out, judged.scores, frames=pairs.names)
+        write_scores(
+            out,
+            judged.scores,
+            frames=pairs.names,
+            intervals=judged.intervals,
+            differences=judged.differences,
+            scenes=judged.scenes,
+            distribution=judged.distribution,
+        )
         for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
-            predicted = np.asarray(judged.predict(sensor.params, pair))
+            predicted = np.asarray(judged.predict(sensor.params, pair).reported)
             save_picture(file_of(out, name, ".png", by="eval"), pair_picture(pair, predicted, title=name))
-        print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores)}\n")
+        print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores, judged.intervals)}\n")
+        if judged.intervals["network"]:
+            print(f"{difference_table(judged.differences)}\n")
+        if judged.distribution:
+            print(f"{list_scores(judged.distribution)}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
             print(f"{frechet_line(judged.frechet)}\n")

@@ -51,8 +51,11 @@ class Simulate(Checked):
     effects_from: UseAppendAction[tuple[Path, ...]] = ()
     """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
     only files that you have read."""
+    draws: bool = False
+    """Draw each cell from the distribution that the network gives (one of --generator.form unet), so that clouds have
+    the sensor's scatter, instead of taking what is most likely. Cells are drawn each for itself."""
     seed: Whole = 0
-    """Of what the effects leave to chance; a frame depends on it and on its place in the data set."""
+    """Of what the effects and draws leave to chance; a frame depends on it and on its place in the data set."""
 
     @property
     def writes_to(self) -> Path:
@@ -78,6 +81,7 @@ class Simulate(Checked):
             data=", ".join([source.kind, *unlike]),
             effects_model=SensorModel.load(self.effects, rows=rows) if self.effects else None,
             seed=self.seed,
+            draws=self.draws,
             projection=self.projection,
             formats=self.formats,
             batch=self.batch,

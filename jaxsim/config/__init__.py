@@ -19,6 +19,7 @@ from jaxsim.config.detector import (
     VoxelConfig,
 )
 from jaxsim.config.intensity import (
+    LEVELS,
     DiscriminatorConfig,
     Experiment,
     Form,
@@ -28,6 +29,7 @@ from jaxsim.config.intensity import (
 )
 
 __all__ = [
+    "LEVELS",
     "AnchorConfig",
     "AugmentConfig",
     "BackboneConfig",

@@ -9,7 +9,7 @@ from typing import Literal
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
 
 DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
-InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "row"]
+InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "log_range", "row", "beam"]
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class PrepareConfig(Checked):
     """From camera and LiDAR to aligned pairs on the polar grid."""
 
     inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
-    """Channels the network sees. `incidence`, `range` and `row` are not in the paper."""
+    """Channels the network sees. `incidence`, `range`, `log_range`, `row` and `beam` are not in the paper; `beam` is a
+    channel a laser line, up to 64 of them."""
     classes: tuple[Whole, ...] = tuple(range(34))
     """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
     image_crop: tuple[Count, Count] = (352, 1216)

@@ -11,25 +11,33 @@ from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, W
 
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
+LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""Quantiles of a cell's intensity that a `unet` gives: the median, the middle half, and nine tenths."""
 
 
 @dataclass(frozen=True)
 class GeneratorConfig(Checked):
-    """pix2pixHD generator: global generator and local enhancers."""
+    """pix2pixHD generator: global generator and local enhancers; or a U-Net, which has no enhancers."""
 
-    form: Form = "imaginaire"
+    form: Literal[Form, "unet"] = "imaginaire"
     """`imaginaire`: spectral norm, learned scales in the instance norms, reflection around every convolution, and
     repeated cells before a convolution to double the size. `original`: neither norm's parameters, zeros around
-    strided convolutions, transposed convolutions."""
+    strided convolutions, transposed convolutions. `unet`: each cell's own response in its surroundings, which gives
+    quantiles of the intensity and the probability of a drop instead of an image; it learns without a GAN."""
     filters: Count = 64
     """Width of the global generator's first layer; the last enhancer has filters / 2**enhancers."""
     max_filters: Count = 1024
     downsamples: Whole = 4
     blocks: Whole = 9
-    """Residual blocks of the global generator."""
+    """Residual blocks of the global generator; of `unet`, on either side of each level."""
     enhancers: Whole = 1
     enhancer_blocks: Whole = 3
     out_channels: Count = 1
+
+    @property
+    def channels(self) -> int:
+        """Channels that come out: of `unet` LEVELS and the drop's."""
+        return len(LEVELS) + 1 if self.form == "unet" else self.out_channels
 
 
 @dataclass(frozen=True)
@@ -59,11 +67,16 @@ class LossConfig(Checked):
     """The paper's value is 10; it needs VGG-19 weights (`vgg_weights`)."""
     vgg_weights: Path | None = None
     reconstruction: NotNegative = 0.0
-    """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable."""
+    """Mean absolute error of intensity. Not in the paper, which has none; it makes small sets learnable. Of `unet` the
+    quantile loss of returned cells, the median's weighted as an absolute error is."""
+    drops: NotNegative = 0.05
+    """Of `unet`: cross entropy of the drop's probability."""
     drop_weight: NotNegative = 1.0
     """Weight, in the reconstruction term, of a cell that did not come back, beside 1 of one that did."""
     unseen_weight: NotNegative = 0.0
     """Weight there of a cell on which no camera pixel was painted."""
+    occluded_weight: NotNegative = 0.0
+    """Weight there of a cell into which pixels of several surfaces fell."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,10 @@ class OptimConfig(Checked):
     """Times that every training frame is seen; sets `steps`. 0: `steps` says."""
     decay_from: Share = 1.0
     """Fraction of the steps after which lr falls linearly to 0; 1 keeps it constant, as the paper does."""
+    warm_up: Whole = 0
+    """Steps in which lr rises linearly to its value."""
+    clip: NotNegative = 0.0
+    """Gradients of a larger norm are scaled down to it; 0: none is."""
     start: tuple[Path, ...] = ()
     """Files that `jaxsim convert pix2pixhd_...` wrote: train on from published weights, not from random ones."""
     updates: Literal["discriminator_first", "together"] = "discriminator_first"
@@ -89,6 +106,8 @@ class OptimConfig(Checked):
     """Of the convolutions in training; parameters, statistics and losses stay float32. bfloat16 is for GPUs."""
     flip: bool = False
     """Mirror frames left to right at random. Off in the paper."""
+    jitter: NotNegative = 0.0
+    """Change the image's exposure, contrast and colours at random by about this share; 0: not."""
     scale_limit: NotNegative = 0.0
     """Magnify frames at random by up to this, and cut the network's size out anywhere: 0.2 in Imaginaire's
     configuration."""

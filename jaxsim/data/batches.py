@@ -6,6 +6,7 @@ Batch k is a function of (seed, k) alone, so a resumed run takes up where it sto
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -42,12 +43,23 @@ def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tu
     return jax.tree.map(take, pair)
 
 
+def recoloured(pair: Pair, amount: float, rng: np.random.Generator) -> Pair:
+    """The pair as a camera of another exposure, contrast and colour balance sees it; each changes by about `amount`."""
+    contrast, gain = np.exp(rng.normal(0, (amount, amount)))
+    balance = np.exp(rng.normal(0, 0.3 * amount, 3))
+    rgb = pair.painted.rgb**contrast * gain * balance
+    grey = rgb.mean(-1, keepdims=True)
+    rgb = np.clip(grey + (1 + rng.uniform(-1, 1) * amount) * (rgb - grey), 0, 1)
+    return replace(pair, painted=replace(pair.painted, rgb=rgb.astype(np.float32)))
+
+
 def batches(
     pairs: Sequence[Pair],
     *,
     size: int,
     seed: int,
     flip: bool = False,
+    jitter: float = 0.0,
     scale_limit: float = 0.0,
     raster: tuple[int, int] | None = None,
     part: int = 0,
@@ -57,8 +69,8 @@ def batches(
 
     `raster` scales each pair to these rows and columns, where windows differ. `scale_limit` magnifies each by a
     factor between 1 and 1 plus it and cuts `raster` out anywhere (Imaginaire's `random_scale_limit` and crop); `flip`
-    mirrors each with probability 1/2. Of several processes each takes one of `parts` equal parts of every batch: part
-    after part they are the batch that one process would take whole.
+    mirrors each with probability 1/2; `jitter` recolours each. Of several processes each takes one of
+    `parts` equal parts of every batch: part after part they are the batch that one process would take whole.
 
     Raises ValueError where there are fewer pairs than a batch, where it cannot be divided, or where `scale_limit`
     lacks `raster`.
@@ -84,4 +96,6 @@ def batches(
         dataset = dataset.random_map(draw)
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
+    if jitter:
+        dataset = dataset.random_map(lambda pair, rng: recoloured(pair, jitter, rng))
     return dataset.batch(size // parts, drop_remainder=True, batch_fn=stack)[part::parts]

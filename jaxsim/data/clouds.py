@@ -5,6 +5,7 @@ Points alone come from `.bin` files, as KITTI has them, and from `.npz`, as `jax
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -22,10 +23,12 @@ SUFFIXES = (".bin", ".npz")
 SENSOR = "hdl64e"
 ROWS = ("file_order", "elevation")
 """How a point's laser line is told: by its place in the file, or as the nearest beam."""
-ALL_ROUND, LAST_DEG = 0.25, 300.0
-"""Share of points behind the car from which a scan looks all round, and the azimuth that its last line reaches. In 116
-scans of 20 KITTI drives the share is 0.43 to 0.53, and all end in the lowest line at 339 to 342 degrees, where the car
-itself is in the way."""
+ALL_ROUND, LAST_DEG = 0.25, 339.0
+"""Share of points behind the car from which a scan looks all round, and the azimuth that its lowest line reaches. In
+116 scans of 20 KITTI drives the share is 0.43 to 0.53, and all end in the lowest line at 339.5 to 342.4 degrees, where
+the car itself is in the way."""
+ROAD_DEG = -4.0
+"""Lines that point lower meet the road within 30 m wherever they look."""
 
 
 def read_cloud(path: Path) -> Float[np.ndarray, "n c"]:
@@ -93,17 +96,30 @@ def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.nda
             f"{path}: {error}. Use the file as recorded, or take the nearest beam: --data.rows elevation "
             '(rows="elevation" in Python)'
         ) from error
-    _check_end(path, xyz_m, row, lines=spec.rows)
+    _check_whole(path, xyz_m, row, spec=spec)
     return row
 
 
-def _check_end(path: Path, xyz_m: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], *, lines: int) -> None:
-    """Raises ValueError where a scan that looks all round does not end with its lowest line, nearly all of it: a file
-    cut between two points is else no different from a whole one."""
+def _check_whole(path: Path, xyz_m: Float[np.ndarray, "n 3"], row: Int[np.ndarray, " n"], *, spec: LidarSpec) -> None:
+    """Raises ValueError where a scan that looks all round lacks a line that sees the road, or does not have nearly all
+    of its lowest: a file cut between two points is else no different from a whole one. Warns where upper lines lack,
+    which the open sky may swallow."""
     azimuth = np.rad2deg(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) % 360
-    all_round = ((azimuth > 90) & (azimuth < 270)).mean() > ALL_ROUND
-    if all_round and (row[-1] < lines - 1 or azimuth[-1] < LAST_DEG):
+    if ((azimuth > 90) & (azimuth < 270)).mean() <= ALL_ROUND:
+        return
+    lowest, lines = int(row.max()), spec.rows
+    reach = float(azimuth[row == lowest].max())
+    if lowest < lines - 1 or reach < LAST_DEG:
         raise ValueError(
-            f"{path} ends in laser line {row[-1]} of {lines - 1} at {azimuth[-1]:.0f} degrees; a scan that looks all "
+            f"{path} ends in laser line {lowest} of {lines - 1} at {reach:.0f} degrees; a scan that looks all "
             f"round ends in the lowest line, beyond {LAST_DEG:g}: the file is cut off; copy it again"
         )
+    lost = np.flatnonzero(np.bincount(row, minlength=lines) == 0)
+    if not len(lost):
+        return
+    what = (
+        f"{path} has no point in laser lines {', '.join(map(str, lost))} of 0..{lines - 1}, though it looks all round"
+    )
+    if np.asarray(spec.elevation_deg)[lost].min() < ROAD_DEG:
+        raise ValueError(f"{what}; these see the road: the file was thinned or damaged; use it as recorded")
+    warnings.warn(f"{what}; a sky without anything in it swallows them, else the file was thinned", stacklevel=2)

@@ -14,6 +14,7 @@ part of the points one line off.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -41,7 +42,7 @@ class KittiRaw:
     """Synced and rectified raw drives: every drive of every date under `root`, in order of name.
 
     A frame needs both its scan and its image: numbers that lack one are left out (drive 2011_09_26_drive_0009
-    lacks four scans). A drive is a scene.
+    lacks four scans), and so are drives that have no image at all. A drive is a scene.
     """
 
     name = "kitti_raw"
@@ -49,11 +50,12 @@ class KittiRaw:
     def __init__(self, root: Path, *, rows: str = "file_order"):
         self.root = Path(root)
         self._rows = check_rows(rows)
-        self._frames = [
-            (drive, number)
-            for drive in _drives(self.root)
-            for number in _numbers(drive / "velodyne_points" / "data", drive / "image_02" / "data")
-        ]
+        drives = _drives(self.root)
+        folders = {drive: (drive / "velodyne_points" / "data", drive / "image_02" / "data") for drive in drives}
+        whole = {drive: both for drive, both in folders.items() if all(map(_holds_frames, both))}
+        if not whole:  # the error of the first says what is missing
+            whole = dict(list(folders.items())[:1])
+        self._frames = [(drive, number) for drive, both in whole.items() for number in _numbers(*both)]
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -81,6 +83,17 @@ class KittiRaw:
     def name_of(self, index: int) -> str:
         drive, number = self._frames[index]
         return f"{drive.name}-{number}"
+
+    @property
+    def splits(self) -> dict[str, list[int]]:
+        """Positions by drive: `drive_0009`, or by its whole name, `2011_09_26_drive_0009`, where two dates have it."""
+        drives: dict[Path, list[int]] = {}
+        for position, (drive, _) in enumerate(self._frames):
+            drives.setdefault(drive, []).append(position)
+        short = {drive: re.sub(rf"^{_DATE.pattern}_|_(sync|extract)$", "", drive.name) for drive in drives}
+        times = Counter(short.values())
+        names = {d: short[d] if times[short[d]] == 1 else d.name.removesuffix("_sync") for d in drives}
+        return {names[drive]: positions for drive, positions in drives.items()}
 
     def _scan(self, index: int) -> Path:
         drive, number = self._frames[index]
@@ -115,13 +128,13 @@ class KittiObject:
         number = self._frames[index]
         rgb = read_image(self._folder / "image_2" / f"{number}.png")
         calibration = self._folder / "calib" / f"{number}.txt"
-        labels, plane = self._folder / "label_2", self._folder / "planes" / f"{number}.txt"
+        labels, plane = self._folder / "label_2" / f"{number}.txt", self._folder / "planes" / f"{number}.txt"
         return Frame(
             name=number,
             scene=number,
             camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2])),
             cloud=read_scan(self._scan(index), self._rows),
-            boxes=read_labels(labels / f"{number}.txt") if labels.is_dir() else None,
+            boxes=read_labels(labels) if labels.is_file() else None,
             rect_from_velo=object_rect_from_velo(calibration),
             ground=read_plane(plane) if plane.parent.is_dir() else None,
         )
@@ -140,11 +153,19 @@ class KittiObject:
         return self._scans / f"{self._frames[index]}.bin"
 
 
+def _frames_in(folder: Path, *suffixes: str) -> list[str]:
+    return [p.stem for p in files_in(folder, *suffixes) if _FRAME.fullmatch(p.stem)]
+
+
+def _holds_frames(folder: Path) -> bool:
+    return bool(_frames_in(folder, ".bin", ".png"))
+
+
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
     found = []
     for folder, suffix in ((scans, ".bin"), (images, ".png")):
-        names = [p.stem for p in files_in(folder, suffix) if _FRAME.fullmatch(p.stem)]
+        names = _frames_in(folder, suffix)
         if not names:
             raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
         found.append(set(names))

@@ -1,4 +1,5 @@
-"""Frames named by text: `0-3,7` is 0, 1, 2, 3, 7; `0-8:4` is 0, 4, 8; `training` a part of the set."""
+"""Frames named by text: `0-3,7` is 0, 1, 2, 3, 7; `0-8:4` is 0, 4, 8; `training` a part of the set; `all but training`
+what is left of the set without it."""
 
 from __future__ import annotations
 
@@ -7,14 +8,21 @@ from collections import Counter
 from collections.abc import Sized
 
 _PART = re.compile(r"(\d+)(?:\s*-\s*(\d+)(?:\s*:\s*([1-9]\d*))?)?")
-_SPLIT = re.compile(r"([A-Za-z]\w*)(?:\s*:\s*([1-9]\d*))?")
+_ALL_BUT = re.compile(r"\s*all\s+but\s+(.+)")
+_SPLIT = re.compile(r"((?:\d+_)*[A-Za-z]\w*)(?:\s*:\s*([1-9]\d*))?")
 
 
 def select(text: str, dataset: Sized) -> list[int]:
     """The positions that `text` names in a data set, in the order written. A name is one of the data set's `splits`.
 
-    Raises ValueError for what is no number, range or split, runs backwards, comes twice, or lies beyond the end.
+    Raises ValueError for what is no number, range or split, runs backwards, comes twice, or lies beyond the end, and
+    where `all but ...` leaves nothing.
     """
+    if excepted := _ALL_BUT.fullmatch(text):
+        left_out = set(select(excepted[1], dataset))
+        if len(left_out) == len(dataset):
+            raise ValueError(f"frames {text!r}: that is none of the data set's {len(dataset)}; name fewer after `but`")
+        return [i for i in range(len(dataset)) if i not in left_out]
     chosen: list[int] = []
     for part in text.split(","):
         named = _SPLIT.fullmatch(part.strip())

@@ -146,6 +146,11 @@ def read_pcap(
             continue
         yield _sweep(path, frame, core, intensity=intensity, full_scale=scale, number=whole)
         whole += 1
+    if not whole + partial:
+        raise ValueError(
+            f"ouster: not one packet of {path} is of the sensor that {meta.name} describes ({_described(meta, core)}): "
+            "pass the .json that was saved with this recording (meta=PATH), or look whether the recording is empty"
+        )
     if not whole:
         raise ValueError(f"ouster: {path} has no whole turn, {partial} broken ones; the recording was cut off")
 
@@ -173,6 +178,14 @@ def _open_pcap(path: Path, meta: Path) -> tuple[Any, Any]:
 
 def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: float, number: int) -> Sweep:
     info = frame.sensor_info
+    if not frame.has_field(intensity.upper()):
+        others = [name for name in _FULL_SCALE if frame.has_field(name.upper())]
+        raise ValueError(
+            f"ouster: {path} holds no {intensity}: its profile, {info.format.udp_profile_lidar}, sends "
+            f"{', '.join(sorted(frame.fields))}; take intensity={others[0]!r}"
+            if others
+            else f"ouster: {path} holds neither {' nor '.join(_FULL_SCALE)}; record with another profile"
+        )
     value = core.destagger(info, frame.field(intensity.upper())).astype(np.float32)
     range_m = core.destagger(info, frame.field("RANGE")).astype(np.float32) / np.float32(1000)
     valid = range_m > 0
@@ -180,7 +193,9 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
     if largest > full_scale:
         raise ValueError(f"ouster: {path}: {intensity} reaches {largest:g}, above full_scale={full_scale:g}; raise it")
     _check_beams(path, info)
-    grid, first = _ouster_grid(info)
+    grid, first, along_m = _ouster_grid(info)
+    # The file measures from the sensor's axis along the beam's way out; a polar image from the beam's origin on it.
+    range_m = np.where(valid, np.maximum(range_m + along_m[:, None], np.float32(1e-3)), np.float32(0))
     image = PolarImage(
         range_m=np.roll(range_m, -first, axis=1),
         intensity=np.roll(value / np.float32(full_scale), -first, axis=1),
@@ -209,11 +224,22 @@ def _check_beams(path: Path, info: Any) -> None:
             raise ValueError(f"ouster: the sensor of {path} has {name} beyond {most:g}; copy its .json again")
 
 
-def _ouster_grid(info: Any) -> tuple[PolarGrid, int]:
-    """The de-staggered scan's directions, and the column of the scan that comes first in them.
+def _described(meta: Path, core: Any) -> str:
+    info = core.SensorInfo(meta.read_text())
+    return f"{info.prod_line}, {info.format.columns_per_frame} columns, {info.format.udp_profile_lidar}"
+
+
+def _ouster_grid(info: Any) -> tuple[PolarGrid, int, Float[np.ndarray, " rows"]]:
+    """The de-staggered scan's directions, the column of the scan that comes first in them, and what is to be added to
+    ranges, by beam, in metres.
 
     The de-staggering shift is a whole number of columns, so a column's azimuth is the mean over its beams,
     which stay within half a column of it.
+
+    A beam starts n beside the axis (28 mm of an OS-0), in the direction of the encoder, and points by d to the side of
+    it; the file's range r counts n. Its points lie at rho = (r - n) cos e + n cos d from the axis, z = (r - n) sin e
+    high: on a ray from the axis at h = -n cos d tan e, of length (r - n) + n cos d / cos e. What is left is n sin d to
+    the side, 4 mm at most, within the column (Ouster's Sensor Data, "lidar range to XYZ").
     """
     columns = int(info.format.columns_per_frame)
     step = 2 * math.pi / columns
@@ -222,10 +248,13 @@ def _ouster_grid(info: Any) -> tuple[PolarGrid, int]:
     first = math.ceil(offset / step)  # so that the first column lies at or just under +pi
     azimuth = math.pi + offset - step * (np.arange(columns) + first)
     elevation = np.radians(np.asarray(info.beam_altitude_angles, float))
-    height = np.full(len(elevation), float(np.asarray(info.lidar_to_sensor_transform)[2, 3]) / 1000)
+    beam = np.asarray(info.beam_to_lidar_transform, float)
+    beside_m = float(np.hypot(beam[0, 3], beam[2, 3])) / 1000
+    out_m = beam[0, 3] / 1000 * np.cos(np.radians(np.asarray(info.beam_azimuth_angles, float)))
+    height = (float(np.asarray(info.lidar_to_sensor_transform)[2, 3]) + beam[2, 3]) / 1000 - out_m * np.tan(elevation)
     grid = PolarGrid(
         azimuth_rad=azimuth.astype(np.float32),
         elevation_rad=elevation.astype(np.float32),
         origin_m=height.astype(np.float32),
     )
-    return grid, first
+    return grid, first, (out_m / np.cos(elevation) - beside_m).astype(np.float32)

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jaxsim.metrics.intervals import LEVEL
+
 
 @dataclass(frozen=True)
 class Rules:
@@ -29,7 +31,7 @@ class Rules:
     """Scenes that must agree: no scene's gain or loss counts for more than the third largest (`scenes.clipped`)."""
     sign_draws: int = 4096
     """Signs drawn over scenes where they are too many for all to be tried: 2^12, as many as twelve scenes have."""
-    interval_level: float = 0.90
+    interval_level: float = LEVEL
     """Coverage of every interval that a verdict gives."""
 
     # Read and pair: whether two folders can be compared at all.

@@ -26,7 +26,28 @@ from jaxtyping import Float, Int
 from scipy.stats import t as student
 
 from jaxsim.discover.rules import RULES
+from jaxsim.metrics.intervals import half_width, jackknife_half_width, mean_interval, ratio_interval, student_reach
 
+__all__ = [
+    "Split",
+    "best_of_gains",
+    "chance_of",
+    "chance_of_best",
+    "clipped",
+    "difference_interval",
+    "fold_half_width",
+    "folds",
+    "half_width",
+    "jackknife_half_width",
+    "jackknife_sd",
+    "mean_interval",
+    "orders_of",
+    "p_value",
+    "ratio_interval",
+    "signs_of",
+    "split",
+    "student_reach",
+]
 ALL_SIGNS = 12
 """Scenes up to which all signs are tried."""
 
@@ -126,49 +147,6 @@ def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     by_chance = (signs @ (off / spread[:, None]).T).max(1)
     best = int(agreement.argmax())
     return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
-
-
-def student_reach(scenes: int | np.integer | Int[np.ndarray, "*k"]) -> float | Float[np.ndarray, "*k"]:
-    """Standard errors to either side of a mean over so many scenes within which it lies at `Rules.interval_level`."""
-    return student.ppf(0.5 + RULES.interval_level / 2, np.maximum(np.subtract(scenes, 1), 1))
-
-
-def half_width(values: Float[np.ndarray, "s *k"]) -> Float[np.ndarray, "*k"]:
-    """Half width of the interval of each mean over scenes; NaN entries do not count, NaN where fewer than two are
-    left."""
-    known = np.isfinite(values)
-    n = known.sum(0)
-    centre = np.where(known, values, 0).sum(0) / np.maximum(n, 1)
-    squares = np.where(known, (values - centre) ** 2, 0).sum(0)
-    width = student_reach(n) * np.sqrt(squares / np.maximum(n - 1, 1) / np.maximum(n, 1))
-    return np.where(n > 1, width, np.nan)
-
-
-def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
-    """Interval of a mean over scenes; NaN where fewer than two scenes have a value."""
-    if not np.isfinite(values).any():
-        return float("nan"), float("nan")
-    centre = float(np.nanmean(values))
-    half = float(half_width(values))
-    return centre - half, centre + half
-
-
-def jackknife_half_width(without: Float[np.ndarray, " s"]) -> float:
-    """Half width of the interval of a statistic, from what it becomes without each of the scenes."""
-    n = len(without)
-    return float(student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
-
-
-def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]) -> tuple[float, float]:
-    """Interval of mean(top) / mean(bottom), by the jackknife over scenes that have both."""
-    both = np.isfinite(top) & np.isfinite(bottom)
-    top = top[both]
-    bottom = bottom[both]
-    if len(top) < 2:
-        return float("nan"), float("nan")
-    half = jackknife_half_width((top.sum() - top) / (bottom.sum() - bottom))
-    value = top.sum() / bottom.sum()
-    return float(value - half), float(value + half)
 
 
 def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"]) -> tuple[float, float]:

@@ -36,9 +36,12 @@ Find = Callable[[Network, np.ndarray], tuple[Found, dict[str, int]]]
 
 
 def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: DetectorExperiment) -> Scenes:
-    """Scenes at these positions of a data set (jaxsim.data), as an experiment sees them; kept in `data.cache`."""
+    """Scenes at these positions of a data set (jaxsim.data), as an experiment sees them; kept in `data.cache`.
+
+    Frames without labels are left out, and it is said how many. Raises ValueError where none has labels.
+    """
     data = experiment.data
-    return kept_scenes(
+    scenes = kept_scenes(
         dataset,
         positions,
         experiment.detector.anchors.kind,
@@ -46,6 +49,12 @@ def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: Detect
         cache=data.cache,
         settings=TypeAdapter(DataConfig).dump_json(data.bare).decode(),
     )
+    labelled = [file for file, scene in zip(scenes.files, scenes, strict=True) if scene.labels is not None]
+    if not labelled:
+        raise ValueError(f"detect: none of the {len(scenes)} frames has labels; choose labelled frames")
+    if len(labelled) < len(scenes):
+        print(f"detect: {len(scenes) - len(labelled)} of {len(scenes)} frames have no labels and are left out")
+    return Scenes(labelled)
 
 
 def make_find(experiment: DetectorExperiment) -> Find:

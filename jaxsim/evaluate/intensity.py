@@ -19,76 +19,100 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.config import PrepareConfig
+from jaxsim.config import LEVELS, PrepareConfig
+from jaxsim.evaluate.baselines import fit_baselines, previous_frame
+from jaxsim.evaluate.trees import fit_trees
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
-from jaxsim.metrics import GroupMeans, Score, group_means, paired_scores, paired_sums
+from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore, frechet_score, halves, load_halves, save_halves, statistics_file
 from jaxsim.metrics.inception import Extractor
-from jaxsim.metrics.paired import DROP_BELOW
+from jaxsim.metrics.paired import DROP_BELOW, frame_sums, total_scores
 from jaxsim.pairs.prepared import PreparedPairs
 from jaxsim.prepare import network_inputs
-from jaxsim.simulate.predict import Generate
+from jaxsim.simulate.predict import STEP, Generate, Prediction
 
-Predict = Callable[[Any, Pair], Array]
-CLASSES = 34
-
-
-def _total(sums: Iterable[dict[str, Array]]) -> dict[str, Score]:
-    frames = list(sums)
-    return paired_scores({key: sum(float(frame[key]) for frame in frames) for key in frames[0]})
+Predict = Callable[[Any, Pair], Prediction]
 
 
-def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, Array]:
+Sums = list[dict[str, float]]
+"""Paired sums of each judged frame."""
+
+
+def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, float]:
     measured = pair.measured
-    return paired_sums(intensity, drops, measured.intensity, returned=measured.valid, m=pair.painted.valid)
+    return frame_sums(intensity, drops, y=measured.intensity, returned=measured.valid, m=pair.painted.valid)
+
+
+def network_sums(predict: Predict, params: Any, pairs: Sequence[Pair]) -> Sums:
+    """What a generator makes of each pair."""
+    predictions = ((predict(params, pair), pair) for pair in pairs)
+    return [_sums(x.intensity, x.drops, pair) for x, pair in predictions]
 
 
 def score_pairs(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, Score]:
     """Paired scores of a generator (`mae`, `rmse`, `psnr`, `ssim`, `drop_iou`, `drop_f1`)."""
-    predictions = ((predict(params, pair), pair) for pair in pairs)
-    return _total(_sums(x, x < DROP_BELOW, pair) for x, pair in predictions)
+    return total_scores(network_sums(predict, params, pairs))
 
 
-GROUPS: dict[str, Callable[[Pair], np.ndarray]] = {
-    "global mean": lambda pair: np.zeros(pair.target.shape, int),
-    "per-class mean": lambda pair: np.clip(pair.painted.semantic, 0, CLASSES - 1),
-    "per-row mean": lambda pair: np.broadcast_to(np.arange(len(pair.target))[:, None], pair.target.shape),
-}
-"""The baselines that average training cells: name -> group of each cell."""
+def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, Score]:
+    """Share of returned cells whose measured intensity lies between the outer LEVELS, and between the inner ones; and
+    the Brier score of the drop's probability. Nothing for a network that gives no distribution.
+
+    Zeros are drops, which have a probability of their own: a cell counts where it reports more than 0.
+    """
+    inside, cells, square, seen = np.zeros(2), 0, 0.0, 0
+    for pair in pairs:
+        says = predict(params, pair)
+        if says.levels is None or says.drop_share is None:
+            return {}
+        levels, share = np.asarray(says.levels), np.asarray(says.drop_share)
+        value, back = np.asarray(pair.measured.intensity), np.asarray(pair.measured.valid)
+        looked = np.asarray(pair.painted.valid)
+        counts = looked & back
+        half = STEP / 2  # the sensor rounds: a level within a step's half of what it reports covers it
+        for k in range(2):
+            low, high = levels[..., k] - half, levels[..., -1 - k] + half
+            inside[k] += ((value >= low) & (value <= high))[counts].sum()
+        cells += int(counts.sum())
+        drops = ~back | (value < DROP_BELOW)
+        square += float(((share - drops)[looked] ** 2).sum())
+        seen += int(looked.sum())
+    outer, inner = (round(100 * (LEVELS[-1 - k] - LEVELS[k])) for k in range(2))
+    return {
+        f"coverage_{outer}": Score(inside[0] / cells, "1", cells),
+        f"coverage_{inner}": Score(inside[1] / cells, "1", cells),
+        "drop_brier": Score(square / seen, "1", seen),
+    }
+
+
+def baseline_sums(
+    train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
+) -> dict[str, Sums]:
+    """What each baseline makes of each judged pair; with `trees` also boosted trees (`evaluate.trees`).
+
+    `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
+    """
+    fitted = fit_baselines(train, judged)
+    if trees:
+        fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
+    found = {name: [_sums(*guess(pair), pair) for pair in judged] for name, guess in fitted.items()}
+    copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
+    if copied:
+        filling = float(fitted["global mean"](copied[0][0]).intensity[0, 0])
+        found["previous frame"] = [_sums(*previous_frame(before, filling), pair) for pair, before in copied]
+    return found
+
+
+TREES = {"trees, a cell": False, "trees, context": True}
+"""Baselines of boosted trees: name -> whether they see the cell's surroundings."""
 
 
 def baseline_scores(
     train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None]
 ) -> dict[str, dict[str, Score]]:
-    """Scores of each baseline on `judged`; `previous` holds the frame before each, None where there is none.
-
-    The previous frame's intensity is copied cell by cell; where it has none, the global mean stands in.
-    """
-    found: dict[str, dict[str, Score]] = {}
-    means: dict[str, GroupMeans] = {}
-    for name, group in GROUPS.items():
-        if name == "per-class mean" and not any((pair.painted.semantic > 0).any() for pair in train):
-            continue
-        rows = max(len(pair.target) for pair in [*train, *judged])
-        measured = ((pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)) for pair in train)
-        means[name] = group_means(measured, max(rows, CLASSES))
-        mean = means[name]
-        found[name] = _total(
-            _sums(mean.intensity.astype(np.float32)[group(pair)], mean.drops[group(pair)], pair) for pair in judged
-        )
-    copied = [(pair, before.measured) for pair, before in zip(judged, previous, strict=True) if before]
-    if copied:
-        filling = np.float32(means["global mean"].intensity[0])
-        found["previous frame"] = _total(
-            _sums(
-                np.where(before.valid, before.intensity, filling),
-                ~before.valid | (before.intensity < DROP_BELOW),
-                pair,
-            )
-            for pair, before in copied
-        )
-    return found
+    """Scores of each baseline on `judged`, without trees."""
+    return {name: total_scores(sums) for name, sums in baseline_sums(train, judged, previous).items()}
 
 
 BATCH = 8

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,11 +15,20 @@ from jaxsim.data.select import frames_to_judge
 from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.evaluate.intensity import Predict, baseline_scores, frechet_of_run, require_images, score_pairs
+from jaxsim.evaluate.intensity import (
+    Predict,
+    Sums,
+    baseline_sums,
+    coverage,
+    frechet_of_run,
+    network_sums,
+    require_images,
+)
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.metrics.inception import Extractor
+from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import pairs_before, prepared
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
@@ -36,6 +45,14 @@ class SensorScores:
     predict: Predict
     scores: dict[str, dict[str, Score]]
     """Paired scores of `network` and of each baseline, on the same cells."""
+    intervals: dict[str, dict[str, tuple[float, float]]]
+    """Of each score, over scenes; none where there are fewer than two."""
+    differences: dict[str, tuple[float, float, float]]
+    """Mean absolute error of the network minus that of each baseline, and its interval over scenes."""
+    scenes: dict[str, dict[str, dict[str, Score]]]
+    """Scene -> predictor -> scores."""
+    distribution: dict[str, Score]
+    """Coverage of the network's quantiles, and the Brier score of its drops; empty where it gives none."""
     frechet: FrechetScore | None
     """Between predicted and measured intensity images; None where no extractor was given."""
 
@@ -46,12 +63,13 @@ def score_sensor(
     *,
     frames: str = "",
     validation: str = "",
+    trees: bool = False,
     extractor: Extractor | None = None,
 ) -> SensorScores:
     """Scores a learned sensor on frames of a data set, chosen by `frames_to_judge`.
 
-    The baselines average the training frames of the run's own data set. Raises ValueError for frames that are not
-    there, and where there are too few for the extractor's features.
+    The baselines are fitted to the training frames of the run's own data set, with `trees` boosted trees too. Raises
+    ValueError for frames that are not there, and where there are too few for the extractor's features.
     """
     # Frames: those to judge, the one before each, and those that the baselines average.
     own = learned.run.experiment.data
@@ -67,14 +85,40 @@ def score_sensor(
 
     # Scores: the network and the baselines, on the same cells.
     predict = make_predict(learned.generate, prepare)
-    scores = {"network": score_pairs(predict, learned.params, judged), **baseline_scores(train, judged, before)}
+    networks = network_sums(predict, learned.params, judged)
+    sums = {"network": networks, **baseline_sums(list(train), judged, before, trees=trees)}
+    # The previous frame is there of some frames alone: it has scores, and no interval beside the others'.
+    whole = {name: frames for name, frames in sums.items() if len(frames) == len(judged)}
+    scenes = list(judged.scenes)
+    intervals = {name: scene_intervals(frames, scenes) for name, frames in whole.items()}
+    others = {name: frames for name, frames in whole.items() if name != "network"}
 
     # Fréchet distance: images of the network's size, every judged frame once.
     frechet = None
     if extractor:
         settings = {"extractor": extractor, "prepare": prepare, "cache": own.cache / "statistics"}
         frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
-    return SensorScores(judged, predict, scores, frechet)
+    return SensorScores(
+        judged,
+        predict,
+        scores={name: total_scores(frames) for name, frames in sums.items()},
+        intervals=intervals,
+        differences={name: difference_of(networks, frames, scenes) for name, frames in others.items()},
+        scenes=scores_by_scene(whole, scenes),
+        distribution=coverage(predict, learned.params, judged),
+        frechet=frechet,
+    )
+
+
+def scores_by_scene(sums: Mapping[str, Sums], scenes: Sequence[str]) -> dict[str, dict[str, dict[str, Score]]]:
+    """Scene -> predictor -> scores; a scene without a cell to score is left out."""
+    found: dict[str, dict[str, dict[str, Score]]] = {}
+    for scene in dict.fromkeys(scenes):
+        own = [i for i, name in enumerate(scenes) if name == scene]
+        parts = {name: [frames[i] for i in own] for name, frames in sums.items()}
+        if sum(frame["cells"] for frame in parts["network"]):
+            found[scene] = {name: total_scores(frames) for name, frames in parts.items()}
+    return found
 
 
 @dataclass(frozen=True)

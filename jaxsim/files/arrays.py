@@ -6,6 +6,7 @@ import hashlib
 import io
 import math
 import struct
+import threading
 import warnings
 import zipfile
 import zlib
@@ -23,6 +24,9 @@ SUM = "sha256"
 """Name under which a file keeps the `digest` of its other arrays."""
 MOST_UNPACKED = 256 * 2**20
 """Bytes that a small file may unpack to: 30 times the largest polar frame of a 128-beam sensor."""
+_ONE_PARSER = threading.Lock()
+"""NumPy reads an array's header by Python's parser, which in 3.11 fails now and then while another thread is in it, too
+(SystemError, "AST constructor recursion depth mismatch"); trainings read from several threads."""
 MOST_RATIO = 4
 """A larger one may unpack to so many times its size."""
 DAMAGED = (
@@ -115,14 +119,16 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
     version = npy.read_magic(content)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"{info.filename} is a .npy of version {version[0]}.{version[1]}, not 1.0 or 2.0")
-    shape, _, dtype = (npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0)(content)
+    with _ONE_PARSER:
+        shape, _, dtype = (npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0)(content)
     if dtype.kind not in "biufcU":
         raise ValueError(f"{info.filename} holds {dtype}, not numbers or text")
     promised, there = math.prod(shape) * dtype.itemsize, info.file_size - content.tell()
     if promised != there:
         raise ValueError(f"{info.filename} promises {promised} bytes and has {there}")
     content.seek(0)
-    return npy.read_array(content, allow_pickle=False)
+    with _ONE_PARSER:
+        return npy.read_array(content, allow_pickle=False)
 
 
 def _compare(path: Path, arrays: dict[str, np.ndarray], *, by: str, summed: bool) -> None:

@@ -9,7 +9,7 @@ a class, a row), and guesses that the group drops where more than half of its tr
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array
+from jaxsim.metrics.intervals import jackknife_interval, ratio_interval
 
 DROP_BELOW = 0.005  # half of the 1/100 step in which KITTI stores intensity
 
@@ -166,3 +167,80 @@ def group_means(frames: Iterable[Cells], groups: int) -> GroupMeans:
         raise ValueError("baselines: no training cell is both seen by the camera and returned")
     overall = total.sum() / count.sum()
     return GroupMeans(np.where(count > 0, total / np.maximum(count, 1), overall), drops > 0.5 * seen)
+
+
+class GroupMedians(NamedTuple):
+    """What a group of cells does in the middle."""
+
+    intensity: Float[np.ndarray, " groups"]
+    """Median over the group's returns, 0..1."""
+    drops: Bool[np.ndarray, " groups"]
+    """Most of the group's cells drop."""
+    count: Int[np.ndarray, " groups"]
+    """Returns of the group."""
+
+
+def group_medians(frames: Iterable[Cells], groups: int) -> GroupMedians:
+    """As `group_means`, by the median, which the absolute error asks for; a group never seen takes that of all."""
+    values, places = [], []
+    drops, seen = np.zeros(groups), np.zeros(groups)
+    for intensity, returned, counts, group in frames:
+        both = returned & counts
+        values.append(np.asarray(intensity)[both])
+        places.append(np.asarray(group)[both])
+        drops += np.bincount(group[counts & (~returned | (intensity < DROP_BELOW))], minlength=groups)
+        seen += np.bincount(group[counts], minlength=groups)
+    value, place = np.concatenate(values), np.concatenate(places)
+    if not len(value):
+        raise ValueError("baselines: no training cell is both seen by the camera and returned")
+    order = np.lexsort((value, place))
+    value, count = value[order], np.bincount(place, minlength=groups)
+    # Sorted by group and value, a group's median is the mean of its one or two middle values.
+    first = np.cumsum(count) - count
+    low, high = first + np.maximum(count - 1, 0) // 2, first + count // 2
+    last = len(value) - 1
+    middle = (value[np.minimum(low, last)] + value[np.minimum(high, last)]) / 2
+    return GroupMedians(np.where(count > 0, middle, np.median(value)), drops > 0.5 * seen, count)
+
+
+def frame_sums(
+    x: Float[Array, "rows columns"], guess: Bool[Array, "rows columns"], *, y: Array, returned: Array, m: Array
+) -> dict[str, float]:
+    """`paired_sums` of one frame as plain numbers."""
+    return {key: float(value) for key, value in paired_sums(x, guess, y, returned=returned, m=m).items()}
+
+
+def total_scores(frames: Sequence[Mapping[str, float]]) -> dict[str, Score]:
+    """`paired_scores` of many frames' sums."""
+    return paired_scores({key: sum(frame[key] for frame in frames) for key in frames[0]})
+
+
+def scene_intervals(frames: Sequence[Mapping[str, float]], scenes: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Interval of each score over scenes, by the jackknife: what it becomes without each of them.
+
+    No interval where there are fewer than two scenes, or without one of them nothing is left to score.
+    """
+    names = sorted(set(scenes))
+    if len(names) < 2:
+        return {}
+    rest = [[f for f, scene in zip(frames, scenes, strict=True) if scene != name] for name in names]
+    if not all(sum(frame["cells"] for frame in frames) for frames in rest):
+        return {}
+    without = [total_scores(frames) for frames in rest]
+    values = total_scores(frames)
+    return {
+        name: jackknife_interval(score.value, np.array([w[name].value for w in without]))
+        for name, score in values.items()
+    }
+
+
+def difference_of(
+    first: Sequence[Mapping[str, float]], second: Sequence[Mapping[str, float]], scenes: Sequence[str]
+) -> tuple[float, float, float]:
+    """Mean absolute error of `first` minus that of `second` on the same cells, and its interval over scenes (NaN where
+    there are fewer than two): paired, as scenes that are hard for one are hard for the other."""
+    names = sorted(set(scenes))
+    of = {name: [i for i, scene in enumerate(scenes) if scene == name] for name in names}
+    top = np.array([sum(first[i]["absolute"] - second[i]["absolute"] for i in of[name]) for name in names])
+    cells = np.array([sum(first[i]["cells"] for i in of[name]) for name in names])
+    return float(top.sum() / cells.sum()), *ratio_interval(top, cells)

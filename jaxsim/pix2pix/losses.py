@@ -11,9 +11,10 @@ from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+import numpy as np
+from jaxtyping import Bool, Float
 
-from jaxsim.config import Form
+from jaxsim.config import LEVELS, Form
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.normalisation import statistics_type
@@ -90,6 +91,38 @@ def reconstruction(
     # Without any weight the term is 0, not 0 / 0.
     error = 0.5 * jnp.abs(image - target).mean(-1)
     return (weight * error).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(error.dtype).tiny)
+
+
+def quantile_loss(
+    outputs: Float[Array, "b h w k"],
+    intensity: Float[Array, "b h w"],
+    weight: Float[Array, "b h w"],
+    *,
+    mean: Callable[[Array], Array] = lambda x: x,
+) -> Float[Array, ""]:
+    """Weighted pinball losses of the LEVELS that `outputs` (in [-1, 1]) begin with, summed (Koenker & Bassett 1978).
+
+    The median's is the absolute error; each other level's has half its scale, so that the median decides. `mean` as
+    in `reconstruction`.
+    """
+    error = intensity[..., None] - (outputs[..., : len(LEVELS)] + 1) / 2
+    level = np.asarray(LEVELS, np.float32)[None, None, None]
+    share = np.where(level == np.float32(0.5), 2, 0.5).astype(np.float32)
+    loss = (share * jnp.maximum(level * error, (level - 1) * error)).sum(-1)
+    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
+
+
+def drop_loss(
+    outputs: Float[Array, "b h w k"],
+    dropped: Bool[Array, "b h w"],
+    weight: Float[Array, "b h w"],
+    *,
+    mean: Callable[[Array], Array] = lambda x: x,
+) -> Float[Array, ""]:
+    """Weighted cross entropy, in nats, of the drop whose logit `outputs` end with."""
+    logit = outputs[..., -1]
+    loss = jax.nn.softplus(logit) - jnp.where(dropped, logit, jnp.zeros_like(logit))
+    return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 
 
 BLOCKS = ((0, 2), (5, 7), (10, 12, 14, 16), (19, 21, 23, 25), (28,))

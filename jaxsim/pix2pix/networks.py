@@ -20,6 +20,7 @@ from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import average_pool, halve
 from jaxsim.pix2pix.layers import FORMS, ConvBlock, LayerForm, ResidualBlock
+from jaxsim.pix2pix.unet import UNet
 
 Precision = Literal["float32", "bfloat16"]
 
@@ -132,6 +133,22 @@ class Generator(nnx.Module):
         for enhancer in self.enhancers:
             x = enhancer(pyramid.pop(), x, train=train)
         return x
+
+
+def make_generator(
+    config: GeneratorConfig,
+    in_channels: int,
+    rngs: nnx.Rngs,
+    *,
+    spectral: bool = True,
+    precision: Precision = "float32",
+) -> nnx.Module:
+    """The network of a config's form. Raises ValueError where a `unet` is asked for another precision."""
+    if config.form != "unet":
+        return Generator(config, in_channels, rngs, spectral=spectral, precision=precision)
+    if precision != "float32":
+        raise ValueError(f"generator: unet computes in float32; leave out --optim.precision {precision}")
+    return UNet(config, in_channels, rngs)
 
 
 class PatchDiscriminator(nnx.Module):

@@ -186,8 +186,9 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
                 raise ValueError(f"start: {path} is of the {form} form; pass --{prefix}form {form}")
         if values := part(arrays, GENERATOR):
             generator = _on_device(from_published(values, state.generator, form))
-            # A file without averaged weights starts the average at the weights themselves.
-            ema = fold_spectral_norm(generator.parameters, generator.vectors)
+            # A file without averaged weights starts the average at copies of the weights themselves: a step gives away
+            # the memory of its state, and no array can be given away twice.
+            ema = jax.tree.map(jnp.copy, fold_spectral_norm(generator.parameters, generator.vectors))
             if averaged := part(arrays, AVERAGED):
                 ema = _on_device(from_published(averaged, Network(state.ema, {}), form)).parameters
             state = replace(state, generator=generator, ema=ema)
@@ -197,7 +198,8 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
 
 
 def _on_device(network: Network) -> Network:
-    return jax.tree.map(jnp.asarray, network)
+    """Arrays of their own: those of the file are not a step's to give away."""
+    return jax.tree.map(jnp.array, network)
 
 
 def _layers(arrays: Arrays, prefix: str) -> list[tuple[bool, tuple[int, ...]]]:

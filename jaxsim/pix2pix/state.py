@@ -14,7 +14,7 @@ from flax import nnx, struct
 from jaxsim.config import Experiment, GeneratorConfig, OptimConfig
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
-from jaxsim.pix2pix.networks import Discriminator, Generator, Precision
+from jaxsim.pix2pix.networks import Discriminator, Precision, make_generator
 from jaxsim.pix2pix.normalisation import SpectralVector, fold_spectral_norm
 
 Tree = Any
@@ -50,16 +50,19 @@ def uses_discriminator(experiment: Experiment) -> bool:
 
 
 def learning_rate(config: OptimConfig, step: Array) -> Array:
-    """Rate of update `step`: constant, then from `decay_from` of the steps on linearly to 0."""
+    """Rate of update `step`: after `warm_up` constant, then from `decay_from` of the steps on linearly to 0."""
     start = config.decay_from * config.steps
-    left = (config.steps - jnp.asarray(step, jnp.float32)) / max(config.steps - start, 1.0)
-    return config.lr * jnp.clip(left, 0.0, 1.0) if start < config.steps else jnp.full((), config.lr)
+    done = jnp.asarray(step, jnp.float32)
+    left = (config.steps - done) / max(config.steps - start, 1.0)
+    rate = config.lr * jnp.clip(left, 0.0, 1.0) if start < config.steps else jnp.full((), config.lr)
+    return rate * jnp.minimum((done + 1) / config.warm_up, 1.0) if config.warm_up else rate
 
 
 def optimiser(config: OptimConfig) -> optax.GradientTransformation:
-    """Adam with the rate above."""
+    """Adam with the rate above, on gradients of a norm of at most `clip`."""
     schedule: Callable[[Array], Array] = lambda step: learning_rate(config, step)  # noqa: E731
-    return optax.adam(schedule, b1=config.betas[0], b2=config.betas[1], eps=config.eps)
+    adam = optax.adam(schedule, b1=config.betas[0], b2=config.betas[1], eps=config.eps)
+    return optax.chain(optax.clip_by_global_norm(config.clip), adam) if config.clip else adam
 
 
 def split(module: nnx.Module) -> tuple[Any, Network]:
@@ -77,7 +80,7 @@ def generator_definition(
     config: GeneratorConfig, in_channels: int, *, spectral: bool = True, precision: Precision = "float32"
 ) -> Any:
     """The generator without values; `spectral=False` for the averaged one."""
-    make = lambda: Generator(config, in_channels, nnx.Rngs(0), spectral=spectral, precision=precision)  # noqa: E731
+    make = lambda: make_generator(config, in_channels, nnx.Rngs(0), spectral=spectral, precision=precision)  # noqa: E731
     return nnx.graphdef(nnx.eval_shape(make))
 
 
@@ -107,7 +110,7 @@ def _compiled_create() -> Callable[[Experiment, int, Array], TrainState]:
 
 def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
     key_g, key_d = jax.random.split(key)
-    _, generator = split(Generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
+    _, generator = split(make_generator(experiment.generator, in_channels, nnx.Rngs(key_g)))
     adam = optimiser(experiment.optim)
     discriminator, discriminator_optim = None, None
     if uses_discriminator(experiment):

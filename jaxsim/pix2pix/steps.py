@@ -22,7 +22,16 @@ from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.convolution_cpu import compiler_options
-from jaxsim.pix2pix.losses import Weights, discriminator_loss, generator_terms, load_vgg, perceptual, reconstruction
+from jaxsim.pix2pix.losses import (
+    Weights,
+    discriminator_loss,
+    drop_loss,
+    generator_terms,
+    load_vgg,
+    perceptual,
+    quantile_loss,
+    reconstruction,
+)
 from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.state import (
     Network,
@@ -38,7 +47,8 @@ from jaxsim.pix2pix.state import (
 
 Tree = Any
 Batch = dict[str, Array]
-"""inputs (b, h, w, c); target (b, h, w, k) in [-1, 1]; weight (b, h, w) >= 0, of the reconstruction term."""
+"""inputs (b, h, w, c); target (b, h, w, k) in [-1, 1]; weight (b, h, w) >= 0, of the reconstruction term; and of
+`unet` dropped and returned (b, h, w): cells that drop, and those whose beam came back."""
 Metrics = dict[str, Array]
 
 
@@ -56,6 +66,12 @@ def make_train_step(
     """
     weights = experiment.loss
     adversary = uses_discriminator(experiment)
+    distribution = experiment.generator.form == "unet"
+    if distribution and (adversary or weights.perceptual):
+        raise ValueError(
+            "generator: a unet gives quantiles, which no discriminator and no VGG can look at; set --loss.gan 0 "
+            "--loss.perceptual 0, and --loss.reconstruction above 0"
+        )
     if not (adversary or weights.perceptual or weights.reconstruction):
         raise ValueError("every loss term has weight 0: set loss.gan, loss.perceptual or loss.reconstruction")
     if weights.perceptual and vgg is None:
@@ -93,7 +109,12 @@ def make_train_step(
         if vgg is not None and weights.perceptual:
             imagenet = weights.form == "imaginaire"
             terms["perceptual"] = perceptual(vgg, image, target, imagenet=imagenet, compute=compute)
-        if weights.reconstruction:
+        if distribution:
+            intensity, weight = (target[..., 0] + 1) / 2, batch["weight"]
+            returned = weight * batch["returned"].astype(weight.dtype)
+            terms["reconstruction"] = quantile_loss(image, intensity, returned, mean=mean)
+            terms["drops"] = drop_loss(image, batch["dropped"], weight, mean=mean)
+        elif weights.reconstruction:
             terms["reconstruction"] = reconstruction(image, target, batch["weight"], mean=mean)
         total = sum(getattr(weights, name) * term for name, term in terms.items())
         return total, (terms, image, network.vectors, judges)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import jax
@@ -15,6 +16,8 @@ from jaxsim.geometry import resample
 
 ROW_OCTAVES = 6
 """Waves over the sensor's height: 1, 2, 4 ... 32, the last of about two lines for a sensor of 64."""
+BEAMS = 64
+"""Places in the sensor that get a channel of `beam`: its lines, where it has no more."""
 
 CHANNELS: dict[str, int | None] = {
     "rgb": 3,
@@ -23,7 +26,9 @@ CHANNELS: dict[str, int | None] = {
     "edges": 1,
     "incidence": 1,
     "range": 1,
+    "log_range": 1,
     "row": 1 + 2 * ROW_OCTAVES,
+    "beam": BEAMS,
 }
 """Channels of each input; None: one a class."""
 
@@ -74,7 +79,11 @@ def network_inputs(
         "semantic": semantic,
         "edges": lambda: edge_map(painted.semantic, painted.instance)[..., None].astype(jnp.float32),
         "incidence": lambda: (2 * incidence_rad / (np.pi / 2) - 1)[..., None],
+        "log_range": lambda: scaled(
+            jnp.log(jnp.maximum(painted.range_m, 1.0)), math.log(max(prepare.max_range_m, 2.0))
+        ),
         "row": lambda: _row_code(row),
+        "beam": lambda: jax.nn.one_hot(jnp.round(row * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)
 

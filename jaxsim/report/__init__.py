@@ -19,7 +19,14 @@ from jaxsim.report.pictures import (
     simulated_picture,
     strip,
 )
-from jaxsim.report.results import list_scores, score_table, write_frechet, write_list, write_scores
+from jaxsim.report.results import (
+    difference_table,
+    list_scores,
+    score_table,
+    write_frechet,
+    write_list,
+    write_scores,
+)
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [
@@ -27,6 +34,7 @@ __all__ = [
     "depth_picture",
     "detection_picture",
     "detection_table",
+    "difference_table",
     "draw_above",
     "draw_cloud",
     "draw_on_image",

@@ -61,17 +61,64 @@ def score_text(score: Score) -> str:
     return f"{score.value:.{2 if score.unit == 'dB' else 4}f}"
 
 
-def score_table(scores: Scores) -> str:
-    """A Markdown table: one row a predictor, one column a score."""
+Interval = tuple[float, float]
+Intervals = Mapping[str, Mapping[str, Interval]]
+"""Predictor -> score's name -> its interval over scenes."""
+
+
+def score_table(scores: Scores, intervals: Intervals | None = None) -> str:
+    """A Markdown table: one row a predictor, one column a score, with its interval where there is one."""
     heads = score_heads(next(iter(scores.values())))
-    rows = [[who, *map(score_text, row.values()), f"{row['mae'].count}"] for who, row in scores.items()]
+    rows = []
+    for who, row in scores.items():
+        of = (intervals or {}).get(who, {})
+        rows.append([who, *(_with_interval(s, of.get(name)) for name, s in row.items()), f"{row['mae'].count}"])
     return markdown_table(["predictor", *heads, "cells"], rows)
 
 
-def write_scores(folder: Path, scores: Scores, *, frames: list[str]) -> None:
+def _with_interval(score: Score, interval: Interval | None) -> str:
+    if interval is None or not all(map(math.isfinite, interval)):
+        return score_text(score)
+    low, high = (score_text(score._replace(value=end)) for end in interval)
+    return f"{score_text(score)} ({low}..{high})"
+
+
+def difference_table(differences: Mapping[str, tuple[float, float, float]]) -> str:
+    """A Markdown table: the network's error minus each baseline's, on the same cells."""
+    rows = [[who, f"{value:+.4f} ({low:+.4f}..{high:+.4f})"] for who, (value, low, high) in differences.items()]
+    return markdown_table(["network minus", "mae (intensity), with its interval over scenes"], rows)
+
+
+def write_scores(
+    folder: Path,
+    scores: Scores,
+    *,
+    frames: list[str],
+    intervals: Intervals | None = None,
+    differences: Mapping[str, tuple[float, float, float]] | None = None,
+    scenes: Mapping[str, Scores] | None = None,
+    distribution: Mapping[str, Score] | None = None,
+) -> None:
     """Writes scores.json and scores.md."""
-    content = {"frames": frames, "scores": {who: plain_scores(row) for who, row in scores.items()}}
-    write_results(folder, "scores", content, text=f"{len(frames)} frames\n\n{score_table(scores)}")
+    content: dict[str, Any] = {"frames": frames, "scores": {who: plain_scores(row) for who, row in scores.items()}}
+    text = [f"{len(frames)} frames", score_table(scores, intervals)]
+    if intervals and any(intervals.values()):
+        content["intervals"] = {
+            who: {name: [number_or_none(end) for end in ends] for name, ends in row.items()}
+            for who, row in intervals.items()
+        }
+        content["mae_differences"] = {who: [number_or_none(x) for x in row] for who, row in (differences or {}).items()}
+        text.append(difference_table(differences or {}))
+    if scenes:
+        content["scenes"] = {
+            scene: {who: plain_scores(row) for who, row in own.items()} for scene, own in scenes.items()
+        }
+        rows = [[scene, *(score_text(row["mae"]) for row in own.values())] for scene, own in scenes.items()]
+        text.append(markdown_table(["mae by scene", *next(iter(scenes.values()))], rows))
+    if distribution:
+        content["distribution"] = plain_scores(distribution)
+        text.append(list_scores(distribution))
+    write_results(folder, "scores", content, text="\n\n".join(text))
 
 
 def list_scores(scores: Mapping[str, Score]) -> str:

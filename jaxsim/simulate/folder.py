@@ -62,6 +62,10 @@ class Speed:
         return self.batch * (len(self.batches_s) - 1) / sum(self.batches_s[1:])
 
 
+OF_NETWORK = 1
+"""Tells a frame's draws by the network from those of its effects."""
+
+
 def simulate_folder(
     learned: LearnedSensor,
     dataset: Dataset,
@@ -71,6 +75,7 @@ def simulate_folder(
     data: str,
     effects_model: SensorModel | None = None,
     seed: int = 0,
+    draws: bool = False,
     projection: Projection = "lidar",
     formats: Sequence[str] = ("bin", "pcd", "ply"),
     batch: int = 8,
@@ -79,8 +84,9 @@ def simulate_folder(
 ) -> Speed:
     """Simulates frames of a data set and writes them to `out`; those that are there are not made again.
 
-    `data` says in words what the frames are of. What the effects leave to chance depends on `seed` and on a frame's
-    place in the data set; effects that drift count time from the first of `positions`. The first `previews` frames
+    `data` says in words what the frames are of. What the effects and, with `draws`, the network leave to chance depends
+    leftover = seed if effects_model or draws else None
+    claim_frames(out, sensor=learned.fingerprint, data=f"{data}, drawn" if draws else data, seed=leftover)
     are drawn. Raises ValueError where `out` holds frames of another making, and where a frame lacks what the network
     or an effect needs.
     """
@@ -92,7 +98,12 @@ def simulate_folder(
         check_motion(effects_model, **motion_of(opening))
         first_s = opening.time_s or 0.0
     claim_effects(out, effects_model)
-    claim_frames(out, sensor=learned.fingerprint, data=data, seed=seed if effects_model else None)
+    claim_frames(
+        out,
+        sensor=learned.fingerprint,
+        data=f"{data}, drawn" if draws else data,
+        seed=seed if effects_model or draws else None,
+    )
     announced = Announced(out / "polar", grid)
     missing = [p for p in positions if not _is_done(out, dataset.name_of(p), formats, announced=announced)]
 
@@ -104,14 +115,17 @@ def simulate_folder(
         for first in range(0, len(missing), batch):
             chosen = missing[first : first + batch]
             frames = [dataset[position] for position in chosen]
-            images, painted, seconds = simulate_batch(learned, frames, batch, projection=projection)
+            keys = [jax.random.fold_in(jax.random.key(seed), position) for position in chosen]
+            of_network = [jax.random.fold_in(key, OF_NETWORK) for key in keys] if draws else []
+            images, painted, seconds = simulate_batch(learned, frames, batch, projection=projection, keys=of_network)
             batches_s.append(seconds)
             announced.add(frames)
-            for k, (position, frame) in enumerate(zip(chosen, frames, strict=True)):
+            for k, frame in enumerate(frames):
                 image, under = take((images, painted), k)
                 if effects_model:
-                    key = jax.random.fold_in(jax.random.key(seed), position)
-                    image = with_effects(effects_model, image, under, grid=grid, key=key, **motion_of(frame, first_s))
+                    image = with_effects(
+                        effects_model, image, under, grid=grid, key=keys[k], **motion_of(frame, first_s)
+                    )
                 cloud = polar_to_points(image, grid)
                 # The polar frame is written last: where it is, the frame is whole.
                 *clouds, _ = _files(out, frame.name, formats)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.data import Dataset
@@ -37,10 +38,16 @@ def take(tree: Any, k: int) -> Any:
 
 
 def simulate_batch(
-    learned: LearnedSensor, frames: Sequence[Frame], size: int, *, projection: Projection = "lidar"
+    learned: LearnedSensor,
+    frames: Sequence[Frame],
+    size: int,
+    *,
+    projection: Projection = "lidar",
+    keys: Sequence[Array] = (),
 ) -> tuple[PolarImage, Painted, float]:
     """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
-    from dense views to results. Raises ValueError where a frame's images are not like those of the run."""
+    from dense views to results. `keys`, one a frame, draw from the network's distribution. Raises ValueError where a
+    frame's images are not like those of the run."""
     for frame in frames:
         try:
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
@@ -50,7 +57,8 @@ def simulate_batch(
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
-    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection))
+    key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
+    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))
     return image, painted, time.monotonic() - begun
 
 

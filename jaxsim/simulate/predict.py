@@ -12,26 +12,74 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
+from flax import struct
+from jaxtyping import Bool, Float
 
-from jaxsim.config import PrepareConfig
+from jaxsim.config import LEVELS, PrepareConfig
 from jaxsim.frame import Array, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, resample
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 
 Generate = Callable[[Any, Array], Array]
-"""(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]."""
+"""(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or LEVELS so, and the logit of a drop."""
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 Rays = Float[Array, "*b rows columns"]
 
 
+@struct.dataclass
+class Prediction:
+    """What a network says of each cell. Only one that gives a distribution has `levels` and `drop_share`."""
+
+    intensity: Rays
+    """0..0.99 in steps of 1/100, also of a cell that drops: what it would report, by the median."""
+    drops: Bool[Array, "*b rows columns"]
+    levels: Float[Array, "*b rows columns k"] | None = None
+    """Quantiles LEVELS of the intensity, 0..1, of a ray that comes back."""
+    drop_share: Rays | None = None
+    """Probability that the ray is lost or reports 0."""
+
+    @property
+    def reported(self) -> Rays:
+        """Intensity 0..0.99; 0 is a ray that does not come back, and nothing else is."""
+        return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
+
+
+def drawn(says: Prediction, key: Array) -> Rays:
+    """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
+
+    A ray drops with its own probability; else its intensity is that of a level drawn evenly: linear between LEVELS,
+    and as steep as beside the outer ones beyond them. Cells are drawn each for itself. `key` has the batch's dims.
+
+    Raises ValueError where the network gives no distribution.
+    """
+    if says.levels is None or says.drop_share is None:
+        raise ValueError(
+            "simulate: this run's network gives one intensity a cell, not a distribution to draw from; leave out "
+            "--draws, or train one with --generator.form unet"
+        )
+    if key.ndim:
+        return jax.vmap(drawn)(says, key)
+    of_level, of_drop = jax.random.split(key)
+    u = jax.random.uniform(of_level, says.intensity.shape)
+    values, levels = jnp.moveaxis(says.levels, -1, 0), LEVELS
+    # Pieces from level to level; the first and the last go on beyond their ends.
+    intensity = values[0]
+    for k in range(len(levels) - 1):
+        slope = (values[k + 1] - values[k]) / (levels[k + 1] - levels[k])
+        piece = values[k] + slope * (u - levels[k])
+        intensity = jnp.where((u >= levels[k]) | (k == 0), piece, intensity)
+    drops = jax.random.uniform(of_drop, u.shape) < says.drop_share
+    return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
+
+
 def make_batch(
-    prepare: PrepareConfig, *, drop_weight: float = 1.0, unseen_weight: float = 0.0
+    prepare: PrepareConfig, *, drop_weight: float = 1.0, unseen_weight: float = 0.0, occluded_weight: float = 0.0
 ) -> Callable[[Pair], dict[str, Array]]:
     """Jitted: batched pairs to what the train step takes, at the network's size.
 
     The reconstruction term counts the cells that the camera saw and that are not occluded; those that did not
-    come back with `drop_weight`, those that the camera did not see with `unseen_weight`.
+    come back with `drop_weight`, those that the camera did not see with `unseen_weight`, the occluded ones with
+    `occluded_weight`.
     """
 
     @jax.jit
@@ -39,15 +87,55 @@ def make_batch(
         # Lost rays are learned as intensity 0; how much they count beside measured ones is a setting.
         returned = jnp.where(pair.measured.valid, 1.0, drop_weight).astype(jnp.float32)
         seen = jnp.where(pair.painted.valid, 1.0, unseen_weight).astype(jnp.float32)
-        counts = jnp.where(pair.painted.occluded, 0.0, seen * returned)
-        target, weight = resample((pair.target, counts), prepare.network_size, batch_dims=1)
+        counts = jnp.where(pair.painted.occluded, jnp.float32(occluded_weight), 1.0) * seen * returned
+        rasters = (pair.target, counts, pair.measured.valid)
+        target, weight, came_back = resample(rasters, prepare.network_size, batch_dims=1)
         return {
             "inputs": network_inputs(pair.painted, pair.incidence_rad, pair.row, prepare=prepare),
             "target": 2 * target[..., None] - 1,
             "weight": weight,
+            "returned": came_back,
+            "dropped": ~came_back | (target < STEP / 2),
         }
 
     return to_batch
+
+
+def predict_cells(
+    generate: Generate,
+    params: Any,
+    painted: Painted,
+    *,
+    incidence_rad: Rays,
+    row: Rays,
+    prepare: PrepareConfig,
+) -> Prediction:
+    """What the network says of each cell of the polar window.
+
+    The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer. A network
+    that gives a distribution sees each window and its mirror image, and the mean of both answers counts.
+    """
+    *batch, rows, columns = row.shape
+    inputs = network_inputs(painted, incidence_rad, row, prepare=prepare)
+    inputs = inputs.reshape(-1, *inputs.shape[-3:])
+    outputs = generate(params, inputs)
+    distribution = outputs.shape[-1] > len(LEVELS)
+    if distribution:
+        outputs = (outputs + generate(params, inputs[:, :, ::-1])[:, :, ::-1]) / 2
+    channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
+    channels = resample(channels, (rows, columns), batch_dims=len(batch) + 1)
+    # The generator's -1..1 is intensity 0..1, here put on the steps that the sensor reports.
+    values = (channels + 1) / 2
+    if not distribution:
+        intensity = _on_steps(values[0])
+        return Prediction(intensity, intensity < STEP / 2)
+    levels = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(LEVELS)], 0, -1), axis=-1), 0, 1)
+    share = jax.nn.sigmoid(channels[-1])
+    return Prediction(_on_steps(levels[..., LEVELS.index(0.5)]), share > 0.5, levels, share)
+
+
+def _on_steps(intensity: Rays) -> Rays:
+    return jnp.clip(jnp.round(intensity / STEP), 0, 99) * STEP
 
 
 def predict_intensity(
@@ -59,25 +147,17 @@ def predict_intensity(
     row: Rays,
     prepare: PrepareConfig,
 ) -> Rays:
-    """Intensity 0..0.99 in steps of 1/100 on the polar window; 0 is a ray that does not come back.
-
-    The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer.
-    """
-    *batch, rows, columns = row.shape
-    inputs = network_inputs(painted, incidence_rad, row, prepare=prepare)
-    image = generate(params, inputs.reshape(-1, *inputs.shape[-3:]))[..., 0]
-    image = resample(image.reshape(*batch, *image.shape[-2:]), (rows, columns), batch_dims=len(batch))
-    # The generator's -1..1 is intensity 0..1, here put on the steps that the sensor reports.
-    return jnp.clip(jnp.round((image + 1) / 2 / STEP), 0, 99) * STEP
+    """Intensity 0..0.99 in steps of 1/100 on the polar window; 0 is a ray that does not come back."""
+    return predict_cells(generate, params, painted, incidence_rad=incidence_rad, row=row, prepare=prepare).reported
 
 
-def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, Pair], Array]:
-    """Jitted: (parameters, pair or batch of pairs) -> intensity on the polar window."""
+def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, Pair], Prediction]:
+    """Jitted: (parameters, pair or batch of pairs) -> what the network says of the polar window."""
 
     @jax.jit
-    def predict(params: Any, pair: Pair) -> Array:
+    def predict(params: Any, pair: Pair) -> Prediction:
         seen = {"incidence_rad": pair.incidence_rad, "row": pair.row}
-        return predict_intensity(generate, params, pair.painted, **seen, prepare=prepare)
+        return predict_cells(generate, params, pair.painted, **seen, prepare=prepare)
 
     return predict
 
@@ -90,8 +170,10 @@ def simulate_frame(
     row: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
+    key: Array | None = None,
 ) -> tuple[PolarImage, Painted]:
-    """What the LiDAR reports of a camera's view, and what was painted on its grid on the way.
+    """What the LiDAR reports of a camera's view, and what was painted on its grid on the way; with `key` a draw from
+    what the network holds possible (`drawn`), else what it holds most likely.
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
     intensity there, drop the rays of zero intensity. `row` is each beam's place in the sensor, 0 top, 1 bottom.
@@ -99,7 +181,8 @@ def simulate_frame(
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
     rows = jnp.broadcast_to(row[:, None], angle.shape)
-    intensity = predict_intensity(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
+    says = predict_cells(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
+    intensity = says.reported if key is None else drawn(says, key)
     return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0)), painted
 
 

@@ -64,19 +64,30 @@ class LearnedSensor:
         return window_of(run.camera, run.image_size, run.spec, config=run.experiment.prepare)
 
     def simulate_view(
-        self, view: CameraFrame, window: Window | None = None, *, projection: Projection = "lidar"
+        self,
+        view: CameraFrame,
+        window: Window | None = None,
+        *,
+        projection: Projection = "lidar",
+        key: Array | None = None,
     ) -> tuple[PolarImage, Painted]:
         """Simulates one cropped view with depth, or a batch of views, on a polar window (default: `window`).
 
+        With `key`, one a view, the answer is a draw from the network's distribution instead of what is most likely.
         Raises ValueError where the view lacks depth, or labels that the run was trained on, or the camera sees another
-        width and is not projected.
+        width and is not projected, and where there is nothing to draw from.
         """
+        if key is not None and projection != "lidar":
+            raise ValueError(
+                "simulate: draws are made on the LiDAR's grid; leave out --draws, or project (--projection lidar)"
+            )
         check_view(view, self.run.experiment.prepare)
         *batch, _, _, _ = view.rgb.shape
         camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
         self._check_projection(view, projection)
         grid, row = window or self.window
-        return self._simulate[projection](self.params, replace(view, camera=camera), grid, row=row)
+        draws = {} if key is None else {"key": key}
+        return self._simulate[projection](self.params, replace(view, camera=camera), grid, row=row, **draws)
 
     def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:
         """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.

@@ -158,7 +158,7 @@ def compare_networks(
     drawn = {}
     for k in np.unique(np.linspace(0, len(judged) - 1, min(pictures, len(judged))).round().astype(int)).tolist():
         pair = judged[k]
-        outputs = {name: np.asarray(predicts[name](sensor.params, pair)) for name, sensor in sensors.items()}
+        outputs = {name: np.asarray(predicts[name](sensor.params, pair).reported) for name, sensor in sensors.items()}
         drawn[judged.names[k]] = ablation_picture(pair.painted, outputs, pair.measured)
     if unmeasured:
         drawn |= draw_unmeasured(sensors, *unmeasured)

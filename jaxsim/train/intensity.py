@@ -47,12 +47,18 @@ def intensity_training(experiment: Experiment) -> Training:
         size=optim.batch,
         seed=settings.seed,
         flip=optim.flip,
+        jitter=optim.jitter,
         scale_limit=optim.scale_limit,
         raster=raster,
         part=jax.process_index(),
         parts=jax.process_count(),
     )
-    to_batch = make_batch(prepare, drop_weight=weights.drop_weight, unseen_weight=weights.unseen_weight)
+    to_batch = make_batch(
+        prepare,
+        drop_weight=weights.drop_weight,
+        unseen_weight=weights.unseen_weight,
+        occluded_weight=weights.occluded_weight,
+    )
 
     if optim.epochs:
         optim = replace(optim, steps=optim.epochs * len(train) // optim.batch)
@@ -65,7 +71,7 @@ def intensity_training(experiment: Experiment) -> Training:
 
     def judge(params: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
         """Scores of the averaged generator."""
-        picture = pair_picture(validation[0], np.asarray(predict(params, validation[0])), title=f"step {step}")
+        picture = pair_picture(validation[0], np.asarray(predict(params, validation[0]).reported), title=f"step {step}")
         return score_pairs(predict, params, validation), picture
 
     run, folder = describe(experiment, dataset.spec, train.record(0).view), run_folder(settings)

@@ -8,10 +8,11 @@ from jaxsim.data.clouds import cloud_files, read_cloud, read_scan
 from jaxsim.data.polar_frames import read_frame
 from jaxsim.evaluate.cloud_folder import read_points
 from jaxsim.evaluate.generation import open_folder
+from jaxsim.geometry import preset, recover_rows
 from tests.data.round_room import scan
 
 
-@pytest.mark.parametrize("share", [0.995, 0.98, 0.75, 0.5, 0.1])
+@pytest.mark.parametrize("share", [0.999, 0.995, 0.98, 0.75, 0.5, 0.1])
 def test_a_scan_that_is_cut_between_two_points_is_refused(tmp_path, share):
     points = scan()
     path = tmp_path / "a.bin"
@@ -37,10 +38,22 @@ def test_real_scans_are_whole_and_their_halves_are_not(samples, tmp_path):
     for path in files:
         read_scan(path, "file_order")
     whole = np.fromfile(files[0], "<f4").reshape(-1, 4)
-    for count in np.linspace(1000, len(whole) - 200, 20).astype(int):
+    for count in [*np.linspace(1000, len(whole) - 200, 20).astype(int), len(whole) - 30]:
         whole[:count].tofile(tmp_path / "a.bin")
         with pytest.raises(ValueError, match="the file is cut off"):
             read_scan(tmp_path / "a.bin", "file_order")
+
+
+def test_a_scan_of_fewer_lines_is_told(tmp_path):
+    points = scan()
+    row = recover_rows(points[:, :3], spec=preset("hdl64e"))
+    points[(row < 30) | (row > 33)].tofile(tmp_path / "a.bin")
+    with pytest.raises(ValueError, match=r"no point in laser lines 30, 31, 32, 33 of 0\.\.63.*these see the road"):
+        read_scan(tmp_path / "a.bin", "file_order")
+    points[row > 5].tofile(tmp_path / "b.bin")
+    with pytest.warns(UserWarning, match=r"no point in laser lines 0, 1, 2, 3, 4, 5 of 0\.\.63"):
+        cloud = read_scan(tmp_path / "b.bin", "file_order")
+    np.testing.assert_array_equal(cloud.row, row[row > 5])
 
 
 def test_a_drive_in_millimetres_is_refused(raw_root):

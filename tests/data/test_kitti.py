@@ -1,8 +1,10 @@
+import shutil
+
 import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig
-from jaxsim.data import KittiObject, KittiRaw, open_dataset
+from jaxsim.data import KittiObject, KittiRaw, open_dataset, select
 from jaxsim.geometry import UnorderedCloud, project
 
 
@@ -30,6 +32,43 @@ def test_iterating_ends_after_the_last_frame(raw_root):
 def test_numbers_that_lack_scan_or_image_are_left_out(raw_root):
     (raw_root / "2011_09_26/2011_09_26_drive_0001_sync/velodyne_points/data/0000000000.bin").unlink()
     assert [frame.name[-10:] for frame in KittiRaw(raw_root)] == ["0000000001", "0000000000"]
+
+
+def test_drives_without_images_or_scans_do_no_harm(raw_root):
+    date = raw_root / "2011_09_26"
+    (date / "2011_09_26_drive_0000_sync/velodyne_points/data").mkdir(parents=True)
+    first = next(date.glob("*/velodyne_points/data/*.bin"))
+    for name in ("2011_09_26_drive_0000_sync", "2011_09_26_drive_0099_sync"):
+        scan = date / name / "velodyne_points/data/0000000003.bin"
+        scan.parent.mkdir(parents=True, exist_ok=True)
+        scan.write_bytes(first.read_bytes())
+    (date / "2011_09_26_drive_0099_sync/image_02/data").mkdir(parents=True)
+    empty = date / "2011_09_26_drive_0100_sync"
+    (empty / "velodyne_points/data").mkdir(parents=True)
+    before = [frame for frame in KittiRaw(raw_root)._frames if "0000_sync" not in frame[0].name]
+    assert KittiRaw(raw_root)._frames == before
+    assert len(before) > 0
+
+
+def test_drives_are_parts_by_name(raw_root):
+    dataset = KittiRaw(raw_root)
+    scenes = [dataset.name_of(i).split("-")[0] for i in range(len(dataset))]
+    for name, positions in dataset.splits.items():
+        assert select(name, dataset) == positions
+        assert {scenes[i] for i in positions} == {f"2011_09_26_{name}_sync"}
+        assert select(f"all but {name}", dataset) == [i for i in range(len(dataset)) if i not in positions]
+    assert sorted(i for positions in dataset.splits.values() for i in positions) == list(range(len(dataset)))
+
+
+def test_a_drive_number_of_two_dates_is_told_by_its_date(raw_root):
+    other = raw_root / "2011_09_28"
+    shutil.copytree(raw_root / "2011_09_26", other)
+    for drive in other.glob("*_sync"):
+        drive.rename(other / drive.name.replace("09_26", "09_28"))
+    dataset = KittiRaw(raw_root)
+    assert all(name.startswith(("2011_09_26_drive_", "2011_09_28_drive_")) for name in dataset.splits)
+    name = next(reversed(dataset.splits))
+    assert [dataset.name_of(i)[: len(name)] for i in select(name, dataset)] == [name] * len(dataset.splits[name])
 
 
 def test_time_stamps_are_seconds_since_1970(raw_root):
@@ -101,6 +140,11 @@ def test_a_frame_without_objects_has_no_boxes_and_an_unlabelled_split_has_none(o
     assert len(KittiObject(object_root)[0].boxes.kind) == 0
     (object_root / "training/label_2/000007.txt").unlink()
     (object_root / "training/label_2").rmdir()
+    assert KittiObject(object_root)[0].boxes is None
+
+
+def test_a_frame_whose_label_file_is_missing_has_no_labels(object_root):
+    (object_root / "training/label_2/000007.txt").unlink()
     assert KittiObject(object_root)[0].boxes is None
 
 

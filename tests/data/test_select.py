@@ -47,6 +47,22 @@ def test_a_named_part_is_taken_whole_or_thinned_and_mixes_with_numbers():
     assert select("evaluation, 6", frames) == [4, 5, 6]
 
 
+def test_all_but_is_what_is_left():
+    frames = Parted(range(7))
+    assert select("all but evaluation", frames) == [0, 1, 2, 3, 6]
+    assert select("all but evaluation,0-1", frames) == [2, 3, 6]
+    with pytest.raises(ValueError, match="none of the data set's 7; name fewer"):
+        select("all but 0-6", frames)
+
+
+def test_names_may_begin_with_a_date():
+    class Dated(list):
+        splits: ClassVar = {"2011_09_26_drive_0001": [1, 2]}
+
+    assert select("2011_09_26_drive_0001, 0", Dated(range(3))) == [1, 2, 0]
+    assert select("2011_09_26_drive_0001:2", Dated(range(3))) == [1]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

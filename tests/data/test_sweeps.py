@@ -1,10 +1,11 @@
 import builtins
+import json
 import shutil
 
 import numpy as np
 import pytest
 
-from jaxsim.data import read_lidar_top, read_pcap
+from jaxsim.data import read_lidar_top, read_pcap, sweeps
 from jaxsim.geometry import polar_to_points, preset
 
 NAME = "n015-2018-07-24-11-22-45+0800__LIDAR_TOP__1532402927647951.pcd.bin"
@@ -140,8 +141,63 @@ def test_points_lie_where_the_makers_software_puts_them(recording):
     theirs, valid = np.roll(theirs, -shift, axis=1), sweep.image.valid
     off = np.linalg.norm(ours - theirs, axis=-1)[valid] / np.maximum(sweep.image.range_m[valid], 1)
     assert np.rad2deg(off).max() < 0.36 / 2
-    range_m = np.linalg.norm(theirs - [0, 0, sweep.grid.origin_m[0]], axis=-1)
-    np.testing.assert_allclose(sweep.image.range_m[valid], range_m[valid], atol=2e-3)
+    # A column's azimuth is within half a column of its beams'; distance from the axis and height are exact.
+    np.testing.assert_allclose(np.hypot(*ours[valid].T[:2]), np.hypot(*theirs[valid].T[:2]), atol=5e-4)
+    np.testing.assert_allclose(ours[valid][:, 2], theirs[valid][:, 2], atol=5e-4)
+
+
+def described(recording, **changes):
+    """The description of a recording with other entries."""
+    return json.loads(recording.with_suffix(".json").read_text()) | changes
+
+
+def test_beams_of_an_os_0_start_beside_the_axis(samples, tmp_path):
+    """28 mm beside it, and up to 45 degrees up and down: no recording of one is at hand, so one is described."""
+    pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    from ouster.sdk import core
+    from ouster.sdk.open_source import open_source
+
+    recording = samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap"
+    meta = tmp_path / "os0.json"
+    wide = np.linspace(45, -45, 32).round(2).tolist()
+    meta.write_text(json.dumps(described(recording, lidar_origin_to_beam_origin_mm=27.67, beam_altitude_angles=wide)))
+    (sweep,) = read_pcap(recording, meta=meta)
+    frame = next(f for frames in open_source(str(recording), meta=[str(meta)]) for f in frames)
+    theirs = core.destagger(frame.sensor_info, core.XYZLut(frame.sensor_info)(frame))
+    ours = np.asarray(polar_to_points(sweep.image, sweep.grid).xyz_m).reshape(theirs.shape)
+    returned = core.destagger(frame.sensor_info, frame.field("RANGE")) > 0
+    shift = next(k for k in range(64) if (np.roll(returned, -k, axis=1) == sweep.image.valid).all())
+    theirs, valid = np.roll(theirs, -shift, axis=1), sweep.image.valid
+    assert np.abs(np.hypot(*ours[valid].T[:2]) - np.hypot(*theirs[valid].T[:2])).max() < 1e-3
+    assert np.abs(ours[valid][:, 2] - theirs[valid][:, 2]).max() < 1e-3
+
+
+def test_a_description_of_another_sensor_is_told(samples):
+    pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    one, other = (samples / f"ouster/{name}" for name in UNITS[:2])
+    with pytest.raises(
+        ValueError, match=r"not one packet of .* is of the sensor that .*describes \(OS-\d.*1024 columns"
+    ):
+        list(read_pcap(one.parent / f"{one.name}.pcap", meta=other.parent / f"{other.name}.json"))
+
+
+def test_a_profile_without_what_is_asked_for_names_what_it_has(recording, monkeypatch):
+    real = sweeps._open_pcap
+
+    def without_signal(path, meta):
+        source, core = real(path, meta)
+
+        def frames():
+            for group in source:
+                for frame in group:
+                    frame.del_field("SIGNAL")
+                yield group
+
+        return frames(), core
+
+    monkeypatch.setattr(sweeps, "_open_pcap", without_signal)
+    with pytest.raises(ValueError, match=r"holds no signal: its profile, .* take intensity='reflectivity'"):
+        list(read_pcap(recording, intensity="signal"))
 
 
 def test_columns_fall_from_the_rear_over_the_left(recording):

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.config import DataConfig
+from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.detect.results import Found
 from jaxsim.detect.state import Network
-from jaxsim.evaluate.detector import find_all, kitti_curves, main_scores, mean_curves
+from jaxsim.evaluate.detector import experiment_scenes, find_all, kitti_curves, main_scores, mean_curves
 from tests.detect.tiny import EXPERIMENT, scene
 
 SCENES = [scene(seed) for seed in range(8)]
@@ -91,3 +93,19 @@ def test_voxels_left_out_are_told(capsys):
     assert "worst b: 70 of voxels left out; training makes room with --voxels.max-voxels" in said
     list(find_all(find, Network({}, {}), clouds, total=3, quiet=True, more_room="raise --max-voxels"))
     assert "left out; raise --max-voxels\n" in capsys.readouterr().out
+
+
+class TwoFrames:
+    """Frames of the embedded world, the second without labels."""
+
+    def __getitem__(self, i):
+        frame = SyntheticWorld(columns=200)[i]
+        return replace(frame, boxes=None) if i else frame
+
+
+def test_frames_without_labels_are_left_out_and_told(tmp_path, capsys):
+    experiment = replace(EXPERIMENT, data=DataConfig(cache=tmp_path))
+    assert len(experiment_scenes(TwoFrames(), [0, 1], experiment)) == 1
+    assert "1 of 2 frames have no labels and are left out" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="none of the 1 frames has labels"):
+        experiment_scenes(TwoFrames(), [1], experiment)

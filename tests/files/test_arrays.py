@@ -4,9 +4,11 @@ import io
 import time
 import tracemalloc
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numpy.lib import format as npy
 
 from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import read_frame
@@ -146,3 +148,24 @@ def test_what_is_no_archive_says_so(tmp_path, damage):
 def test_weights_that_are_none_are_refused(value, message):
     with pytest.raises(ValueError, match=message):
         fit({"w": value, ABOUT: np.array("{}")}, {"w": (2, 2)})
+
+
+def test_headers_are_parsed_by_one_thread_at_a_time(tmp_path, monkeypatch):
+    """Python 3.11's parser, which reads them, fails now and then where two are in it."""
+    write_arrays(tmp_path / "a.npz", ARRAYS)
+    inside, most = [], []
+    real = npy.read_array
+
+    def watched(*args, **kwargs):
+        inside.append(1)
+        most.append(len(inside))
+        time.sleep(0.01)
+        inside.pop()
+        return real(*args, **kwargs)
+
+    monkeypatch.setattr(npy, "read_array", watched)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: read_arrays(tmp_path / "a.npz", by="test"), range(8)))
+    assert all(map(equal, found))
+    assert len(most) > 8
+    assert max(most) == 1

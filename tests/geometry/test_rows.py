@@ -235,3 +235,60 @@ def test_a_fit_needs_a_prior_of_as_many_lines():
         fit_beams(xyz, row, 40)
     with pytest.raises(ValueError, match=r"rows are 0\.\.64"):
         fit_beams(xyz, np.array([0, 1, 64], np.int32))
+
+
+def reordered(xyz, row):
+    """The cloud as other programs write it: name -> positions. Each keeps its lines together, from the top."""
+    angle = azimuth(xyz)
+    turn = angle % (2 * np.pi)
+    keys = {
+        "clockwise": -turn,
+        "from atan2's seam": angle,
+        "clockwise from it": -angle,
+        "from the rear": (turn + np.pi) % (2 * np.pi),
+    }
+    return {name: np.lexsort((key, row)) for name, key in keys.items()}
+
+
+@pytest.mark.parametrize("cropped", [False, True])
+@pytest.mark.parametrize("scan", [RAW[0], OBJECT[1], COMPENSATED])
+def test_other_orders_get_the_right_lines_or_are_refused(samples, scan, cropped):
+    xyz = points(samples, scan)[:, :3]
+    truth = recover_rows(xyz, spec=SPEC)
+    ahead = np.abs(azimuth(xyz)) < np.deg2rad(42)
+    answered = 0
+    for name, order in reordered(xyz, truth).items():
+        order = order[ahead[order]] if cropped else order
+        try:
+            row = recover_rows(xyz[order], spec=SPEC)
+        except UnorderedCloud:
+            continue
+        answered += 1
+        assert (row == truth[order]).mean() > 0.999, name
+    assert answered == 0 or scan != COMPENSATED  # where motion was taken out, what is not known is refused
+
+
+@pytest.mark.parametrize("scan", [RAW[0], COMPENSATED])
+def test_a_mirrored_scan_gets_the_right_lines_or_is_refused(samples, scan):
+    xyz = points(samples, scan)[:, :3]
+    truth = recover_rows(xyz, spec=SPEC)
+    try:
+        row = recover_rows(xyz * np.array([1, -1, 1], np.float32), spec=SPEC)
+    except UnorderedCloud:
+        return
+    assert scan != COMPENSATED
+    assert (row == truth).mean() > 0.999
+
+
+def test_top_lines_that_lack_on_a_full_circle_cost_no_other_line(samples):
+    xyz = points(samples, RAW[0])[:, :3]
+    truth = recover_rows(xyz, spec=SPEC)
+    kept = truth >= 6
+    np.testing.assert_array_equal(recover_rows(xyz[kept], spec=SPEC), truth[kept])
+
+
+def test_a_compensated_scan_of_another_sensors_beams_is_refused(samples):
+    xyz = points(samples, COMPENSATED)[:, :3]
+    low = dataclasses.replace(SPEC, elevation_deg=tuple(e - 3 for e in SPEC.elevation_deg))
+    with pytest.raises(UnorderedCloud, match="lie two beams of hdl64e or more from the laser line"):
+        recover_rows(xyz, spec=low)

@@ -1,12 +1,14 @@
 """Checkpoints as they are published: wrapped, converted, recognised, and trained on from."""
 
 from dataclasses import replace
+from functools import cache
 
 import jax
 import numpy as np
 import pytest
 from flax import nnx
 
+from jaxsim import devices
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import to_published
@@ -18,7 +20,8 @@ from jaxsim.pix2pix.published_files import (
     published_generator,
     start_from,
 )
-from jaxsim.pix2pix.state import Network, TrainState, split, state_shapes
+from jaxsim.pix2pix.state import Network, TrainState, create_state, split, state_shapes
+from jaxsim.pix2pix.steps import make_train_step
 from jaxsim.weights import convert
 
 CHANNELS = 5
@@ -140,3 +143,64 @@ def test_training_starts_from_a_converted_checkpoint(tmp_path, experiment):
         start_from(untrained(smaller), [file], smaller)
     with pytest.raises(FileNotFoundError, match="jaxsim convert pix2pixhd_imaginaire"):
         start_from(state, [tmp_path / "nowhere.npz"], experiment)
+
+
+def converted(folder, kind, arrays):
+    """The file that `jaxsim convert` makes of these arrays."""
+    np.savez(folder / "published.npz", **arrays)
+    file = folder / f"{kind}.npz"
+    convert(kind, CONVERTERS[kind], folder / "published.npz", out=file)
+    return file
+
+
+def imaginaire_start(folder, experiment, *, averaged):
+    arrays = imaginaire_checkpoint(experiment.generator, experiment.discriminator)
+    kept = {name: array for name, array in arrays.items() if averaged or "averaged_model" not in name}
+    return [converted(folder, "pix2pixhd_imaginaire", kept)]
+
+
+def original_start(folder, experiment):
+    whole = to_published(generator(experiment.generator), "original")
+    judge = to_published(discriminator(experiment.discriminator), "original")
+    return [
+        converted(folder, "pix2pixhd_generator", whole),
+        converted(folder, "pix2pixhd_discriminator", judge),
+    ]
+
+
+STARTS = {
+    "imaginaire": lambda folder, e: imaginaire_start(folder, e, averaged=True),
+    "imaginaire, not averaged": lambda folder, e: imaginaire_start(folder, e, averaged=False),
+    "original": original_start,
+    "original, generator alone": lambda folder, e: original_start(folder, e)[:1],
+}
+
+
+@cache
+def compiled(experiment, count):
+    """The step of an experiment on so many devices, compiled once for both of its starts."""
+    return make_train_step(experiment, CHANNELS, mesh=devices.data_mesh(count))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("start", STARTS)
+def test_a_step_follows_every_form_of_start_on_one_device_and_on_two(tmp_path, start, count):
+    form = start.split(",")[0]
+    experiment = Experiment(
+        generator=GeneratorConfig(form=form, filters=4, downsamples=1, blocks=1, enhancers=0, enhancer_blocks=0),
+        discriminator=DiscriminatorConfig(form=form, scales=1, filters=4, layers=1),
+    )
+    mesh = devices.data_mesh(count)
+    assert (mesh is None) == (count == 1)
+    begun = start_from(create_state(experiment, CHANNELS, seed=0), STARTS[start](tmp_path, experiment), experiment)
+    before = jax.tree.map(np.array, begun)
+    random = np.random.default_rng(0)
+    draw = lambda n: random.uniform(-1, 1, (count, 8, 16, n)).astype(np.float32)  # noqa: E731
+    batch = {"inputs": draw(CHANNELS), "target": draw(1), "weight": np.ones((count, 8, 16), np.float32)}
+    with jax.numpy_dtype_promotion("standard"):  # optax raises floats to integers
+        step = compiled(experiment, count)
+        state, metrics = step(devices.everywhere(mesh, begun), devices.cut(mesh, batch))
+    assert bool(metrics["finite"])
+    assert int(state.step) == 1
+    moved = jax.tree.map(lambda a, b: np.abs(np.asarray(a) - b).max(), state.ema, before.ema)
+    assert max(jax.tree.leaves(moved)) > 0

@@ -1,0 +1,66 @@
+"""Intervals over scenes: what so few of them can say of a mean, a ratio, or any score.
+
+Scenes are few, so intervals are Student's t with the scenes' own scatter; the percentile bootstrap is too narrow then
+(tests/discover/test_scenes.py shows both). Of what is no mean, the jackknife gives the scatter (Efron & Tibshirani
+1993, ch. 11).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import t as student
+
+LEVEL = 0.90
+"""Coverage of every interval."""
+
+
+def student_reach(scenes: int | np.integer | Int[np.ndarray, "*k"]) -> float | Float[np.ndarray, "*k"]:
+    """Standard errors to either side of a mean over so many scenes within which it lies at LEVEL."""
+    return student.ppf(0.5 + LEVEL / 2, np.maximum(np.subtract(scenes, 1), 1))
+
+
+def half_width(values: Float[np.ndarray, "s *k"]) -> Float[np.ndarray, "*k"]:
+    """Half width of the interval of each mean over scenes; NaN entries do not count, NaN where fewer than two are
+    left."""
+    known = np.isfinite(values)
+    n = known.sum(0)
+    centre = np.where(known, values, 0).sum(0) / np.maximum(n, 1)
+    squares = np.where(known, (values - centre) ** 2, 0).sum(0)
+    width = student_reach(n) * np.sqrt(squares / np.maximum(n - 1, 1) / np.maximum(n, 1))
+    return np.where(n > 1, width, np.nan)
+
+
+def mean_interval(values: Float[np.ndarray, " s"]) -> tuple[float, float]:
+    """Interval of a mean over scenes; NaN where fewer than two scenes have a value."""
+    if not np.isfinite(values).any():
+        return float("nan"), float("nan")
+    centre = float(np.nanmean(values))
+    half = float(half_width(values))
+    return centre - half, centre + half
+
+
+def jackknife_half_width(without: Float[np.ndarray, " s"]) -> float:
+    """Half width of the interval of a statistic, from what it becomes without each of the scenes."""
+    n = len(without)
+    return float(student_reach(n) * np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+
+
+def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]) -> tuple[float, float]:
+    """Interval of mean(top) / mean(bottom), by the jackknife over scenes that have both."""
+    both = np.isfinite(top) & np.isfinite(bottom)
+    top = top[both]
+    bottom = bottom[both]
+    n = len(top)
+    if n < 2:
+        return float("nan"), float("nan")
+    without = (top.sum() - top) / (bottom.sum() - bottom)
+    return jackknife_interval(float(top.sum() / bottom.sum()), without)
+
+
+def jackknife_interval(value: float, without: Float[np.ndarray, " s"]) -> tuple[float, float]:
+    """Interval of a value that becomes `without` each of the scenes; NaN where there are fewer than two."""
+    if len(without) < 2:
+        return float("nan"), float("nan")
+    half = jackknife_half_width(without)
+    return float(value - half), float(value + half)

@@ -1,0 +1,97 @@
+"""A response of each cell in its surroundings: a U-Net on the polar grid, small enough to learn from some drives.
+
+What a return's intensity is made of is known: the laser's own gain, range, angle, and what the surface is like. The
+first three are the cell's own; the last has to be told from the image around it. So every cell has a part of its own at
+full size, and beside it features of its surroundings, which a U-Net (Ronneberger et al. 2015) gathers. No layer has a
+norm over the image: it would tell each cell what else is in the frame, and that is the street, not the sensor.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+from flax import nnx
+from jaxtyping import Float
+
+from jaxsim.config import GeneratorConfig
+from jaxsim.frame import Array
+from jaxsim.pix2pix.convolution import conv2d
+
+
+class Plain(nnx.Module):
+    """Convolution and bias; kernels by He et al. 2015, times `gain`."""
+
+    def __init__(self, in_channels: int, out_channels: int, *, size: int, rngs: nnx.Rngs, gain: float = 1.0):
+        shape = (size, size, in_channels, out_channels)
+        deviation = gain * (2 / (in_channels * size * size)) ** 0.5
+        self.kernel = nnx.Param(deviation * jax.random.normal(rngs.params(), shape))
+        self.bias = nnx.Param(jnp.zeros(out_channels))
+
+    def __call__(self, x: Float[Array, "b h w c_in"]) -> Float[Array, "b h w c_out"]:
+        kernel, bias = self.kernel[...], self.bias[...]
+        if kernel.shape[0] == 1:  # a product of matrices, which is faster than a convolution that is one
+            return x @ kernel[0, 0] + bias[None, None, None]
+        return conv2d(x, kernel, padding="zero") + bias[None, None, None]
+
+
+class Residual(nnx.Module):
+    """x + conv(relu(conv(relu(x)))); at the start nearly x itself."""
+
+    def __init__(self, channels: int, *, rngs: nnx.Rngs):
+        self.first = Plain(channels, channels, size=3, rngs=rngs)
+        self.second = Plain(channels, channels, size=3, rngs=rngs, gain=0.1)
+
+    def __call__(self, x: Float[Array, "b h w c"]) -> Float[Array, "b h w c"]:
+        return x + self.second(jax.nn.relu(self.first(jax.nn.relu(x))))
+
+
+class UNet(nnx.Module):
+    """Outputs of each cell from inputs of any channels; any number of rows and columns.
+
+    `blocks` residual blocks a level on either side, `downsamples` halvings, each of twice the channels up to
+    `max_filters`. Channels that come out are not bounded: `losses` and `predict` say what they mean.
+    """
+
+    def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
+        widths = [min(config.filters * 2**k, config.max_filters) for k in range(config.downsamples + 1)]
+        self.multiple = 2**config.downsamples
+        self.stem = Plain(in_channels, widths[0], size=1, rngs=rngs)
+        self.own = Plain(in_channels, 2 * widths[0], size=1, rngs=rngs)
+        make = lambda width: nnx.List([Residual(width, rngs=rngs) for _ in range(config.blocks)])  # noqa: E731
+        self.down = nnx.List([make(width) for width in widths])
+        pairs = list(pairwise(widths))
+        self.widen = nnx.List([Plain(narrow, wide, size=1, rngs=rngs) for narrow, wide in pairs])
+        self.narrow = nnx.List([Plain(wide, narrow, size=1, rngs=rngs, gain=0.5) for narrow, wide in pairs])
+        self.up = nnx.List([make(width) for width in widths[:-1]])
+        self.join = Plain(3 * widths[0], 2 * widths[0], size=1, rngs=rngs)
+        self.head = Plain(2 * widths[0], config.channels, size=1, rngs=rngs, gain=0.1)
+
+    def __call__(self, inputs: Float[Array, "b h w c"], *, train: bool = False) -> Float[Array, "b h w k"]:
+        _, h, w, _ = inputs.shape
+        rows, columns = -h % self.multiple, -w % self.multiple
+        x = self.stem(jnp.pad(inputs, ((0, 0), (0, rows), (0, columns), (0, 0))))
+        levels = []
+        for k, blocks in enumerate(self.down):
+            for block in blocks:
+                x = block(x)
+            if k < len(self.widen):
+                levels.append(x)
+                x = self.widen[k](_halved(x))
+        for k in reversed(range(len(self.up))):
+            x = levels[k] + _doubled(self.narrow[k](x))
+            for block in self.up[k]:
+                x = block(x)
+        beside = jnp.concatenate([self.own(inputs), x[:, :h, :w]], axis=-1)
+        return self.head(jax.nn.relu(self.join(jax.nn.relu(beside))))
+
+
+def _halved(x: Float[Array, "b h w c"]) -> Float[Array, "b h/2 w/2 c"]:
+    b, h, w, c = x.shape
+    return x.reshape(b, h // 2, 2, w // 2, 2, c).mean((2, 4))
+
+
+def _doubled(x: Float[Array, "b h w c"]) -> Float[Array, "b 2*h 2*w c"]:
+    b, h, w, c = x.shape
+    return jnp.broadcast_to(x[:, :, None, :, None], (b, h, 2, w, 2, c)).reshape(b, 2 * h, 2 * w, c)

@@ -1,0 +1,127 @@
+"""Baselines: each learns what it is for, from cells that count alone; and what intervals over scenes say of them."""
+
+import numpy as np
+import pytest
+
+from jaxsim.evaluate.baselines import fit_baselines, previous_frame
+from jaxsim.evaluate.intensity import baseline_sums
+from jaxsim.evaluate.runs import scores_by_scene
+from jaxsim.evaluate.trees import fit_trees
+from jaxsim.frame import Painted, Pair, PolarImage
+from jaxsim.metrics.intervals import mean_interval
+from jaxsim.metrics.paired import difference_of, frame_sums, group_medians, scene_intervals, total_scores
+
+SHAPE = (8, 60)
+
+
+def street(seed: int, *, lost: float = 0.0) -> Pair:
+    """Each line has a gain; red surfaces are bright; noise of 0.02; lines 6 and 7 are mostly lost."""
+    random = np.random.default_rng(seed)
+    row = np.broadcast_to(np.linspace(0, 1, SHAPE[0], dtype=np.float32)[:, None], SHAPE).copy()
+    rgb = random.uniform(0, 1, (*SHAPE, 3)).astype(np.float32)
+    range_m = random.uniform(3, 40, SHAPE).astype(np.float32)
+    gain = 0.15 + 0.1 * (np.arange(SHAPE[0]) % 3)
+    intensity = gain[:, None] + 0.4 * rgb[..., 0] - 0.004 * range_m + random.normal(0, 0.02, SHAPE)
+    intensity = np.clip(intensity, 0.01, 0.99).astype(np.float32)
+    valid = (random.random(SHAPE) > lost) & ~((np.arange(SHAPE[0]) > 5)[:, None] & (random.random(SHAPE) < 0.8))
+    seen = random.random(SHAPE) > 0.1
+    nothing = np.zeros(SHAPE, np.int32)
+    painted = Painted(range_m, range_m, rgb, nothing, nothing, seen, np.zeros(SHAPE, bool))
+    angle = random.uniform(0, 1.5, SHAPE).astype(np.float32)
+    return Pair(painted, angle, row, np.where(valid, intensity, 0), PolarImage(range_m, intensity, valid))
+
+
+TRAIN = [street(seed) for seed in range(6)]
+JUDGED = [street(seed) for seed in range(10, 14)]
+
+
+@pytest.fixture(scope="module")
+def errors():
+    sums = baseline_sums(TRAIN, JUDGED, [None] * len(JUDGED), trees=True)
+    return {name: total_scores(frames)["mae"].value for name, frames in sums.items()}, sums
+
+
+def test_what_sees_more_errs_less(errors):
+    of, _ = errors
+    assert of["per-row median"] < of["global median"]
+    assert of["trees, a cell"] < 0.5 * of["per-row median"]
+    assert of["trees, context"] < 0.5 * of["per-row median"]
+
+
+def test_trees_know_which_lines_are_lost(errors):
+    _, sums = errors
+    assert total_scores(sums["trees, a cell"])["drop_f1"].value > 0.8
+
+
+def test_the_table_takes_the_line_where_it_has_seen_too_few_cells():
+    near = [p.replace(painted=p.painted.replace(range_m=np.full(SHAPE, 5, np.float32))) for p in TRAIN]
+    fitted = fit_baselines(near)
+    far = JUDGED[0].replace(painted=JUDGED[0].painted.replace(range_m=np.full(SHAPE, 50, np.float32)))
+    np.testing.assert_array_equal(
+        fitted["range, incidence, row"](far).intensity, fitted["per-row median"](far).intensity
+    )
+
+
+def test_cells_that_do_not_count_are_never_read():
+    broken = []
+    for pair in TRAIN:
+        counts = pair.painted.valid & pair.measured.valid
+        measured = pair.measured.replace(intensity=np.where(counts, pair.measured.intensity, np.float32(np.nan)))
+        broken.append(pair.replace(measured=measured))
+    clean, other = fit_baselines(TRAIN), fit_baselines(broken)
+    for name in clean:
+        np.testing.assert_array_equal(clean[name](JUDGED[0]).intensity, other[name](JUDGED[0]).intensity)
+
+
+def test_group_medians_are_numpys():
+    random = np.random.default_rng(0)
+    value, group = random.random((7, 9)), random.integers(0, 4, (7, 9))
+    every = np.ones((7, 9), bool)
+    found = group_medians([(value, every, every, group), (1 - value, every, every, group)], 6)
+    for k in range(4):
+        both = np.concatenate([value[group == k], 1 - value[group == k]])
+        assert found.intensity[k] == pytest.approx(np.median(both))
+        assert found.count[k] == len(both)
+    assert found.intensity[5] == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="no training cell"):
+        group_medians([(value, ~every, every, group)], 4)
+
+
+def test_the_previous_frame_is_copied_and_filled():
+    before = JUDGED[0]
+    guess = previous_frame(before, 0.3)
+    back = before.measured.valid
+    np.testing.assert_array_equal(guess.intensity[back], before.measured.intensity[back])
+    np.testing.assert_array_equal(guess.intensity[~back], np.float32(0.3))
+    assert guess.drops[~back].all()
+
+
+def test_intervals_over_scenes_are_those_of_equal_scenes_means():
+    """Scenes of equally many cells: the jackknife of the mean is Student's t of their means."""
+    random = np.random.default_rng(0)
+    truth = np.full(SHAPE, 0.5, np.float32)
+    every = np.ones(SHAPE, bool)
+    off = random.uniform(0.02, 0.1, 5).astype(np.float32)
+    frames = [frame_sums(truth + x, ~every, y=truth, returned=every, m=every) for x in off]
+    scenes = list("abcde")
+    np.testing.assert_allclose(scene_intervals(frames, scenes)["mae"], mean_interval(off.astype(float)), rtol=1e-4)
+    assert scene_intervals(frames, ["a"] * 5) == {}
+    value, low, high = difference_of(frames, frames[::-1], scenes)
+    assert value == pytest.approx(0, abs=1e-9)
+    assert low < 0 < high
+    # The same difference in every scene has no scatter, however scenes differ.
+    more = [frame_sums(truth + x + 0.01, ~every, y=truth, returned=every, m=every) for x in off]
+    assert difference_of(more, frames, scenes) == pytest.approx((0.01, 0.01, 0.01), rel=1e-3)
+
+
+def test_scores_come_scene_by_scene(errors):
+    _, sums = errors
+    found = scores_by_scene(sums | {"network": sums["global mean"]}, ["a", "a", "b", "b"])
+    assert list(found) == ["a", "b"]
+    assert found["a"]["trees, a cell"] == total_scores(sums["trees, a cell"][:2])
+
+
+def test_trees_without_scikit_learn_say_what_to_install(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "sklearn.ensemble", None)
+    with pytest.raises(ModuleNotFoundError, match=r"jaxsim-lidar\[trees\]"):
+        fit_trees(TRAIN, context=False)
