@@ -134,8 +134,8 @@ class KittiStep:
             if missing:
                 raise ValueError(
                     f"kitti_step: {self._folder}: sequence {sequence}: {len(missing)} of {len(wanted)} images have "
-                    f"no {kind} ({', '.join(missing[:4])}{', ...' if len(missing) > 4 else ''}); copy them, or remove these "
-                    "images (only 0001/000177-000180 were published without a scan)"
+                    f"no {kind} ({', '.join(missing[:4])}{', ...' if len(missing) > 4 else ''}); copy them, or remove "
+                    "these images (only 0001/000177-000180 were published without a scan)"
                 )
         return wanted
 
