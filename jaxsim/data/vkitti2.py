@@ -111,7 +111,7 @@ class VirtualKitti2:
                 camera=camera,
                 depth_m=np.where(known, depth_m, np.float32(0)),
                 depth_valid=known,
-                semantic=read_classes(self._raster(drive, "classes", number), texts.colours),
+                semantic=read_classes(self._raster(drive, "classes", number), self._texts(drive).colours),
                 instance=read_instances(self._raster(drive, "instances", number)),
             ),
             cloud=None,

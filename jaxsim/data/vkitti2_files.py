@@ -199,6 +199,8 @@ def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "4 4"
         frame, camera = _numbers(path, line, row[:2], kind=int)
         cam_from_world = np.array(_numbers(path, line, row[2:], kind=float)).reshape(4, 4)
         check_rigid(cam_from_world, f"vkitti2: {path}, line {line}", apart_m=WORLD_M)
+        if cam_from_world[3].tolist() != [0, 0, 0, 1]:
+            raise ValueError(f"vkitti2: {path}, line {line} must end with 0 0 0 1; copy it again")
         _add(found, (frame, camera), cam_from_world, path=path, line=line)
     return found
 

@@ -89,7 +89,7 @@ def test_a_line_that_comes_twice_is_refused(object_root):
     [
         ("extrinsic.txt", 2, "0.5", r"extrinsic\.txt, line 2 is no rotation"),
         ("extrinsic.txt", 5, "nan", "line 2 holds NaN"),
-        ("extrinsic.txt", 5, "1e30", "line 2 moves by 1e"),
+        ("extrinsic.txt", 5, "1e30", "line 2 holds a number beyond 1e"),
         ("intrinsic.txt", 2, "-725.0087", "is no camera matrix"),
         ("intrinsic.txt", 2, "362.5", "both must be alike"),
     ],
