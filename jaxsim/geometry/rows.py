@@ -87,11 +87,11 @@ def recover_rows(
             "the order of the lines (shuffled, merged, or sorted by time), or `lines` is too small"
         )
     _check_elevations(elevation, line)
-    in_order = found == lines or spec is None
-    row = line + np.int32(lines - found) if in_order else _rows_by_beams(xyz, starts, spec)
+    in_order = line + np.int32(lines - found)
     if spec is None:
         _check_direction(azimuth)
-        return row
+        return in_order
+    row = in_order if found == lines else _rows_by_beams(xyz, starts, spec)
     nearest, miss_deg = nearest_beams(xyz, spec)
     if (miss_deg < _ON_BEAM_DEG).mean() > _ALL_ON_BEAMS:
         return row if (row == nearest).mean() > _AGREE else nearest

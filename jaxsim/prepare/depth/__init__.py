@@ -67,6 +67,7 @@ def through_points(
     distance, label = cv2.distanceTransformWithLabels(
         (~usable).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
+    label = label.astype(np.int64)
     of_label = np.ones(int(label.max()) + 1, np.float32)
     of_label[label[usable]] = ratio[usable]
     return np.where(known & (distance <= REACH_PX), depth_m * of_label[label], depth_m)
