@@ -1,11 +1,12 @@
 """`python -m tests.fuzz N SEED`: N mutations over all readers, what came of them, exit code 1 for bad outcomes.
 
-The last line counts all readers and gives the seed.
+The last line counts all readers and gives the seed. With `--kept FILE` a killed run goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import os
 import signal
@@ -97,6 +98,18 @@ def show(counts: dict[str, Counter[str]], seed: int) -> str:
     return "\n".join([*lines, f"seed {seed}, {len(counts)} readers, {total.total()} mutations: {told}"])
 
 
+def kept(file: Path, *, about: str) -> list[Outcome]:
+    """The outcomes that an earlier run kept. Raises ValueError where it was about other mutations."""
+    if not file.exists():
+        file.write_text(json.dumps(about) + "\n")
+    lines = file.read_text().splitlines(keepends=True)
+    if json.loads(lines[0]) != about:
+        raise ValueError(f"{file} keeps what came of other mutations; name another file")
+    if not lines[-1].endswith("\n"):  # the run was killed while it wrote this one
+        file.write_text("".join(lines := lines[:-1]))
+    return [Outcome(*json.loads(line)) for line in lines[1:]]
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("count", type=int, help="mutations")
@@ -104,21 +117,33 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first mutation: repeats a single one")
     parser.add_argument("--only", default="", help="readers whose name holds this")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--kept", type=Path, help="a file for the outcomes, a line each: what is in it is not made again")
     parser.add_argument("--each", type=int, default=2, help="bad outcomes to show of each reader and column")
     given = parser.parse_args(argv)
     names = [name for name in table() if given.only in name]
     counts: dict[str, Counter[str]] = {name: Counter() for name in names}
-    numbers = iter(range(given.first, given.first + given.count))
+
+    def count(outcome: Outcome) -> None:
+        counts[outcome.reader][outcome.column] += 1
+        if outcome.column in BAD and counts[outcome.reader][outcome.column] <= given.each:
+            print(
+                f"{outcome.column}: {outcome.reader}, mutation {outcome.number}, {outcome.mutation}\n    {outcome.text}",
+                flush=True,
+            )
+
+    todo = range(given.first, given.first + given.count)
+    before = kept(given.kept, about=f"seed {given.seed}, readers {', '.join(names)}") if given.kept else []
+    before = [outcome for outcome in before if outcome.number in todo]
+    for outcome in before:
+        count(outcome)
+    done = {outcome.number for outcome in before}
+    numbers = (number for number in todo if number not in done)
     with tempfile.TemporaryDirectory() as work:
-        found = outcomes(numbers, given.seed, workers=given.workers, only=given.only, work=Path(work))
-        for outcome in found:
-            counts[outcome.reader][outcome.column] += 1
-            if outcome.column in BAD and counts[outcome.reader][outcome.column] <= given.each:
-                print(
-                    f"{outcome.column}: {outcome.reader}, mutation {outcome.number}, {outcome.mutation}\n"
-                    f"    {outcome.text}",
-                    flush=True,
-                )
+        for outcome in outcomes(numbers, given.seed, workers=given.workers, only=given.only, work=Path(work)):
+            count(outcome)
+            if given.kept:
+                with given.kept.open("a") as file:
+                    file.write(json.dumps(outcome) + "\n")
     print(show(counts, given.seed))
     return int(any(counts[name][column] for name in names for column in BAD))
 
