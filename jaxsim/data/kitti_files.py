@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from jaxsim.data.calibration import APART_M, check_pinhole, check_rigid
+from jaxsim.data.motion import check_motion_of
 from jaxsim.files import check_size, numbers, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection
@@ -75,6 +76,7 @@ def read_motion(path: Path) -> tuple[float, float]:
     values = numbers(_text(path).split(), where=f"kitti: {path}: an oxts file holds 30 numbers")
     if len(values) != 30 or not np.isfinite(values).all():
         raise ValueError(f"kitti: {path} has {len(values)} values; an oxts file holds 30 finite numbers; copy it again")
+    check_motion_of(values[8], values[5], f"kitti: {path}")
     return values[8], values[5]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import IDS
+from jaxsim.data.motion import TURNS_RAD, check_motion_of
 from jaxsim.files import check_keys, real
 from jaxsim.geometry.points import FAR_M
 
@@ -16,8 +17,6 @@ SEE = "`jaxsim discover --help` tells the format"
 CLASSES = len(IDS)
 LOW_ORIGIN_M = 10.0
 """Beams' origins lie within this of the cloud's: more is millimetres."""
-TURNS_RAD = 4 * np.pi
-"""A heading or a beam's angle beyond it is in degrees."""
 
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
@@ -105,11 +104,7 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
                 f"polar frames: {path}: the {key} of {name!r} is {shown(value)}; it must be a finite number in {unit}, "
                 "or be left out",
             )
-        if abs(entry.get("heading", 0.0)) > TURNS_RAD:
-            raise ValueError(
-                f"polar frames: {path}: the heading of {name!r} is {entry['heading']:g}; it must be in radians, not "
-                "degrees, within -pi..pi"
-            )
+        check_motion_of(entry.get("speed", 0.0), entry.get("heading", 0.0), f"polar frames: {path}: frames[{name!r}]")
 
 
 def check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:

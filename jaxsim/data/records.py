@@ -84,6 +84,8 @@ _TREE = {
     "camera": Camera(**_holes(Camera)),
 }
 
+_SCALARS = {"name": ("", np.str_), "scene": ("", np.str_), "position": ("", np.integer)}
+
 
 def _names() -> list[str]:
     """The names of the tree's leaves, in their order."""
@@ -98,6 +100,19 @@ def example_of(record: PairRecord) -> Example:
     values |= {"edges": record.edges, "image_size": np.array(record.image_size)}
     arrays = {name: np.asarray(values[name]).astype(ARRAYS[name][1], casting="same_kind") for name in ARRAYS}
     return {"name": record.name, "scene": record.scene, "position": record.position, **arrays}
+
+
+def check_example(example: Mapping[str, Any]) -> None:
+    """Raises ValueError where a value is not of the catalogue's type or shape, or arrays of a letter differ in it."""
+    sizes: dict[str, int] = {}
+    for name, value in example.items():
+        dims, dtype = _SCALARS[name] if name in _SCALARS else ARRAYS[name][:2]
+        array = np.asarray(value)
+        right = np.issubdtype(array.dtype, dtype) and array.ndim == len(dims.split())
+        for dim, n in zip(dims.split(), array.shape, strict=False):
+            right = right and n == (int(dim) if dim.isdigit() else sizes.setdefault(dim, n))
+        if not right:
+            raise ValueError(f"{name} is {array.dtype} {array.shape}, not {dtype.__name__} ({dims.replace(' ', ', ')})")
 
 
 def record_of(example: Mapping[str, Any]) -> PairRecord:

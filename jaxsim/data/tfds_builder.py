@@ -58,7 +58,7 @@ class About:
 
     jaxsim: str
     """Version that made it."""
-    settings: dict[str, Any]
+    settings: dict[str, dict[str, Any]]
     """`data` and `prepare`: all that the pairs depend on (`pair_settings`)."""
     fingerprint: str
     """Kind of data set, and a hash of the settings and of the code that made the pairs."""

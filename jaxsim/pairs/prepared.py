@@ -14,7 +14,16 @@ import numpy as np
 from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
-from jaxsim.data.records import ARRAYS, Entry, PairRecord, PreparedPairs, example_of, pair_settings, record_of
+from jaxsim.data.records import (
+    ARRAYS,
+    Entry,
+    PairRecord,
+    PreparedPairs,
+    check_example,
+    example_of,
+    pair_settings,
+    record_of,
+)
 from jaxsim.devices import wait
 from jaxsim.files import check_name, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
@@ -125,4 +134,8 @@ def _entry(file: Path) -> Entry:
 def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
     if missing := [name for name in wanted if name not in kept]:
         raise ValueError(f"prepared: {file} is damaged: it lacks {', '.join(missing)}; {AGAIN}")
+    try:
+        check_example(kept)
+    except ValueError as error:
+        raise ValueError(f"prepared: {file} is damaged: {error}; {AGAIN}") from error
     return kept

@@ -103,6 +103,9 @@ def test_speed_and_heading_come_from_oxts_where_it_is(raw_root):
     (folder / "0000000000.txt").write_text("north " * 30)
     with pytest.raises(ValueError, match="holds 30 numbers"):
         frames[0]
+    (folder / "0000000000.txt").write_text(line.replace("8.99", "8990"))
+    with pytest.raises(ValueError, match=r"0000000000\.txt: the speed is 8990; it must be in m/s"):
+        frames[0]
 
 
 def test_the_projection_matrix_keeps_its_fourth_column(object_root):

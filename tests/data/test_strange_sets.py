@@ -63,6 +63,7 @@ def test_a_frames_name_that_would_leave_the_folder_is_refused(folder, name):
         (lambda about: about["splits"]["train"].update(name=[]), "did you mean names"),
         (lambda about: about.update(length="3"), "valid integer"),
         (lambda about: about["settings"].pop("data"), "do not name the data set"),
+        (lambda about: about["settings"].update(data=None), "settings.data"),
     ],
 )
 def test_metadata_that_contradicts_itself_is_refused(folder, change, message):

@@ -117,7 +117,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first mutation: repeats a single one")
     parser.add_argument("--only", default="", help="readers whose name holds this")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--kept", type=Path, help="a file for the outcomes, a line each: what is in it is not made again")
+    parser.add_argument(
+        "--kept", type=Path, help="a file for the outcomes, a line each: what is in it is not made again"
+    )
     parser.add_argument("--each", type=int, default=2, help="bad outcomes to show of each reader and column")
     given = parser.parse_args(argv)
     names = [name for name in table() if given.only in name]
@@ -127,7 +129,8 @@ def main(argv: list[str] | None = None) -> int:
         counts[outcome.reader][outcome.column] += 1
         if outcome.column in BAD and counts[outcome.reader][outcome.column] <= given.each:
             print(
-                f"{outcome.column}: {outcome.reader}, mutation {outcome.number}, {outcome.mutation}\n    {outcome.text}",
+                f"{outcome.column}: {outcome.reader}, mutation {outcome.number}, {outcome.mutation}\n"
+                f"    {outcome.text}",
                 flush=True,
             )
 
