@@ -1,8 +1,11 @@
 """Shapes and types of every public signature are checked at run time, here and only here."""
 
 import os
+import signal
 from pathlib import Path
 
+# A shell starts what runs in its background deaf to Ctrl-C, and so would be every program that a test interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 

@@ -70,7 +70,9 @@ class Rules:
     """... and what all beams point higher by."""
     driven_m: float = 0.15
     """Way during a scan, median over drives, from which on missing speeds are read off the frames: nulls of the
-    development cases reach 0.05 m; at 10 Hz it is 1.5 m/s."""
+    development cases reach 0.05 m; at 10 Hz it is 1.5 m/s ..."""
+    driven_sd: float = 3.0
+    """... and in how many standard deviations of its own: few rays without a surface have ways of 0.2 m by chance."""
     apart_m: float = 0.15
     """Scatter of frames along their heading (median deviation) from which on they are of other moments than their
     partners: poses of frames scatter by 2 cm on development cases ..."""

@@ -141,8 +141,8 @@ def test_objects_beyond_the_reach_are_told_and_dont_care_regions_have_no_place()
     [
         ({"valid": np.zeros(500, bool)}, "holds no point"),
         ({"intensity": None}, "has no intensity; write 0 for all"),
-        ({"intensity": np.full(500, 200, np.float32)}, r"intensity of 000000 spans 200..200; it must lie in 0..1"),
-        ({"xyz_m": np.full((500, 3), np.nan, np.float32)}, "500 of 500 points of 000000 are not finite"),
+        ({"intensity": np.full(500, 200, np.float32)}, r"000000: intensity spans 200..200; it must lie in 0..1"),
+        ({"xyz_m": np.full((500, 3), np.nan, np.float32)}, "000000: 500 of 500 points are NaN or infinite"),
     ],
 )
 def test_clouds_that_no_reader_would_take_are_refused_and_nothing_is_written(tmp_path, change, message):

@@ -60,7 +60,7 @@ def test_frames_without_a_partner_are_left_out_and_told(folders):
     [
         ({"azimuth": np.linspace(-1, 1, 12).tolist()}, "must fall from column to column"),
         ({"azimuth": np.linspace(60, -60, 12).tolist()}, "radians, not degrees"),
-        ({"azimuth": [float("nan")] * 12}, "finite angles"),
+        ({"azimuth": [float("nan")] * 12}, "NaN is no number of JSON"),
         ({"elevation": np.linspace(-0.3, 0, 6).tolist()}, "must fall from row to row, top beam first"),
         ({"frames": ["f0"]}, "NAME"),
         ({"frames": {"f0": {"scene": "other"}}}, "must be a pair"),

@@ -26,6 +26,7 @@ from jaxsim.discover.register.climb import (
     Motion,
     climb,
     loss,
+    own_sd,
     sandwich,
 )
 from jaxsim.discover.register.registration import Registration
@@ -97,7 +98,15 @@ def register(
     half = np.where(half > 0, np.hypot(half, LEAST_HALF), 0)
     given = predicted(sides, np.zeros((1, NUMBERS)))
     measured = np.where(sides.counts, sides.range_m, np.nan)
-    return Registration(common, half, frames, predicted(sides, frames), given_m=given, measured_m=measured)
+    return Registration(
+        common,
+        half,
+        frames,
+        predicted(sides, frames),
+        given_m=given,
+        measured_m=measured,
+        travel_sd_m=own_sd(sides, frames, free=own)[:, TRAVEL],
+    )
 
 
 def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], *, number: int) -> Motion:

@@ -28,7 +28,7 @@ from jaxsim.discover.register.sides import (
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 
-__all__ = ["COARSE", "FINE", "LIFT", "NUMBERS", "POSE", "TRAVEL", "Free", "Motion", "climb", "loss", "sandwich"]
+__all__ = ["COARSE", "FINE", "LIFT", "NUMBERS", "POSE", "TRAVEL", "Free", "Motion", "climb", "loss", "own_sd", "sandwich"]
 COARSE = np.geomspace(1.0, 0.15, 12)
 """Widths of Tukey's weights, m at the sensor, from step to step ..."""
 FINE = np.geomspace(0.5, 0.15, 8)
@@ -115,10 +115,31 @@ def sandwich(
     return half
 
 
+def own_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
+    """Standard deviations of each frame's numbers by what its points leave over (White 1982); 0 for what is held."""
+    slope, weight, off = _linear(sides, motion, COARSE[-1], free=free)
+    matrix = np.swapaxes(slope * weight[..., None], 1, 2) @ slope + free.precision
+    left_over = slope * (weight * off)[..., None]
+    inverse = np.linalg.inv(matrix)
+    variance = inverse @ (np.swapaxes(left_over, 1, 2) @ left_over) @ inverse
+    sd = np.zeros((len(motion), NUMBERS))
+    sd[:, free.numbers] = np.sqrt(np.diagonal(variance, axis1=1, axis2=2))
+    return sd
+
+
 def _equations(
     sides: Sides, motion: Motion, width: float, *, free: Free
 ) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
     """Gauss and Newton's, of each frame at its motion: matrix and right side of the step in what is free."""
+    slope, weight, off = _linear(sides, motion, width, free=free)
+    weighted = slope * weight[..., None]
+    return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
+
+
+def _linear(
+    sides: Sides, motion: Motion, width: float, *, free: Free
+) -> tuple[Float[np.ndarray, "f n k"], Float[np.ndarray, "f n"], Float[np.ndarray, "f n"]]:
+    """How each point's distance from its plane changes with what is free, its Tukey weight, and the distance, m."""
     ray, lifted = turned(sides, motion)
     place = ray + origin_of(sides, motion)
     met = meet(sides, place)
@@ -128,9 +149,7 @@ def _equations(
     driven = met.normal[..., 0] * sides.late
     lift = np.sum(met.normal * lifted, -1)
     slope = np.concatenate([met.normal, np.cross(ray, met.normal), lift[..., None], driven[..., None]], axis=-1)
-    slope = slope[..., free.numbers]
-    weighted = slope * weight[..., None]
-    return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
+    return slope[..., free.numbers], weight, off
 
 
 def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:

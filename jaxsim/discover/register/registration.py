@@ -33,6 +33,8 @@ class Registration:
     given_m: Float[np.ndarray, "f n"]
     """The same where the simulator has the sensor."""
     measured_m: Float[np.ndarray, "f n"]
+    travel_sd_m: Float[np.ndarray, " f"]
+    """Standard deviation of each frame's way during the scan."""
 
     @property
     def rotation(self) -> dict[str, float]:
@@ -74,7 +76,9 @@ class Registration:
         scan are apart; None where that is no more than noise makes."""
         names, scene = np.unique(list(scenes), return_inverse=True)
         of_drive = np.array([self.frames[scene == k, TRAVEL].mean() for k in range(len(names))])
-        if np.median(np.abs(of_drive)) < RULES.driven_m:
+        sd = np.array([np.linalg.norm(self.travel_sd_m[scene == k]) / np.sum(scene == k) for k in range(len(names))])
+        least = np.maximum(RULES.driven_m, RULES.driven_sd * sd)
+        if np.median(np.abs(of_drive) / least) < 1:
             return None
         return {str(name): float(way / SCAN_S) for name, way in zip(names, of_drive, strict=True)}
 
