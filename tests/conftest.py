@@ -71,3 +71,13 @@ def standard_promotion():
     """SciPy's and NumPy's float64 meet the kernels' float32 here."""
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         yield
+
+
+@pytest.fixture(scope="session")
+def scheduler():
+    """Address of a Dask scheduler with two workers, all of them threads of this process, that speak TCP."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[dask]'")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from tyro.conf import UseAppendAction
 
 from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M
+from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.config import CloudRecipe, DataConfig
 from jaxsim.config.ranges import Checked, Count, Positive, Share
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
-from jaxsim.simulate.sensor import load
-from jaxsim.simulate.trees import LabelRules, Occlusion, TreePlan, choose_frames, export_trees
+from jaxsim.simulate.sensor import LearnedSensor, load
+from jaxsim.simulate.trees import (
+    LabelRules,
+    Made,
+    Occlusion,
+    Todo,
+    TreeMaker,
+    TreePlan,
+    choose_frames,
+    export_trees,
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,9 @@ class Export(Checked):
     """Write frames without objects too, with an empty label file. OpenPCDet cannot read such a frame for training."""
     workers: Count = 2
     """Frames at work at once."""
+    cluster: str | None = None
+    """Address of a Dask scheduler, tcp://HOST:8786: make the frames on its workers instead of here. They need jaxsim,
+    the data set, the run and OUT under the same paths (docs/many-devices.md)."""
 
     @property
     def writes_to(self) -> Path:
@@ -64,7 +79,13 @@ class Export(Checked):
 
     def __call__(self) -> None:
         dataset = self.dataset()
-        export_trees([self.plan(dataset)], dataset, workers=self.workers)
+        elsewhere = partial(self.on_cluster, self.cluster) if self.cluster else None
+        export_trees([self.plan(dataset)], dataset, workers=self.workers, spread=elsewhere)
+
+    def on_cluster(self, address: str, todo: Sequence[Todo]) -> Iterator[Made]:
+        """What became of each frame, made on the workers of a cluster."""
+        job = with_absolute_paths(Elsewhere(self, Path.cwd()))
+        return (done.result for done in spread(address, job, todo, by="export"))
 
     def dataset(self) -> Dataset:
         """The data set to export. Raises ValueError where the flags do not fit it."""
@@ -100,3 +121,20 @@ class Export(Checked):
         if not self.data.foreign:
             raise ValueError("export: no data set was named; give its kind: --data.kind vkitti2")
         return self.data.config()
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """The command on a worker of a cluster."""
+
+    command: Export
+    folder: Path
+    """The current one of who gave the command, from which its run may name files."""
+
+    def open(self) -> TreeMaker:
+        dataset = self.command.dataset()
+        plan = self.command.plan(dataset)
+        if plan.learned:
+            run = with_absolute_paths(plan.learned.run, self.folder)
+            plan = replace(plan, learned=LearnedSensor(run, plan.learned.params))
+        return TreeMaker([plan], dataset)

@@ -27,10 +27,11 @@ class Prepare(Checked):
             --prepare.denoise-weights lidia.npz
 
     Give the --prepare flags of the experiment. What is there is not made again, so that a killed command goes on;
-    the same bytes come of any number of workers. For sets that outgrow a machine, Apache Beam:
+    the same bytes come of any number of workers. For sets that outgrow a machine, a cluster of Dask, or Apache Beam:
 
+        jaxsim prepare ... --cluster tcp://HOST:8786
+        jaxsim prepare ... --beam runner=DaskRunner dask_client_address=tcp://HOST:8786
         jaxsim prepare ... --beam runner=FlinkRunner flink_master=HOST:8081
-        jaxsim prepare ... --beam runner=DirectRunner direct_num_workers=2 direct_running_mode=multi_processing
     """
 
     out: Path
@@ -42,9 +43,12 @@ class Prepare(Checked):
     evaluation: Annotated[str, tyro.conf.arg(name="eval")] = ""
     """Frames to judge by. Empty: its part `evaluation`; none where --train is given."""
     pairs_a_file: Count = 64
-    """A file is what a killed command makes anew, and what a Beam worker makes at a time."""
+    """A file is what a killed command makes anew, and what a worker of a cluster makes at a time."""
     workers: Whole = 0
     """Processes; 0: one a core."""
+    cluster: str | None = None
+    """Address of a Dask scheduler, tcp://HOST:8786: make the files on its workers instead of processes of this machine.
+    They need jaxsim, the data set and OUT under the same paths (docs/many-devices.md)."""
     beam: tuple[str, ...] | None = None
     """Options of Apache Beam, as NAME=VALUE: make the files with it instead of processes of this machine."""
     prepare: PrepareConfig = field(default_factory=PrepareConfig)
@@ -70,5 +74,6 @@ class Prepare(Checked):
             size=self.pairs_a_file,
             workers=self.workers,
             beam=self.beam,
+            cluster=self.cluster,
         )
         print(f"{folder}\ntrain on it: jaxsim train ... --data.kind prepared --data.root {self.out}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,14 +13,16 @@ from tyro.conf import UseAppendAction
 
 from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of
+from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.config.ranges import Checked, Count, Whole
+from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.report import draw_cloud, save_picture, simulated_picture
-from jaxsim.simulate.folder import Speed, simulate_folder
-from jaxsim.simulate.sensor import Projection, load
+from jaxsim.simulate.folder import Batch, FrameMaker, Made, Speed, simulate_folder
+from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,9 @@ class Simulate(Checked):
     the sensor's scatter, instead of taking what is most likely. Cells are drawn each for itself."""
     seed: Whole = 0
     """Of what the effects and draws leave to chance; a frame depends on it and on its place in the data set."""
+    cluster: str | None = None
+    """Address of a Dask scheduler, tcp://HOST:8786: simulate on its workers, a batch at a time, instead of here. They
+    need jaxsim, the run, the data set and OUT under the same paths (docs/many-devices.md)."""
 
     @property
     def writes_to(self) -> Path:
@@ -64,21 +71,32 @@ class Simulate(Checked):
     def __call__(self) -> None:
         # Sensor and frames.
         known_effects(self.effects_from)
-        learned = load(self.run)
-        own = learned.run.experiment.data
+        maker = self.maker(load(self.run))
+        own = maker.learned.run.experiment.data
         source = self.data.config(own)
-        dataset, positions = self.data.open(own, frames=self.frames)
-        rows = len(learned.window[0].elevation_rad)
+        positions = self.data.choose(maker.dataset, own, frames=self.frames)
         unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")
 
         # Frames, written to OUT.
         speed = simulate_folder(
-            learned,
-            dataset,
+            maker,
             positions,
-            out=self.out,
             data=", ".join([source.kind, *unlike]),
+            previews=self.previews,
+            spread=partial(self.on_cluster, self.cluster) if self.cluster else None,
+        )
+        print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
+        if speed.simulated:
+            print(told(speed, workers=bool(self.cluster)))
+
+    def maker(self, learned: LearnedSensor) -> FrameMaker:
+        """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""
+        rows = len(learned.window[0].elevation_rad)
+        return FrameMaker(
+            learned,
+            open_dataset(self.data.config(learned.run.experiment.data)),
+            self.out,
             effects_model=SensorModel.load(self.effects, rows=rows) if self.effects else None,
             seed=self.seed,
             draws=self.draws,
@@ -86,11 +104,12 @@ class Simulate(Checked):
             formats=self.formats,
             batch=self.batch,
             draw=self.draw,
-            previews=self.previews,
         )
-        print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
-        if speed.simulated:
-            print(told(speed))
+
+    def on_cluster(self, address: str, batches: Sequence[Batch]) -> Iterator[Made]:
+        """What became of each batch, made on the workers of a cluster."""
+        job = with_absolute_paths(Elsewhere(self, Path.cwd()))
+        return (done.result for done in spread(address, job, batches, by="simulate"))
 
     def draw(self, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
         """Writes one frame's pictures."""
@@ -101,9 +120,26 @@ class Simulate(Checked):
         save_picture(file_of(self.out / "previews", name, ".png", by="simulate"), picture)
 
 
-def told(speed: Speed) -> str:
-    """Tells how fast the simulation is, and how long the command took with all else that it does."""
+@dataclass(frozen=True)
+class Elsewhere:
+    """The command on a worker of a cluster."""
+
+    command: Simulate
+    folder: Path
+    """The current one of who gave the command, from which its run may name files."""
+
+    def open(self) -> FrameMaker:
+        known_effects(self.command.effects_from)
+        learned = load(self.command.run)
+        return self.command.maker(LearnedSensor(with_absolute_paths(learned.run, self.folder), learned.params))
+
+
+def told(speed: Speed, *, workers: bool = False) -> str:
+    """Tells how fast the simulation is, and how long the command took with all else that it does; of `workers` that
+    share it only how fast they are together."""
     total = f"{speed.total_s:.1f} s in all, with loading, compiling and writing"
+    if workers:
+        return f"{speed.simulated / speed.total_s:.2f} frames/s; {total}"
     rate = speed.frames_per_s
     if rate is None:
         return f"{total}; the simulation's own speed shows from the second batch on (a smaller --batch, more --frames)"

@@ -62,7 +62,11 @@ class Source(Checked):
     def open(self, own: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
         """The data set, and the positions in it that `frames` names. Raises ValueError where there are none."""
         dataset = open_dataset(self.config(own))
-        return dataset, frames_to_judge(frames, dataset, validation=self.validation(own))
+        return dataset, self.choose(dataset, own, frames=frames)
+
+    def choose(self, dataset: Dataset, own: DataConfig, *, frames: str) -> list[int]:
+        """The positions in the data set that `frames` names. Raises ValueError where there are none."""
+        return frames_to_judge(frames, dataset, validation=self.validation(own))
 
 
 SAME = Source()

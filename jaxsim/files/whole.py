@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from pathlib import Path
 
 TEMPORARY = re.compile(r"\.\d+\..+")
 """Names of `replacing`'s temporary files."""
+SALT = f"{secrets.randbelow(10**9):09d}"
+"""Of this process's: on another machine that shares the disk another process may have the same number."""
 MOST_BYTES = 4 * 2**30
 """No file that is read whole is larger."""
 LONGEST_NAME = 200
@@ -23,7 +26,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     # The suffix stays last: writers such as numpy and OpenCV choose the format by it.
-    temporary = path.with_name(f".{os.getpid()}.{path.name}")
+    temporary = path.with_name(f".{os.getpid()}{SALT}.{path.name}")
     # A link that lies there would be written through.
     temporary.unlink(missing_ok=True)
     try:

@@ -19,7 +19,7 @@ from jaxsim.data.records import pair_settings
 from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
 from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
 from jaxsim.pairs.prepared import fingerprint
-from jaxsim.pairs.shards import Job, make_all, make_by_beam, read_note, write_shard
+from jaxsim.pairs.shards import Job, make_all, make_by_beam, make_on_cluster, read_note, write_shard
 from jaxsim.prepare import check_networks
 
 
@@ -33,12 +33,14 @@ def make_set(
     size: int = 64,
     workers: int = 0,
     beam: Sequence[str] | None = None,
+    cluster: str | None = None,
 ) -> Path:
     """Makes the pairs of a data set's frames, and gives the folder that they lie in, below `out`.
 
     `train` and `evaluation` choose frames as `select` does; none named: the data set's own parts of these names, or
     all of it for training. `size` pairs go to a file; `workers` processes make them (0: one a core), or Beam with the
-    options `beam`. What is there is not made again: a killed command goes on.
+    options `beam`, or the cluster of Dask whose scheduler has the address `cluster`. What is there is not made again: a
+    killed command goes on.
 
     Raises ValueError for frames that lack something, and where `out` holds a set of other settings.
     """
@@ -46,6 +48,8 @@ def make_set(
         raise ValueError(
             f"prepare: {size} pairs a file and {workers} workers; a file holds one or more, 0 is one a core"
         )
+    if beam is not None and cluster is not None:
+        raise ValueError("prepare: --beam and --cluster are two ways to the same files; give one")
     dataset = open_dataset(data)
     splits = _splits(dataset, data.kind, train=train, evaluation=evaluation)
     folder = Path(out) / NAME / data.kind / VERSION
@@ -56,7 +60,7 @@ def make_set(
         else:
             first = dataset[next(iter(splits.values()))[0]]
             job = Job(data, prepare, dataset.spec, scan=first.cloud is not None)
-            _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam)
+            _make(folder, dataset, job, splits=splits, size=size, workers=workers, beam=beam, cluster=cluster)
     return folder
 
 
@@ -69,6 +73,7 @@ def _make(
     size: int,
     workers: int,
     beam: Sequence[str] | None,
+    cluster: str | None,
 ) -> None:
     """Makes what is missing of a set, and puts it in place."""
     if job.scan:
@@ -84,6 +89,8 @@ def _make(
     with tqdm(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
         if beam is not None:
             make_by_beam(job, missing, making, options=beam, bar=bar)
+        elif cluster is not None and missing:
+            make_on_cluster(job, missing, making, address=cluster, bar=bar)
         elif missing:
             made = make_all(job, positions, min(workers or os.cpu_count() or 1, len(positions)))
             for shard in missing:

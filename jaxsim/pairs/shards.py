@@ -1,4 +1,5 @@
-"""Files of records, each made whole by one function wherever it runs: here, in worker processes, or by Beam.
+"""Files of records, each made whole by one function wherever it runs: here, in worker processes, on a cluster of Dask,
+or by Beam.
 
 A file counts as made once a note of it lies in `done/`, which is written last: so a killed command goes on with the
 file that it was making, and several machines can work on one set.
@@ -13,7 +14,7 @@ import os
 import re
 import threading
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ import cv2
 import jax
 from tqdm import tqdm
 
+from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.data.records import example_of
@@ -40,6 +42,7 @@ AHEAD = 4
 """Pairs a worker may be ahead of the one that is written next."""
 MOST_CELLS = 100_000
 """No window has as many rows or columns."""
+DASK_RUNNER = "apache_beam.runners.dask.dask_runner.DaskRunner"
 POLL_S = 1.0
 """Seconds between looks at what Beam's workers have finished."""
 
@@ -179,12 +182,39 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
+@dataclass(frozen=True)
+class Shards:
+    """What a worker of a cluster does: a file at a time."""
+
+    job: Job
+    folder: Path
+
+    def open(self) -> Callable[[Shard], int]:
+        """Makes a file, and gives the number of its pairs."""
+        return partial(_make_on_worker, folder=self.folder, job=self.job)
+
+
+def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address: str, bar: tqdm[Any]) -> None:
+    """Makes these files on the cluster of Dask whose scheduler is at `address`, and shows them on `bar`.
+
+    Workers need jaxsim, the data set's root and the output folder under the same paths. Where a frame cannot be
+    prepared the other files are made nevertheless, and then ValueError names it.
+    """
+    work = with_absolute_paths(Shards(job, folder.absolute()))
+    workers = set()
+    for done in spread(address, work, shards, by="prepare"):
+        workers.add(done.worker)
+        bar.set_postfix(workers=len(workers), refresh=False)
+        bar.update(done.result)
+
+
 def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: tqdm[Any]) -> None:
     """Makes these files by Apache Beam; `options` are Beam's, such as `runner=FlinkRunner`. Shows the finished ones'
     pairs on `bar`.
 
     The unit of work is a file: the worker that makes its pairs writes it, by the function that the plain command uses,
     so the bytes are the same. Workers need jaxsim, the data set's root and the output folder under the same paths.
+    `runner=DaskRunner` stands for Beam's long name, and spreads the files over all workers.
     Raises ModuleNotFoundError where Beam is not installed, ValueError where a frame lacks what the job asks for.
     """
     try:
@@ -197,7 +227,8 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
         ) from error
     # Beam tells a hundred lines of how it starts; its warnings are enough, unless the options say more.
     logging.getLogger("apache_beam").setLevel(logging.WARNING)
-    flags = ["--default_sdk_harness_log_level=WARNING", *(f"--{option.lstrip('-')}" for option in options)]
+    spelled = _spelled_out(options, len(shards))
+    flags = ["--default_sdk_harness_log_level=WARNING", *(f"--{option}" for option in spelled)]
     ended = threading.Event()
     watch = threading.Thread(target=_show, args=(shards, folder), kwargs={"bar": bar, "ended": ended})
     watch.start()
@@ -206,7 +237,9 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
             files = pipeline | "files" >> beam.Create(list(shards))
             spread = files | "spread" >> beam.Reshuffle()
             _ = spread | "make" >> beam.Map(partial(_make_on_worker, folder=folder, job=job))
-    except RuntimeError as error:  # a worker's own error comes as text, in a traceback of many
+    except ValueError as error:  # of Dask's runner: the worker's own
+        raise ValueError(f"{error} (the same command goes on with the files that are made)") from error
+    except RuntimeError as error:  # of others a worker's error comes as text, in a traceback of many
         reasons = re.findall(r"^(?:\w+\.)*ValueError: (.*?)(?: \[while running .*)?$", str(error), re.MULTILINE)
         if not reasons:
             raise
@@ -216,9 +249,21 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
         watch.join()
 
 
-def _make_on_worker(shard: Shard, folder: Path, job: Job) -> None:
+def _spelled_out(options: Sequence[str], files: int) -> list[str]:
+    """Beam's options, with its own name of the runner on Dask, and the number of files for it: unless it is told, that
+    runner keeps up to 128 elements together, and one worker would make them all."""
+    options = [option.lstrip("-") for option in options]
+    if not {"runner=DaskRunner", f"runner={DASK_RUNNER}"} & {*options}:
+        return options
+    options = [f"runner={DASK_RUNNER}" if option == "runner=DaskRunner" else option for option in options]
+    said = any(option.startswith("dask_npartitions") for option in options)
+    return options if said else [*options, f"dask_npartitions={max(files, 1)}"]
+
+
+def _make_on_worker(shard: Shard, folder: Path, job: Job) -> int:
     jax.config.update("jax_platforms", "cpu")
     write_shard(shard, folder, (make(job, position) for position in shard.positions))
+    return len(shard.positions)
 
 
 def _show(shards: Sequence[Shard], folder: Path, *, bar: tqdm[Any], ended: threading.Event) -> None:

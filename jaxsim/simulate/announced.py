@@ -4,14 +4,13 @@ the growing file asks for."""
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jaxsim.data.polar_frames import read_grid, write_grid
-from jaxsim.frame import Frame, PolarGrid
+from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
-from jaxsim.simulate.frames import about_of
 
 SHARE = 0.05
 """Of the time that writing may take: grid.json of 100 000 frames has 10 MB, and a batch more would write all of it."""
@@ -21,12 +20,12 @@ class Announced:
     """What a folder's grid.json says of its frames, by name.
 
     A frame that it does not name yet is not done, though its file may be there: a killed command makes those of the
-    last seconds anew. As a context it writes down all of them at its end. Raises ValueError where the folder is of
-    another grid.
+    last seconds anew. As a context it writes down all of them at its end, those of `order` last and in this order.
+    Raises ValueError where the folder is of another grid.
     """
 
-    def __init__(self, folder: Path, grid: PolarGrid):
-        self.folder, self.grid = folder, grid
+    def __init__(self, folder: Path, grid: PolarGrid, *, order: Sequence[str] = ()):
+        self.folder, self.grid, self.order = folder, grid, order
         self.frames: dict[str, dict[str, Any]] = {}
         self.pending = False
         self._next_s = 0.0
@@ -43,11 +42,17 @@ class Announced:
         return self
 
     def __exit__(self, *error: object) -> None:
+        # However they came: the file of a killed or a spread command is that of any other.
+        asked = {*self.order}
+        others = {name: about for name, about in self.frames.items() if name not in asked}
+        ordered = others | {name: self.frames[name] for name in self.order if name in self.frames}
+        self.pending |= [*ordered] != [*self.frames]
+        self.frames = ordered
         self.write()
 
-    def add(self, frames: Sequence[Frame]) -> None:
-        """Adds frames; they are written down now, or within the time that SHARE gives."""
-        self.frames |= {frame.name: about_of(frame) for frame in frames}
+    def add(self, about: Mapping[str, dict[str, Any]]) -> None:
+        """Adds frames, by name; they are written down now, or within the time that SHARE gives."""
+        self.frames |= about
         self.pending = True
         if time.monotonic() >= self._next_s:
             self.write()

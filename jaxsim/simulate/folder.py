@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 from tqdm import tqdm
@@ -27,7 +27,7 @@ from jaxsim.files import claim, file_of, files_in
 from jaxsim.frame import Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.simulate.announced import Announced
-from jaxsim.simulate.frames import check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 
@@ -66,32 +66,86 @@ OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
 
+class Batch(NamedTuple):
+    """Frames that are simulated together, by their places in the data set."""
+
+    positions: tuple[int, ...]
+    drawn: frozenset[int]
+    """Those of which pictures are drawn."""
+    first_s: float
+    """Time of the first frame of all, which effects that drift count from."""
+
+
+class Made(NamedTuple):
+    """What became of a batch."""
+
+    about: dict[str, dict[str, Any]]
+    """What grid.json says of its frames, by name."""
+    seconds: float
+    """From dense views to results."""
+
+
+@dataclass(frozen=True)
+class FrameMaker:
+    """Simulates frames of a data set, and writes them to `out`."""
+
+    learned: LearnedSensor
+    dataset: Dataset
+    out: Path
+    effects_model: SensorModel | None = None
+    seed: int = 0
+    """What the effects and, with `draws`, the network leave to chance depends on it and on a frame's place."""
+    draws: bool = False
+    projection: Projection = "lidar"
+    formats: Sequence[str] = ("bin", "pcd", "ply")
+    batch: int = 8
+    """Frames simulated at once: fewer are filled up, so that one compiled program serves all."""
+    draw: Draw | None = None
+
+    def __call__(self, chosen: Batch) -> Made:
+        frames = [self.dataset[position] for position in chosen.positions]
+        keys = [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
+        of_network = [jax.random.fold_in(key, OF_NETWORK) for key in keys] if self.draws else []
+        images, painted, seconds = simulate_batch(
+            self.learned, frames, self.batch, projection=self.projection, keys=of_network
+        )
+        grid, _ = self.learned.window
+        for k, (frame, position) in enumerate(zip(frames, chosen.positions, strict=True)):
+            image, under = take((images, painted), k)
+            if self.effects_model:
+                motion = motion_of(frame, chosen.first_s)
+                image = with_effects(self.effects_model, image, under, grid=grid, key=keys[k], **motion)
+            cloud = polar_to_points(image, grid)
+            # The polar frame is written last: where it is, the frame is whole.
+            *clouds, _ = _files(self.out, frame.name, self.formats)
+            for path in clouds:
+                save_cloud(path, cloud)
+            if self.draw and position in chosen.drawn:
+                self.draw(frame.name, cloud, image=image, painted=under)
+            write_frame(self.out / "polar", frame.name, image, **rasters(under, grid))
+        return Made({frame.name: about_of(frame) for frame in frames}, seconds)
+
+
+Spread = Callable[[Sequence[Batch]], Iterator[Made]]
+
+
 def simulate_folder(
-    learned: LearnedSensor,
-    dataset: Dataset,
+    maker: FrameMaker,
     positions: Sequence[int],
     *,
-    out: Path,
     data: str,
-    effects_model: SensorModel | None = None,
-    seed: int = 0,
-    draws: bool = False,
-    projection: Projection = "lidar",
-    formats: Sequence[str] = ("bin", "pcd", "ply"),
-    batch: int = 8,
-    draw: Draw | None = None,
     previews: int = 0,
+    spread: Spread | None = None,
 ) -> Speed:
-    """Simulates frames of a data set and writes them to `out`; those that are there are not made again.
+    """Simulates the frames at these positions of the maker's data set; those that are there are not made again.
 
-    `data` says in words what the frames are of. What the effects and, with `draws`, the network leave to chance depends
-    leftover = seed if effects_model or draws else None
-    claim_frames(out, sensor=learned.fingerprint, data=f"{data}, drawn" if draws else data, seed=leftover)
-    are drawn. Raises ValueError where `out` holds frames of another making, and where a frame lacks what the network
-    or an effect needs.
+    `data` says in words what the frames are of. Pictures are drawn of the first `previews`. `spread` has batches made
+    elsewhere, by the same maker, and gives what became of each as it is done. Raises ValueError where `out` holds
+    frames of another making, and where a frame lacks what the network or an effect needs.
     """
     # The folder: one making alone.
-    grid, _ = learned.window
+    out, dataset, effects_model = maker.out, maker.dataset, maker.effects_model
+    grid, _ = maker.learned.window
     first_s = 0.0
     if effects_model:
         opening = dataset[positions[0]]
@@ -100,43 +154,30 @@ def simulate_folder(
     claim_effects(out, effects_model)
     claim_frames(
         out,
-        sensor=learned.fingerprint,
-        data=f"{data}, drawn" if draws else data,
-        seed=seed if effects_model or draws else None,
+        sensor=maker.learned.fingerprint,
+        data=f"{data}, drawn" if maker.draws else data,
+        seed=maker.seed if effects_model or maker.draws else None,
     )
-    announced = Announced(out / "polar", grid)
-    missing = [p for p in positions if not _is_done(out, dataset.name_of(p), formats, announced=announced)]
+    names = [dataset.name_of(position) for position in positions]
+    announced = Announced(out / "polar", grid, order=names)
+    done = {name for name in names if _is_done(out, name, maker.formats, announced=announced)}
+    missing = [position for position, name in zip(positions, names, strict=True) if name not in done]
 
-    # Batches: the last is filled up, so that one compiled program serves all.
+    # Batches.
     begun = time.monotonic()
+    already = len(positions) - len(missing)
+    drawn = frozenset(missing[: max(previews - already, 0)])
+    batches = [
+        Batch(tuple(chosen), drawn & {*chosen}, first_s)
+        for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
+    ]
     batches_s = []
-    number = already = len(positions) - len(missing)
     with announced, tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
-        for first in range(0, len(missing), batch):
-            chosen = missing[first : first + batch]
-            frames = [dataset[position] for position in chosen]
-            keys = [jax.random.fold_in(jax.random.key(seed), position) for position in chosen]
-            of_network = [jax.random.fold_in(key, OF_NETWORK) for key in keys] if draws else []
-            images, painted, seconds = simulate_batch(learned, frames, batch, projection=projection, keys=of_network)
-            batches_s.append(seconds)
-            announced.add(frames)
-            for k, frame in enumerate(frames):
-                image, under = take((images, painted), k)
-                if effects_model:
-                    image = with_effects(
-                        effects_model, image, under, grid=grid, key=keys[k], **motion_of(frame, first_s)
-                    )
-                cloud = polar_to_points(image, grid)
-                # The polar frame is written last: where it is, the frame is whole.
-                *clouds, _ = _files(out, frame.name, formats)
-                for path in clouds:
-                    save_cloud(path, cloud)
-                if draw and number < previews:
-                    draw(frame.name, cloud, image=image, painted=under)
-                write_frame(out / "polar", frame.name, image, **rasters(under, grid))
-                number += 1
-            bar.update(len(frames))
-    return Speed(len(missing), already, batch, tuple(batches_s), time.monotonic() - begun)
+        for made in spread(batches) if spread else map(maker, batches):
+            announced.add(made.about)
+            batches_s.append(made.seconds)
+            bar.update(len(made.about))
+    return Speed(len(missing), already, maker.batch, tuple(batches_s), time.monotonic() - begun)
 
 
 def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:

@@ -10,11 +10,12 @@ import hashlib
 import json
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import jax
 import numpy as np
@@ -108,68 +109,102 @@ def choose_frames(dataset: Dataset, *, frames: str, validation: str) -> tuple[li
     return positions, judged
 
 
-def export_trees(plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 2) -> None:
-    """Writes trees that differ in how their clouds are made; each frame is read, or rendered, once for all of them.
+class Todo(NamedTuple):
+    """A frame to write."""
 
-    All take their frames from `dataset`; `workers` frames are made at once. Frames that are there are not made
-    again. Prints what was written. Raises ValueError, before anything is written, for recipes and labels that cannot
-    be and for folders of other trees.
-    """
-    trees = [_begin(plan, dataset) for plan in plans]
-    missing: dict[int, list[_Tree]] = {}
-    for tree in trees:
-        for position in tree.plan.positions:
-            if not tree.record.has(tree.plan.out, _number(position)):
-                missing.setdefault(position, []).append(tree)
-
-    def write(position: int) -> list[tuple[_Tree, dict[str, Any]]]:
-        frame = dataset[position]
-        return [(tree, _write_frame(tree, dataset, position, frame=frame)) for tree in missing[position]]
-
-    def save() -> None:
-        for tree in trees:
-            tree.record.save(tree.plan.out)
-
-    save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
-
-    # Frames in threads: files and kernels leave Python's lock.
-    total = len({position for plan in plans for position in plan.positions})
-    with (
-        tqdm(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar,
-        ThreadPoolExecutor(workers) as pool,
-    ):
-        jobs = {pool.submit(write, position): position for position in sorted(missing)}
-        try:
-            for job in as_completed(jobs):
-                for tree, entry in job.result():
-                    tree.record.frames[_number(jobs[job])] = entry
-                bar.update()
-                if bar.n % SAVE_EVERY == 0:
-                    save()
-        finally:
-            pool.shutdown(cancel_futures=True)
-            save()
-    for tree in trees:
-        _finish(tree)
-
-
-@dataclass(frozen=True)
-class _Tree:
-    """A tree at work."""
-
-    plan: TreePlan
-    record: TreeRecord
+    position: int
+    """In the data set."""
+    trees: tuple[int, ...]
+    """Those that lack it, by their places among the plans."""
     first_s: float
     """Time of the data set's first frame, which effects that drift count from; data sets count from 1970."""
 
 
-def _begin(plan: TreePlan, dataset: Dataset) -> _Tree:
+class Made(NamedTuple):
+    """What became of a frame."""
+
+    position: int
+    entries: dict[int, dict[str, Any]]
+    """What export.json says of it, by the tree."""
+
+
+@dataclass(frozen=True)
+class TreeMaker:
+    """Writes frames of a data set into trees; each frame is read, or rendered, once for all of them."""
+
+    plans: Sequence[TreePlan]
+    dataset: Dataset
+
+    def __call__(self, todo: Todo) -> Made:
+        frame = self.dataset[todo.position]
+        if frame.time_s is not None:
+            frame = replace(frame, time_s=frame.time_s - todo.first_s)
+        write = partial(_write_frame, self.dataset, todo.position, frame=frame)
+        return Made(todo.position, {tree: write(self.plans[tree]) for tree in todo.trees})
+
+
+Spread = Callable[[Sequence[Todo]], Iterator[Made]]
+
+
+def export_trees(
+    plans: Sequence[TreePlan], dataset: Dataset, *, workers: int = 2, spread: Spread | None = None
+) -> None:
+    """Writes trees that differ in how their clouds are made.
+
+    All take their frames from `dataset`; `workers` frames are made at once, or `spread` has them made elsewhere, by a
+    TreeMaker of the same plans, and gives what became of each as it is done. Frames that are there are not made again.
+    Prints what was written. Raises ValueError, before anything is written, for recipes and labels that cannot be and
+    for folders of other trees.
+    """
+    records = [_begin(plan, dataset) for plan in plans]
+    missing: dict[int, list[int]] = {}
+    for tree, (plan, record) in enumerate(zip(plans, records, strict=True)):
+        for position in plan.positions:
+            if not record.has(plan.out, _number(position)):
+                missing.setdefault(position, []).append(tree)
+    timed = any(plan.effects_model for plan in plans)
+    first_s = (dataset[0].time_s or 0.0) if timed else 0.0
+    todo = [Todo(position, tuple(trees), first_s) for position, trees in sorted(missing.items())]
+
+    def save() -> None:
+        for plan, record in zip(plans, records, strict=True):
+            record.save(plan.out)
+
+    save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
+
+    total = len({position for plan in plans for position in plan.positions})
+    with tqdm(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar:
+        try:
+            for made in spread(todo) if spread else _in_threads(TreeMaker(plans, dataset), todo, workers):
+                for tree, entry in made.entries.items():
+                    records[tree].frames[_number(made.position)] = entry
+                bar.update()
+                if bar.n % SAVE_EVERY == 0:
+                    save()
+        finally:
+            save()
+    for plan, record in zip(plans, records, strict=True):
+        _finish(plan, record)
+
+
+def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[Made]:
+    """What became of each frame, made in threads: files and kernels leave Python's lock."""
+    with ThreadPoolExecutor(workers) as pool:
+        jobs = [pool.submit(maker, one) for one in todo]
+        try:
+            for job in as_completed(jobs):
+                yield job.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _begin(plan: TreePlan, dataset: Dataset) -> TreeRecord:
     """Claims a tree's folder. Raises ValueError where the plan cannot be, or the folder is another's."""
     check_recipe(plan.recipe, plan.learned, plan.effects_model)
     _check_occlusion(plan, dataset)
     record = TreeRecord.open(plan.out, plan.settings())
     record.check_names(plan.out, {_number(position): dataset.name_of(position) for position in plan.positions})
-    return _Tree(plan, record, (dataset[0].time_s or 0.0) if plan.effects_model else 0.0)
+    return record
 
 
 def _check_occlusion(plan: TreePlan, dataset: Dataset) -> None:
@@ -192,9 +227,8 @@ def _number(position: int) -> str:
     return f"{position:06d}"
 
 
-def _write_frame(tree: _Tree, dataset: Dataset, position: int, *, frame: Frame) -> dict[str, Any]:
+def _write_frame(dataset: Dataset, position: int, plan: TreePlan, *, frame: Frame) -> dict[str, Any]:
     """Writes one frame, unless nothing is left of it, and gives its entry in export.json."""
-    plan = tree.plan
     boxes = _labels(plan.labels, dataset, position, frame=frame)
     boxes = choose_boxes(boxes, within_reach(boxes, plan.labels.reach_m))
     objects = sum(kind != "DontCare" for kind in boxes.kind)
@@ -202,8 +236,6 @@ def _write_frame(tree: _Tree, dataset: Dataset, position: int, *, frame: Frame) 
     if not objects and not plan.labels.keep_empty:
         return entry | {"left_out": f"no object within {plan.labels.reach_m:g} m"}
     key = jax.random.fold_in(jax.random.key(0), position)
-    if frame.time_s is not None:
-        frame = replace(frame, time_s=frame.time_s - tree.first_s)
     cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
     points = int(np.asarray(cloud.valid).sum())
     if not points:
@@ -230,10 +262,10 @@ def _labels(rules: LabelRules, dataset: Dataset, position: int, *, frame: Frame)
     return frame.boxes
 
 
-def _finish(tree: _Tree) -> None:
+def _finish(plan: TreePlan, record: TreeRecord) -> None:
     """Writes ImageSets and prints what was left out. Raises ValueError where no frame is left."""
-    out, validation = tree.plan.out, tree.plan.validation
-    entries = {position: tree.record.frames[_number(position)] for position in tree.plan.positions}
+    out, validation = plan.out, plan.validation
+    entries = {position: record.frames[_number(position)] for position in plan.positions}
     kept = {position for position, entry in entries.items() if not entry["left_out"]}
     judged_scenes = {entries[position]["scene"] for position in kept & validation}
     shared = judged_scenes & {entries[position]["scene"] for position in kept - validation}

@@ -125,6 +125,17 @@ def test_what_a_kill_leaves_after_two_frames_is_gone_on_with(tmp_path, six, monk
     assert all((killed / path).read_bytes() == (tmp_path / "whole" / path).read_bytes() for path in files)
 
 
+def test_a_clusters_workers_write_the_files_of_the_plain_command(tmp_path, six, scheduler):
+    Export(out=tmp_path / "plain", frames="0-5", validation="3-5")()
+    Export(out=tmp_path / "spread", frames="0-2", validation="2", cluster=scheduler)()
+    six.made.clear()
+    Export(out=tmp_path / "spread", frames="0-5", validation="3-5", cluster=scheduler)()
+    assert sorted(six.made) == [3, 4, 5]
+    files = sorted(path.relative_to(tmp_path / "plain") for path in (tmp_path / "plain").rglob("*") if path.is_file())
+    assert len(files) > 4 * 4
+    assert all((tmp_path / "spread" / path).read_bytes() == (tmp_path / "plain" / path).read_bytes() for path in files)
+
+
 def test_frames_of_another_folder_or_read_by_other_rows_are_not_added(tmp_path, six):
     settings = {"out": tmp_path / "out", "recipe": CloudRecipe(source="measured")}
 

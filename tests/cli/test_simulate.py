@@ -1,5 +1,13 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from jaxsim.cli import main
 from jaxsim.cli.simulate import told
 from jaxsim.simulate.folder import Speed
+from jaxsim.train.experiments import load_experiment
+from tests.untrained import untrained_run
 
 
 def speed(batches_s):
@@ -13,3 +21,34 @@ def test_the_simulations_speed_leaves_out_compilation_and_all_other_work():
 
 def test_one_batch_tells_no_speed():
     assert "frames/s" not in told(speed((30.0,)))
+
+
+def test_of_a_cluster_the_speed_is_that_of_all_workers():
+    assert told(speed((30.0, 30.0)), workers=True).startswith("0.20 frames/s; ")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / "tiny"
+    base, _ = load_experiment("synthetic")
+    experiment = replace(
+        base,
+        data=replace(base.data, validation="0-2"),
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    return untrained_run(folder, experiment)
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+def test_a_clusters_workers_write_the_files_of_the_plain_command(run, tmp_path, scheduler, monkeypatch):
+    monkeypatch.chdir(run.parent)
+    command = ["simulate", "tiny", "--batch", "2", "--formats", "bin", "--previews", "1", "--out"]
+    main([*command, str(tmp_path / "plain")])
+    main([*command, str(tmp_path / "spread"), "--cluster", scheduler])
+    made = files_of(tmp_path / "spread")
+    assert made == files_of(tmp_path / "plain")
+    assert len(made) == 2 + 2 * 3 + 2

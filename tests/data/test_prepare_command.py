@@ -14,6 +14,7 @@ from jaxsim.cli import main
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.tfds_builder import NAME
 from jaxsim.pairs.sets import make_set
+from jaxsim.pairs.shards import DASK_RUNNER, _spelled_out
 from jaxsim.prepare.denoise.lidia import Variant, published_shapes
 from jaxsim.prepare.depth.penet import save_penet
 from jaxsim.prepare.depth.penet.published import create
@@ -100,6 +101,44 @@ def test_beams_two_workers_write_the_bytes_of_the_plain_command(drives, tmp_path
     broken.write_bytes(sound)
     said(tmp_path, *command)
     assert contents(out / SET) == contents(plain)
+
+
+def test_a_clusters_workers_write_the_bytes_of_the_plain_command_and_a_broken_frame_spoils_its_file_alone(
+    drives, tmp_path, scheduler, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # paths that are relative
+    plain = make_set(tmp_path / "plain", DataConfig(kind="kitti_raw", root=drives), PREPARE, size=2, workers=1)
+    command = ["prepare", "kitti_raw", "--root", str(drives.relative_to(tmp_path)), "--out", "out", *FLAGS]
+    command += ["--pairs-a-file", "2", "--cluster", scheduler]
+    broken = drives / "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000009.bin"
+    sound = broken.read_bytes()
+    broken.write_bytes(sound[:-1])
+    with pytest.raises(SystemExit, match=r"1 of 6 pieces of work failed.*0000000009\.bin is truncated"):
+        main(command)
+    made = {note.name: note.stat().st_mtime_ns for note in Path("out").rglob("done/*.json")}
+    assert len(made) == 5
+    broken.write_bytes(sound)
+    main(command)
+    assert contents("out" / SET) == contents(plain)
+
+
+def test_two_ways_at_once_are_refused(drives, tmp_path):
+    command = ["prepare", "kitti_raw", "--root", str(drives), "--out", str(tmp_path / "out"), *FLAGS]
+    with pytest.raises(SystemExit, match="--beam and --cluster are two ways"):
+        main([*command, "--cluster", "tcp://127.0.0.1:9", "--beam", "runner=DirectRunner"])
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        (["runner=DirectRunner", "--x=1"], ["runner=DirectRunner", "x=1"]),
+        (["runner=DaskRunner"], [f"runner={DASK_RUNNER}", "dask_npartitions=5"]),
+        (["--runner=DaskRunner", "dask_npartitions=2"], [f"runner={DASK_RUNNER}", "dask_npartitions=2"]),
+        ([f"runner={DASK_RUNNER}"], [f"runner={DASK_RUNNER}", "dask_npartitions=5"]),
+    ],
+)
+def test_beams_runner_on_dask_is_told_to_use_all_workers(given, wanted):
+    assert _spelled_out(given, 5) == wanted
 
 
 def test_beam_that_is_not_installed_says_how_to_install_it(raw_root, tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from jaxsim.data.polar_frames import frame_names, write_frame
 from jaxsim.evaluate.cloud_folder import cloud_files
 from jaxsim.evaluate.generation import open_folder
 from jaxsim.files import check_size, file_of, files_in, replacing, tidy
+from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import found_frames
 
@@ -40,7 +41,7 @@ def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):
 def test_a_link_where_the_temporary_goes_is_not_written_through(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    (tmp_path / f".{os.getpid()}.a.txt").symlink_to(victim)
+    (tmp_path / f".{os.getpid()}{SALT}.a.txt").symlink_to(victim)
     with replacing(tmp_path / "a.txt") as path:
         path.write_text("new")
     assert victim.read_text() == "mine"

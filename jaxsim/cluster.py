@@ -1,0 +1,172 @@
+"""Work on a cluster of Dask: one function on many items, each on whichever worker is free.
+
+A job tells a worker how to come by the function: `open()` runs once in each worker process. What travels is small, a
+job's settings and an item; what is made lies on a disk that all share, under the same paths. Nothing is lost with a
+worker: Dask gives its items to another, and since files appear whole or not at all, two that make the same one do no
+harm.
+"""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError, as_completed
+from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Item_in = TypeVar("Item_in", contravariant=True)
+Result_out = TypeVar("Result_out", covariant=True)
+
+ANSWER_S = 20
+"""Seconds in which a scheduler has to answer."""
+SHOWN = 3
+"""Failures that a message tells of."""
+_opening = threading.Lock()
+
+
+class Job(Protocol[Item_in, Result_out]):
+    """What is to be done with items, as values that can be pickled."""
+
+    def open(self) -> Callable[[Item_in], Result_out]:
+        """The function of an item, on the worker that calls this."""
+        ...
+
+
+class Done(NamedTuple, Generic[Item, Result]):
+    """An item, what came of it, and which worker did it."""
+
+    item: Item
+    result: Result
+    worker: str
+
+
+class Unlike(ValueError):
+    """A worker would not make what this command makes."""
+
+
+def spread(address: str, job: Job[Item, Result], items: Sequence[Item], *, by: str) -> Iterator[Done[Item, Result]]:
+    """Does the job for all items on the cluster of the scheduler at `address` (`tcp://HOST:8786`), and gives each as
+    it is done.
+
+    Where an item cannot be done the others still are. Then raises ValueError that tells of the first failures; and at
+    once where no scheduler answers, it is lost, or a worker has other code. Raises ModuleNotFoundError where Dask is
+    not installed. `by` begins the messages.
+    """
+    client = _connect(address, by)
+    failures: list[str] = []
+    try:
+        with client.get_executor(pure=False) as pool:
+            task = pickle.dumps((job, _cache_folder())), build()
+            todo = {pool.submit(_do, *task, pickle.dumps(item)): item for item in items}
+            try:
+                for future in as_completed(todo):
+                    try:
+                        result, worker = future.result()
+                    except Unlike:
+                        raise
+                    except CancelledError as error:
+                        raise ValueError(
+                            f"{by}: the scheduler at {address} is gone; start it and its workers again, and the same "
+                            "command goes on"
+                        ) from error
+                    except (ValueError, OSError) as error:
+                        failures.append(str(error))
+                    except Exception as error:
+                        if type(error).__name__ != "KilledWorker":
+                            raise
+                        failures.append(f"{todo[future]}: four workers died of it, perhaps for want of memory")
+                    else:
+                        yield Done(todo[future], result, worker)
+            finally:
+                pool.shutdown(wait=False)
+    finally:
+        client.close()
+    if failures:
+        more = f" (and {len(failures) - SHOWN} more)" if len(failures) > SHOWN else ""
+        raise ValueError(
+            f"{by}: {len(failures)} of {len(items)} pieces of work failed, the others are done; the same command goes "
+            f"on with what is missing. {'; '.join(failures[:SHOWN])}{more}"
+        )
+
+
+def _connect(address: str, by: str) -> Any:
+    """A client of the scheduler; says so where no worker has joined it yet, which is waited for."""
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"{by}: --cluster needs Dask ({error}): pip install 'jaxsim-lidar[dask]'; here, and where scheduler and "
+            "workers run"
+        ) from error
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ValueError(
+            f"{by}: no scheduler answers at {address}; start one (dask scheduler) and workers (dask worker "
+            "tcp://HOST:8786 --nthreads 1), and give its address: --cluster tcp://HOST:8786"
+        ) from error
+    if not client.nthreads():
+        print(f"{by}: no worker has joined {address} yet; start some: dask worker {address} --nthreads 1", flush=True)
+    return client
+
+
+def build() -> str:
+    """Names the code that runs here: a hash of jaxsim's, with the versions of what its numbers depend on."""
+    root = Path(__file__).parent
+    code = sha256(b"".join(path.read_bytes() for path in sorted(root.rglob("*.py")))).hexdigest()
+    return f"jaxsim {code[:16]}, " + ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy"))
+
+
+_own_build = lru_cache(build)
+
+
+def _cache_folder() -> str | None:
+    import jax  # the scheduler imports this module too, and needs no JAX
+
+    return jax.config.jax_compilation_cache_dir  # type: ignore
+
+
+@lru_cache(maxsize=1)
+def _opened(job: bytes) -> Callable[[Any], Any]:
+    import jax
+
+    wanted, cache = pickle.loads(job)
+    if cache:
+        jax.config.update("jax_compilation_cache_dir", cache)
+    return wanted.open()
+
+
+def _do(job: bytes, build: str, item: bytes) -> tuple[Any, str]:
+    """On a worker: the job for one item, and the worker's address."""
+    from distributed import get_worker
+
+    here = get_worker().address
+    if build != _own_build():
+        raise Unlike(
+            f"cluster: the worker {here} has {_own_build()}, this command has {build}; install the same for both, "
+            "and start the worker again"
+        )
+    with _opening:  # threads of one worker share what was opened
+        function = _opened(job)
+    return function(pickle.loads(item)), here
+
+
+def with_absolute_paths(settings: Any, base: Path | None = None) -> Any:
+    """Settings (a dataclass) with every relative path, at any depth, as one below `base` (by default the current
+    folder) if something is there: a worker's current folder is another."""
+    base = base or Path.cwd()
+    if isinstance(settings, Path):
+        return base / settings if (base / settings).exists() else settings
+    if type(settings) is tuple:
+        return tuple(with_absolute_paths(value, base) for value in settings)
+    if is_dataclass(settings) and not isinstance(settings, type):
+        own = {field.name: getattr(settings, field.name) for field in fields(settings) if field.init}
+        return replace(settings, **{name: with_absolute_paths(value, base) for name, value in own.items()})
+    return settings
