@@ -78,6 +78,6 @@ def scheduler():
     """Address of a Dask scheduler with two workers, all of them threads of this process, that speak TCP."""
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[dask]'")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
         yield cluster.scheduler_address

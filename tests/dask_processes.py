@@ -46,7 +46,7 @@ def processes(work: Path) -> Iterator[Processes]:
     """A scheduler, and `worker()` to add workers."""
     with ExitStack() as stack:
         found = Processes(work, stack)
-        scheduler = found.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        scheduler = found.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--dashboard-address", ":0")
         deadline = time.monotonic() + PATIENCE_S
         while not found.address:
             assert time.monotonic() < deadline
