@@ -28,7 +28,20 @@ from jaxsim.discover.register.sides import (
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 
-__all__ = ["COARSE", "FINE", "LIFT", "NUMBERS", "POSE", "TRAVEL", "Free", "Motion", "climb", "loss", "own_sd", "sandwich"]
+__all__ = [
+    "COARSE",
+    "FINE",
+    "LIFT",
+    "NUMBERS",
+    "POSE",
+    "TRAVEL",
+    "Free",
+    "Motion",
+    "climb",
+    "loss",
+    "own_sd",
+    "sandwich",
+]
 COARSE = np.geomspace(1.0, 0.15, 12)
 """Widths of Tukey's weights, m at the sensor, from step to step ..."""
 FINE = np.geomspace(0.5, 0.15, 8)
