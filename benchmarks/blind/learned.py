@@ -36,7 +36,7 @@ from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Chain, add_effects, in_place
 from jaxsim.discover.dependences import find_dependences
 from jaxsim.discover.gap import distance
-from jaxsim.discover.learn import form_of
+from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.null import first_residuals

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from jaxsim.discover.law import read_law, write_effect
+from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.discover.look_alikes import described
 from jaxsim.effects import all_rays
 from jaxsim.effects.own import known_effects, load_file, write_template

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.learn import Form, LearnedFit, learn
+from jaxsim.discover.law.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import as_implied
@@ -25,9 +25,9 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 
 DIFFERENCE = 0.02
-"""Of the central differences, in z and in nats of a noise scale."""
+"""Step of the central differences, in z and in nats of a noise scale."""
 SWEEPS = 2
-"""Over several effects, each fitted beside the others."""
+"""Passes over several effects, each fitted beside the others."""
 BOUND = 1e-6
 """Distance from a bound at which a value counts as held there."""
 
@@ -43,7 +43,7 @@ class Refit:
 
     effect: Law
     problem: Problem
-    """In which it was fitted."""
+    """The problem in which it was fitted."""
     fit: Fit
 
 
@@ -53,7 +53,7 @@ class Added:
 
     refits: tuple[Refit, ...]
     parameters: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
-    """Of each effect."""
+    """Parameters of each effect, with their intervals."""
     sensor: SensorModel
     more: tuple[Refit, ...] = ()
     """The learned law, fitted with them."""
@@ -115,6 +115,7 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
     for _ in range(SWEEPS if len(effects) > 1 else 1):
         for k, effect in enumerate(effects):
             others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
+            # Beside other effects the nuisances are others: what an effect took up is theirs no longer.
             problem = in_place(null, others)
             if others:
                 problem = refitted(problem)
@@ -142,6 +143,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     objective = Objective(effect, problem, np.ones(len(scene), np.float32))
     x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
+    # Two gradients at both sides of the fit, column by column: the likelihood has no second derivative at hand.
     for k in range(len(x)):
         step = np.zeros(len(x))
         step[k] = DIFFERENCE

@@ -19,7 +19,7 @@ from jaxsim.data.prepared_set import PreparedSet
 from jaxsim.data.records import PairRecord, example_of
 from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, Split, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene
-from jaxsim.discover.law import read_law, write_effect
+from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned

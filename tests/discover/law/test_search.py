@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.formulas import Variable
-from jaxsim.discover.symbolic import search
+from jaxsim.discover.law.grammar import Variable
+from jaxsim.discover.law.search import search
 from jaxsim.discover.verdict import ClosedLaw
 
 RANGE = np.exp(np.linspace(np.log(3), np.log(60), 20))

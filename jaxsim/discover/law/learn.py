@@ -33,11 +33,11 @@ class Form:
     """A law before it is fitted: where its knots lie, and what of it is free."""
 
     bare: Learned
-    """With heights of 0."""
+    """The law with heights of 0."""
     basis: Float[np.ndarray, "k m"]
     """Heights at the knots are its product with the numbers that are fitted."""
     start: Float[np.ndarray, " m"]
-    """Where its fit begins."""
+    """The numbers at which its fit begins."""
 
     @classmethod
     def of(cls, problem: Problem, dependence: Dependence, curve: Candidate) -> Form:
@@ -89,7 +89,7 @@ class LearnedFit:
 
     learned: Learned
     without: Float[np.ndarray, "g k"]
-    """Its heights with each group of the find scenes left out."""
+    """The law's heights with each group of the find scenes left out."""
     free: int
     """How many numbers were fitted."""
 
@@ -111,6 +111,7 @@ def form_of(
         if pair.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
             continue
         bare, candidate = _product(problem, dependence.channel, names)
+        # Scene by scene as well: a few scenes could make the total.
         better = p_value(clipped(candidate.by_scene - curve.by_scene)) <= RULES.alike_level
         if agreed(candidate, bar) and candidate.total > least and better:
             size = len(bare.values)
@@ -127,6 +128,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
     weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
+    # Filled up to the width of every free curve, so that their compiled program serves products too.
     basis = np.zeros((*hit.shape, COLUMNS), np.float32)
     basis[hit, :size] = (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size)
     tried = replace(problem, basis=jnp.asarray(basis))

@@ -39,7 +39,7 @@ class Shape:
 
     nodes: int
     expression: str
-    """In Python, of `level`, `size`, the constant's name, `phase` and the variables."""
+    """The formula in Python, of `level`, `size`, the constant's name, `phase` and the variables."""
     columns: Callable[[Constants], Columns]
     """What is linear: one column, or the sine and cosine of a wave, at each value of the constant."""
     unit: str
@@ -73,6 +73,7 @@ def _of_one(variable: Variable) -> list[Shape]:
     ]
     inner = [(f"{name}**2", x**2, f"{unit}²" if unit else "")]
     if x.min() > 0:
+        # Powers and logarithms are taken of x over its middle: its size stays one of y's.
         at = f"({name} / {_reference(x):.6g})"
         u = x / float(f"{_reference(x):.6g}")
         shapes.append(Shape(2, f"level + size * log{at}", _alone(np.log(u)), ""))

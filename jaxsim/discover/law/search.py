@@ -1,6 +1,6 @@
 """Law: a closed formula for a learned curve or product, by a small symbolic search over its knots.
 
-`formulas` has the grammar. Letters: n knots (of a product all pairs), g groups of scenes, t curves, m columns, c values
+`grammar` has the formulas. Letters: n knots (of a product all pairs), g groups of scenes, t curves, m columns, c values
 of a constant.
 
 Every formula is fitted to the knots by least squares, weighted by their sd: level and size in closed form, the one
@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.formulas import Columns, Constants, Shape, Variable, shapes_of
+from jaxsim.discover.law.grammar import Columns, Constants, Shape, Variable, shapes_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_sd, student_reach
 from jaxsim.discover.verdict import ClosedLaw, Interval
@@ -27,7 +27,7 @@ from jaxsim.discover.verdict import ClosedLaw, Interval
 Curves = Float[np.ndarray, "t n"]
 GOLDEN = (np.sqrt(5) - 1) / 2
 SECTIONS = 24
-"""Of a golden-section search: the bracket shrinks to 1e-5 of itself."""
+"""Steps of a golden-section search: the bracket shrinks to 1e-5 of itself."""
 
 
 class Fitted(NamedTuple):
@@ -59,6 +59,7 @@ def search(
     variance = (spread**2 + np.median(spread**2)) / 2 + (1e-4 * (np.ptp(curve) + 1e-9)) ** 2
     root = 1 / np.sqrt(variance)
     curves = np.concatenate([curve[None], without])
+    # Pseudo-values: what each group alone says of the curve.
     said = groups * curve - (groups - 1) * without
     # Knots that hang together say no more than the numbers behind them.
     count = min(free / n, 1.0)
@@ -103,6 +104,7 @@ def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Fi
     reached = np.einsum("tn,cnm->ctm", y, _orthogonal(shape.columns(grid), root))
     pick = (reached**2).sum(-1).argmax(0)
     constant = grid[pick]
+    # A constant that lies between two of the grid is sought within one step to both sides.
     if shape.refined:
         constant = _golden(shape, y, root, a=grid[np.maximum(pick - 1, 0)], b=grid[np.minimum(pick + 1, len(grid) - 1)])
     design = _with_level(shape.columns(constant))

@@ -1,7 +1,7 @@
 """What a formula of a verdict.json may be before it becomes code: a stranger's file must not say what is run.
 
-`law.write_effect` writes the formula into a Python file. So it is parsed here, and refused where it holds anything but
-the grammar of `formulas`: sums, products, quotients, powers, a step, exp, log and sin of its own variables and numbers.
+`source.write_effect` writes the formula into a Python file. So it is parsed here, and refused where it holds anything
+but what `grammar` has: sums, products, quotients, powers, a step, exp, log and sin of its own variables and numbers.
 """
 
 from __future__ import annotations

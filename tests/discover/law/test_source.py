@@ -10,15 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.formulas import Variable, shapes_of
-from jaxsim.discover.law import VARIABLES, closed_law, read_law, write_effect
-from jaxsim.discover.law_checks import check_expression
-from jaxsim.discover.learn import LearnedFit
+from jaxsim.discover.law.checks import check_expression
+from jaxsim.discover.law.closed import VARIABLES, closed_law
+from jaxsim.discover.law.grammar import Variable, shapes_of
+from jaxsim.discover.law.learn import LearnedFit
+from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
 from jaxsim.effects.covariates import READ
 from jaxsim.effects.learned import Learned
-from tests.discover.test_symbolic import learned
+from tests.discover.law.test_search import learned
 from tests.effects.streets import clutter_of_everything
 
 KNOTS = tuple(np.linspace(np.log(2), np.log(90), 20).tolist())

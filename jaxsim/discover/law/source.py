@@ -1,80 +1,23 @@
-"""A learned law's closed formula, and the file of an effect of one's own that it makes.
-
-`closed_law` searches over the knots in the units of VARIABLES; `read_law` takes the formula from a verdict.json;
-`write_effect` writes it as a file like those of `jaxsim/effects/catalogue/`.
-"""
+"""A closed formula as the file of an effect of one's own: read from a verdict.json, written as Python."""
 
 from __future__ import annotations
 
 import keyword
 import re
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from jaxsim.discover.covariates import ALTERNATING, NAMED
-from jaxsim.discover.formulas import Variable
-from jaxsim.discover.law_checks import check_law
-from jaxsim.discover.learn import LearnedFit
-from jaxsim.discover.symbolic import search
+from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.law.checks import check_law
+from jaxsim.discover.law.closed import LOGARITHMS, VARIABLES
 from jaxsim.discover.verdict import ClosedLaw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.check import RESERVED
-from jaxsim.effects.learned import LIMITS, UNITS
-from jaxsim.files import parse_settings, read_json, replacing
+from jaxsim.effects.learned import LIMITS
+from jaxsim.files import parse_settings, read_json, write_text
 
-VARIABLES = {
-    "range": ("range_m", "m"),
-    "incidence": ("incidence_rad", "rad"),
-    "row": ("row", ""),
-    "column": ("column", ""),
-    "even rows": ("odd_row", ""),
-    "even columns": ("odd_column", ""),
-    "azimuth": ("azimuth_rad", "rad"),
-    "power": ("power", ""),
-    "intensity": ("intensity", ""),
-    "step": ("depth_step", ""),
-    "step side": ("side_step", ""),
-    "frame": ("time_s", "s"),
-    "time": ("scan_time", ""),
-    "speed": ("speed_mps", "m/s"),
-    "speed x time": ("way_mps", "m/s"),
-    "heading": ("heading_rad", "rad"),
-    "rgb": ("brightness", ""),
-    "hue": ("red_minus_blue", ""),
-    "hue angle": ("hue_rad", "rad"),
-}
-"""What a covariate is called in a formula, and its unit; classes have no formula. Of two banks the odd one counts 1."""
-LOGARITHMS = ("range", "power", "intensity")
-"""Covariates that are compared as logarithms; a formula takes what they are logarithms of."""
 STAGES = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
 EDITS = {"intensity": "brighten", "range": "misread", "drop": "lose"}
 WORDS = {"intensity": "ln I, ln P += change", "range": "reading += change", "drop": "keep *= 1 - change"}
-
-
-def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
-    """The formula of a learned law; None where none is near, or a covariate has no order."""
-    learned = fitted.learned
-    if not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
-        return None
-    grids = np.meshgrid(*(np.asarray(knots) for knots in learned.knots), indexing="ij")
-    variables = [
-        Variable(*VARIABLES[name], np.exp(grid.ravel()) if name in LOGARITHMS else grid.ravel())
-        for name, grid in zip(learned.covariates, grids, strict=True)
-    ]
-    law = search(
-        variables,
-        np.asarray(learned.values),
-        fitted.without,
-        channel=learned.channel,
-        unit=UNITS[learned.channel],
-        free=fitted.free,
-    )
-    if law is None:
-        return None
-    by_variable = {VARIABLES[name][0]: name for name in learned.covariates}
-    return replace(law, covariates=tuple(by_variable[name] for name in law.covariates))
 
 
 def read_law(path: Path | str) -> ClosedLaw:
@@ -115,9 +58,7 @@ def write_effect(law: ClosedLaw, path: Path | str, *, name: str | None = None) -
         )
     if path.exists():
         raise ValueError(f"law: {path} is there already; give another name, or remove it")
-    with replacing(path) as temporary:
-        temporary.write_text(_source(law, name))
-    return path
+    return write_text(path, _source(law, name))
 
 
 def _source(law: ClosedLaw, name: str) -> str:

@@ -1,0 +1,10 @@
+"""What no effect of the catalogue describes, as a law of the sensor model: learned, and told as a formula.
+
+In the order in which to read it:
+
+    learn      a free curve (or a product of two) as knots and heights with their uncertainty
+    grammar    the formulas that are tried
+    search     the best of them for a curve, by what groups of scenes say that its fit has not seen
+    closed     the search for a learned law, in the units in which its covariates are told
+    source     the formula as the file of an effect; `checks` keeps a stranger's formula from becoming code
+"""
