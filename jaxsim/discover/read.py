@@ -26,8 +26,7 @@ from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.register import register
-from jaxsim.discover.register.notes import other_moments, speeds_read
-from jaxsim.discover.register.registration import Registration
+from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
 from jaxsim.discover.scenes import Split, split
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
@@ -52,7 +51,7 @@ class Comparison:
     registration: Registration | None = None
     """The sensor's motion from where the simulator has it."""
     speeds: dict[str, float] | None = None
-    """Of each scene, m/s, where they are not given and the frames tell them."""
+    """Speed of each scene, m/s, where they are not given and the frames tell them."""
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
@@ -127,15 +126,15 @@ class Division:
     """Columns of a comparison's frames in blocks, and the scenes that they are divided by."""
 
     scan: Scan
-    """With incidence angles taken from planes of the range image."""
+    """The simulated frames, with incidence angles taken from planes of the range image."""
     given: Scan
-    """As the simulator means it, with the incidence that was given."""
+    """The frames as the simulator means them, with the incidence that was given."""
     simulator: Meant
     """What the simulator means, and its own noise."""
     measured: Measured
     blocks: Blocks
     rays: Cast
-    """Of all blocks, traced once."""
+    """Rays of all blocks, traced once."""
     parts: Split
 
     @classmethod
@@ -177,5 +176,5 @@ class Division:
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
 
     def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:
-        """That of find and judge scenes, in this order."""
+        """Gives the evidence of find and judge scenes, in this order."""
         return self.evidence((*self.parts.find, *self.parts.judge), known)

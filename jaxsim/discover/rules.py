@@ -194,7 +194,7 @@ class Rules:
     # Regimes: whether an effect acts everywhere.
     regime_level: float = 0.05
     """Rate of false discoveries (Benjamini-Hochberg) over all questions that are asked of what divides effects."""
-    regime_fewest_units: int = 3
+    regime_fewest_scenes: int = 3
     """Scenes that a regime has inside and outside, at least."""
     regime_sectors: int = 48
     """Sectors of azimuth, of whose arcs regimes are made ..."""

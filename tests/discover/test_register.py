@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.register.notes import other_moments, speeds_read
+from jaxsim.discover.register.registration import other_moments, speeds_read
 from tests.discover.rooms import registered, rooms, seen
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")

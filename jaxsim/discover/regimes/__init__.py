@@ -4,10 +4,9 @@ Letters: b blocks, a sectors of azimuth, n scenes (or sectors of a single drive)
 In the order in which to read it:
 
     find_regimes    asks, fits, and puts effects in their regions (`find`)
-    cells           how strongly every scene and sector asks for an effect (`sizes`)
-    questions       what may divide it: moments, tags, sectors (`questions`), or drives by their own sizes (`own_sizes`)
+    cells           how strongly every scene and sector asks for an effect (`cells`)
+    questions       what may divide it: moments, tags, sectors (`questions`)
     ask             exact tests over scenes, the best of all regions; false discovery rates (`chance`)
-    disputed        the same of candidates that no test over all scenes accepts (`unnamed`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
     Judges          whether scenes that nothing was fitted to gain by it (`judge`)
     shown           the verdict's entry (`shown`)

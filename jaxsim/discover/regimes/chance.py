@@ -4,19 +4,29 @@ Where regions are made of whole scenes, scenes are exchangeable if nothing divid
 anew. Where regions run through every scene (sectors), each scene's contrast is as likely as its negative: scenes change
 signs. Either way the best of a question's regions is held against the best under each draw (max-T), which pays for
 having looked at all; and false discoveries are kept rare over all questions by Benjamini and Hochberg (1995).
+
+    ask             a question about an effect that is named, by its cells
+    by_own_size     drives that only their own readings tell apart: some have the effect, others have not
+    disputed        candidates that no test over all scenes accepts: an effect in half of the scenes gains there and
+                    loses elsewhere, but the scenes on which it gains lie on one side of a moment, or share a tag. Rates
+                    are what each scene says, unseen by the fit, of the direction of a candidate (`Candidate.slope`)
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import false_discovery_control
 
-from jaxsim.discover.regimes.questions import Question
-from jaxsim.discover.regimes.sizes import Cells
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.regimes.cells import Cells
+from jaxsim.discover.regimes.questions import Facts, Question
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
+from jaxsim.effects.region import WHOLE, Region
 
 
 class Found(NamedTuple):
@@ -27,39 +37,41 @@ class Found(NamedTuple):
     p_value: float
 
 
-def ask(question: Question, of: Cells, unit: Int[np.ndarray, " b"]) -> Found:
+def ask(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> Found:
     """The best region and how often chance makes some region of the question as good."""
-    whole = question.between_units(unit)
+    whole = question.between_scenes(scene)
     if whole is None:
-        best, p = flipped(*_contrasts(question, of, unit))
+        best, p = flipped(*_contrasts(question, of, scene))
     else:
-        best, p = dealt(np.bincount(unit, of.excess.sum(1)), whole)
+        best, p = dealt(np.bincount(scene, of.excess.sum(1)), whole)
     return Found(question, best, p)
 
 
 def _contrasts(
-    question: Question, of: Cells, unit: Int[np.ndarray, " b"]
+    question: Question, of: Cells, scene: Int[np.ndarray, " b"]
 ) -> tuple[Float[np.ndarray, "k n"], Float[np.ndarray, " k"]]:
-    """Gives by how much each region's slope exceeds its share of each unit's, and the variance by the curvature."""
-    units = int(unit.max()) + 1
-    excess = np.bincount(unit, of.excess.sum(1), units)
-    curvature = np.bincount(unit, of.curvature.sum(1), units)
+    """Gives by how much each region's slope exceeds its share of each scene's, and the variance by the curvature."""
+    scenes = int(scene.max()) + 1
+    excess = np.bincount(scene, of.excess.sum(1), scenes)
+    curvature = np.bincount(scene, of.curvature.sum(1), scenes)
     rows: list[Float[np.ndarray, " n"]] = []
     variance: list[float] = []
     for region in question.inside:
-        here = np.bincount(unit, (of.excess * region).sum(1), units)
-        weight = np.bincount(unit, (of.curvature * region).sum(1), units)
-        # A unit that asks for more of the effect everywhere asks for no region.
+        here = np.bincount(scene, (of.excess * region).sum(1), scenes)
+        weight = np.bincount(scene, (of.curvature * region).sum(1), scenes)
+        # A scene that asks for more of the effect everywhere asks for no region.
         share = weight / curvature
         rows.append(here - share * excess)
         variance.append((weight * (1 - share)).sum())
+    # A region in which nothing bends must not be divided by 0.
     return np.stack(rows), np.maximum(np.array(variance), 1e-9)
 
 
 def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k"]) -> tuple[int, float]:
-    """The region that units' contrasts speak for most, and how often some region's do when units change their signs;
-    for the latter no unit counts for more than the third largest. The variances are those of the sums, and do not
+    """The region that scenes' contrasts speak for most, and how often some region's do when scenes change their signs;
+    for the latter no scene counts for more than the third largest. The variances are those of the sums, and do not
     change with the signs."""
+    # In units of its standard deviation: a wide region does not win by its size alone.
     scaled = contrasts / np.sqrt(variance)[:, None]
     best = int(scaled.sum(1).argmax())
     held = np.stack([clipped(one) for one in scaled])
@@ -68,21 +80,113 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
 
 
 def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:
-    """The region whose units exceed the others most, and how often some region's do when the units' excesses are dealt
-    out anew (`Rules.sign_draws` times)."""
-    units = len(excess)
+    """The region whose scenes exceed the others most, and how often some region's do when excesses are dealt out to the
+    scenes anew (`Rules.sign_draws` times)."""
+    scenes = len(excess)
     off = clipped(excess - excess.mean())
-    # Clipping leaves a mean, which regions of more units would gather.
+    # Clipping leaves a mean, which regions of more scenes would gather.
     off = off - off.mean()
     count = whole.sum(1)
-    # Drawn without replacement: a region of all units but one varies as little as that one.
-    spread = np.sqrt(count * (units - count) / units)
+    # Drawn without replacement: a region of all scenes but one varies as little as that one.
+    spread = np.sqrt(count * (scenes - count) / scenes)
     scaled = whole / spread[:, None]
     observed = scaled @ off
     best = int(observed.argmax())
-    return best, chance_of((off[orders_of(units)] @ scaled.T).max(1), observed[best])
+    return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
 
 
 def false_discovery_rates(found: list[Found]) -> list[float]:
     """The q-value of each, over all questions that were asked."""
     return [float(q) for q in false_discovery_control([one.p_value for one in found])] if found else []
+
+
+def by_own_size(of: Cells, facts: Facts) -> Found | None:
+    """The scenes whose own sizes are large; `of` holds even and odd columns of each sector apart (2 a + parity).
+
+    Scenes that differ by noise alone differ in both halves of their columns alike only by chance: the excesses of one
+    half are dealt out anew. The division is the widest gap between sizes. None for a single drive.
+    """
+    few = RULES.regime_fewest_scenes
+    if len(set(facts.names)) < 2 or facts.scene_count < 2 * few:
+        return None
+    excess = _by_half(of.excess, facts)
+    curvature = _by_half(of.curvature, facts)
+    p = alike(excess[0], excess[1])
+    size = excess.sum(0) / np.maximum(curvature.sum(0), 1e-9)
+    order = np.argsort(-size)
+    # The widest gap between neighbours in size that leaves enough scenes on both sides.
+    count = few + int(np.argmax(-np.diff(size[order])[few - 1 : facts.scene_count - few]))
+    inside = np.isin(np.arange(facts.scene_count), order[:count])
+    names = {n: facts.names[facts.frame[np.argmax(facts.scene == n)]] for n in range(facts.scene_count)}
+    region = Region(scenes=tuple(sorted(names[n] for n in np.flatnonzero(inside).tolist())))
+    masks = inside[facts.scene][None, :, None]
+    return Found(Question("scene", (region,), masks), 0, p)
+
+
+def alike(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
+    """How often scenes resemble themselves so well if the excesses of one half are dealt out anew; no scene counts for
+    more than the third largest."""
+    a = clipped(first - first.mean())
+    b = clipped(second - second.mean())
+    a = a - a.mean()
+    return chance_of(b[orders_of(len(b))] @ a, a @ b)
+
+
+def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:
+    """(2, n): sums over each scene's even and odd columns."""
+    return np.stack([np.bincount(facts.scene, part[:, half::2].sum(1), facts.scene_count) for half in (0, 1)])
+
+
+class Disputed(NamedTuple):
+    """A region that divides the scenes of some candidates."""
+
+    found: Found
+    candidates: tuple[Candidate, ...]
+    """The candidates, those that it makes clearest first."""
+    exists: bool
+    """Whether some candidate's scenes agree better in some region than they would if there were nothing at all."""
+
+
+def disputed(candidates: Sequence[Candidate], asked: Sequence[Question], facts: Facts) -> list[Disputed]:
+    """Gives the best region over all candidates, for each question whose regions are made of whole scenes."""
+    tried = [one for one in candidates if one.effect.plain_name not in WHOLE and one.slope.any()]
+    if not tried:
+        return []
+    rates = np.stack([clipped(one.slope) for one in tried])
+    result = []
+    for question in asked:
+        whole = question.between_scenes(facts.scene)
+        if whole is None:
+            continue
+        k, strength, p = divided(rates, whole)
+        order = [tried[c] for c in np.argsort(-strength[:, k])]
+        sure = p <= RULES.regime_level and existing(rates, whole) <= RULES.agreement_level
+        result.append(Disputed(Found(question, k, p), tuple(order), sure))
+    return result
+
+
+def divided(
+    rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]
+) -> tuple[int, Float[np.ndarray, "c k"], float]:
+    """The region that divides some candidate's scenes most, how clearly each does each candidate's, and how often
+    scenes that are dealt out anew, all candidates alike, are divided as clearly."""
+    off = rates - rates.mean(1, keepdims=True)
+    off = off / (off.std(1, keepdims=True) + 1e-12)
+    scenes = rates.shape[1]
+    count = whole.sum(1)
+    # A region counts in units of what one of so many scenes varies by.
+    scaled = (whole / np.sqrt(count * (scenes - count) / scenes)[:, None]).T
+    strength = off @ scaled
+    by_chance = np.array([(off[:, order] @ scaled).max() for order in orders_of(scenes)])
+    return int(strength.max(0).argmax()), strength, chance_of(by_chance, strength.max())
+
+
+def existing(rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]) -> float:
+    """How often scenes without anything in them, which may change places and signs, agree so well in some region."""
+    scaled = (whole / np.sqrt(whole.sum(1))[:, None]).T
+    direction = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
+    rng = np.random.default_rng(1)
+    scenes = rates.shape[1]
+    # Places and signs both change: where there is nothing, neither says anything.
+    by_chance = [(direction[:, order] * rng.choice([-1.0, 1.0], scenes) @ scaled).max() for order in orders_of(scenes)]
+    return chance_of(np.array(by_chance), (direction @ scaled).max())

@@ -1,4 +1,4 @@
-"""An effect fitted in a region alone: how it is called there, how much it gains, and its size inside and outside."""
+"""An effect fitted in a region alone: the region's ends, how the effect is called there, and how much it gains."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool
 
-from jaxsim.discover.model.fit import Problem, fit, on_top
+from jaxsim.discover.model.fit import Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import FittedStep, padded, worse
-from jaxsim.discover.regimes.questions import Facts
-from jaxsim.discover.regimes.sizes import Cells, cells
+from jaxsim.discover.regimes.cells import cells
+from jaxsim.discover.regimes.questions import Facts, arc
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import clipped, ratio_interval
-from jaxsim.discover.verdict import Interval
+from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
+from jaxsim.effects.rays import spans_turn
 from jaxsim.effects.region import WHOLE, Region, within
-
-OF_FIT = "of the fit inside"
-"""Unit of sizes."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class Confined:
     """An effect in its region."""
 
     step: FittedStep
-    """Its effect is a law that acts there alone (`within`)."""
+    """The step whose effect is a law that acts there alone (`within`)."""
     plain: Law
     region: Region
     frames: Bool[np.ndarray, " f"]
@@ -73,7 +70,7 @@ def confine(
     if best.total <= RULES.bar_nats or more < RULES.regime_nats:
         return None
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
-    everyone = np.ones(len(facts.unit), np.float32)
+    everyone = np.ones(len(facts.scene), np.float32)
     fitted = fit(best.effect, problem, everyone, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not padded(c, best))
@@ -81,24 +78,31 @@ def confine(
     return Confined(step, everywhere.effect, region, frames, problem, more)
 
 
-def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
-    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
-    scenes."""
-    fitted = one.step.fitted
-    law = one.step.chosen.effect
-    inside = cells(law, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
-    opposite = within(one.plain, one.region, one.frames, outside=True)
-    beside = replace(one.problem, ev=on_top(law, one.problem, fitted.z).ev)
-    outside = cells(opposite, beside, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
-    return _size(inside, facts), _size(outside, facts)
+def sharpened(region: Region, effect: Law, fitted: Fit, *, problem: Problem, facts: Facts) -> Region:
+    """The region with its ends to a column: the arc within one and a half sectors of them that gains most of an effect
+    fitted to all, where a column inside has the size of the whole region and one outside none.
 
-
-def _size(of: Cells, facts: Facts) -> Interval:
-    """The slope at none of the effect over the curvature: the step to the maximum."""
-    top = np.bincount(facts.unit, (of.slope + of.curvature).sum(1), facts.units)
-    bottom = np.bincount(facts.unit, of.curvature.sum(1), facts.units)
-    # Scenes that lie on the other side say nothing, and have no part in the scatter.
-    tells = bottom > RULES.regime_least_curvature * bottom.max()
-    top = top[tells]
-    bottom = bottom[tells]
-    return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
+    Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
+    columns = facts.scan.range_m.shape[2]
+    of = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=facts.column, sectors=columns)
+    slope = of.slope.sum(0)
+    curvature = of.curvature.sum(0)
+    held = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
+    size = 1 + slope[held].sum() / curvature[held].sum()
+    # From none of the effect to this size: the slope at none of it less half of what bends it.
+    gain = (slope + curvature) * size - curvature * size**2 / 2
+    reach = max(1, 3 * columns // (2 * facts.sectors))
+    # The region's columns in a row, the turn cut open opposite of it.
+    first = int(np.flatnonzero(held & ~np.roll(held, 1))[0])
+    length = int(held.sum())
+    turns = bool(spans_turn(facts.scan.grid))
+    before = min(reach, columns - length) if turns else min(reach, first)
+    after = min(reach, columns - length - before) if turns else min(reach, columns - first - length)
+    order = np.arange(first - before, first + length + after) % columns
+    # Sums of gain up to each column: the best beginning and end are found apart.
+    total = np.concatenate([[0.0], np.cumsum(gain[order])])
+    begin = int(np.argmin(total[: before + reach + 1]))
+    end = len(order) - int(np.argmax(total[::-1][: after + reach + 1]))
+    if end <= begin:
+        return region
+    return arc(facts.scan, first - before + begin, end - begin)

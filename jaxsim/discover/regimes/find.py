@@ -13,15 +13,12 @@ from jaxsim.discover.name.answer import Answer, named_answer
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.read import Division
-from jaxsim.discover.regimes.chance import Found, ask, false_discovery_rates
-from jaxsim.discover.regimes.confine import Confined, confine, sizes
+from jaxsim.discover.regimes.cells import cells
+from jaxsim.discover.regimes.chance import Found, ask, by_own_size, disputed, false_discovery_rates
+from jaxsim.discover.regimes.confine import Confined, confine, sharpened
 from jaxsim.discover.regimes.judge import Judges
-from jaxsim.discover.regimes.own_sizes import by_own_size
 from jaxsim.discover.regimes.questions import Facts, Question, questions
-from jaxsim.discover.regimes.sharpen import sharpened
-from jaxsim.discover.regimes.shown import Told, shown
-from jaxsim.discover.regimes.sizes import cells
-from jaxsim.discover.regimes.unnamed import disputed
+from jaxsim.discover.regimes.shown import Told, shown, sizes
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
@@ -50,7 +47,7 @@ class Lead:
     candidates: tuple[Candidate, ...]
     """The effect first, then those that may be the better name there."""
     step: int | None
-    """Of the choice, which it is or takes the place of; None where nothing is named."""
+    """The choice's step that it is, or takes the place of; None where nothing is named."""
     fitted: Fit | None = None
     """The effect everywhere, where it was asked about by its cells."""
     named: bool = False
@@ -62,10 +59,10 @@ class Lead:
 
 def facts_of(division: Division, scenes: Sequence[str]) -> Facts:
     """The facts of the find scenes' blocks; `scenes` are those of all frames."""
-    keep = np.array([unit in division.parts.find for unit in division.blocks.scene])
+    keep = np.array([scene in division.parts.find for scene in division.blocks.scene])
     order = {name: k for k, name in enumerate(division.parts.find)}
-    unit = np.array([order[name] for name in division.blocks.scene if name in order])
-    return Facts(division.scan, tuple(scenes), division.blocks.frame[keep], unit, division.blocks.column[keep])
+    scene = np.array([order[name] for name in division.blocks.scene if name in order])
+    return Facts(division.scan, tuple(scenes), division.blocks.frame[keep], scene, division.blocks.column[keep])
 
 
 def find_regimes(
@@ -92,6 +89,7 @@ def find_regimes(
             placed = _placed(lead, null, choice, facts=facts)
             if placed is None:
                 continue
+            # Judges are dear to make, and mostly nobody asks them.
             judges = judges or Judges.of(division, null, known)
             trial = _with(null, choice, placed.confined.step, at=lead.step)
             confined, gained = judges.gained(placed.confined, trial, choice, facts=facts)
@@ -104,7 +102,7 @@ def find_regimes(
             regimes.append(shown(confined, lead.found.question.divides, told, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.unit)
+    named = named_answer(choice, scene=facts.scene)
     return Divided(replace(named, nulls=answer.nulls), tuple(regimes))
 
 
@@ -145,6 +143,7 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
     # Another effect takes the place of a named one if it is clearly better.
     if lead.step is not None and not lead.named and not worse(choice.steps[lead.step].chosen, chosen):
         return None
+    # What may act outside as well is no regime, however much it gains inside.
     inside, outside = sizes(confined, facts)
     return Placed(confined, inside, outside) if outside.high < RULES.regime_outside * inside.value else None
 
@@ -183,7 +182,7 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
         return leads
     strongest = tried[0]
     fitted = strongest.fits[0]
-    arcs = [one for one in asked if one.between_units(facts.unit) is None]
+    arcs = [one for one in asked if one.between_scenes(facts.scene) is None]
     for found in _divisions(strongest.effect, fitted, null, facts=facts, asked=arcs):
         exists = found.question.divides != "scene" or strongest.total > choice.bars.effect
         leads.append(Lead(found, tuple(tried[:few]), None, fitted, exists=exists))
@@ -198,7 +197,7 @@ def _divisions(effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, aske
     both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
     own = by_own_size(both, facts)
     of = both.folded()
-    return [*(ask(question, of, facts.unit) for question in asked), *([own] if own else [])]
+    return [*(ask(question, of, facts.scene) for question in asked), *([own] if own else [])]
 
 
 def _ranking(choice: Choice, step: int | None) -> Sequence[Candidate]:

@@ -52,6 +52,7 @@ class Judges:
         judged = self.fitted == 0
         if one.region.scenes:
             one, trial = self._joined(one, trial, facts)
+        # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
         now = self.likelihood(_in_place(self.base, trial), trial.problem.noise)
         was = self.likelihood(_in_place(self.base, choice), choice.problem.noise)
         return one, float((now - was)[judged].sum())

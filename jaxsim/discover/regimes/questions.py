@@ -22,7 +22,8 @@ class Facts:
     names: tuple[str, ...]
     """Scenes of all frames."""
     frame: Int[np.ndarray, " b"]
-    unit: Int[np.ndarray, " b"]
+    scene: Int[np.ndarray, " b"]
+    """The scene of each block; of a single drive, which is cut into sectors of azimuth, the sector."""
     column: Int[np.ndarray, "b c"]
     """Columns of the blocks."""
 
@@ -37,9 +38,9 @@ class Facts:
         return int(sectors_of(self.scan).max()) + 1
 
     @property
-    def units(self) -> int:
-        """How many independent scenes (or sectors of one drive) there are."""
-        return int(self.unit.max()) + 1
+    def scene_count(self) -> int:
+        """How many independent scenes (or sectors of a single drive) there are."""
+        return int(self.scene.max()) + 1
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,10 @@ class Question:
     regions: tuple[Region, ...]
     inside: Bool[np.ndarray, "k b a"]
 
-    def between_units(self, unit: Int[np.ndarray, " b"]) -> Bool[np.ndarray, "k n"] | None:
-        """Which units each region holds whole; None where it runs through them."""
-        whole = np.stack([self.inside[:, unit == n].all((1, 2)) for n in range(int(unit.max()) + 1)], axis=1)
-        some = np.stack([self.inside[:, unit == n].any((1, 2)) for n in range(int(unit.max()) + 1)], axis=1)
+    def between_scenes(self, scene: Int[np.ndarray, " b"]) -> Bool[np.ndarray, "k n"] | None:
+        """Which scenes each region holds whole; None where it runs through them."""
+        whole = np.stack([self.inside[:, scene == n].all((1, 2)) for n in range(int(scene.max()) + 1)], axis=1)
+        some = np.stack([self.inside[:, scene == n].any((1, 2)) for n in range(int(scene.max()) + 1)], axis=1)
         return whole if (whole == some).all() else None
 
 
@@ -74,13 +75,13 @@ def _time(facts: Facts) -> Iterator[Question]:
     """Parts of the recording: from a moment on, or until one; and, as a question of its own, between two, for these are
     many, and all of them would have to be paid for."""
     time_s = np.asarray(facts.scan.time_s, float)
-    moment = np.array([time_s[facts.frame[facts.unit == n]].mean() for n in range(facts.units)])
-    if len(np.unique(moment)) < facts.units:
-        # Units of one drive share all its moments: its frames are divided instead.
+    moment = np.array([time_s[facts.frame[facts.scene == n]].mean() for n in range(facts.scene_count)])
+    if len(np.unique(moment)) < facts.scene_count:
+        # Sectors of one drive share all its moments: its frames are divided instead.
         moment = np.unique(time_s[facts.frame])
     spans = _spans(moment)
     # A frame belongs to its scene's moment: a cut never runs through a scene.
-    of_block = moment[facts.unit] if len(moment) == facts.units else time_s[facts.frame]
+    of_block = moment[facts.scene] if len(moment) == facts.scene_count else time_s[facts.frame]
     for between in (False, True):
         regions = tuple(Region(time_s=span) for span in spans if (None not in span) == between)
         if regions:
@@ -89,9 +90,9 @@ def _time(facts: Facts) -> Iterator[Question]:
 
 
 def _spans(moment: Float[np.ndarray, " m"]) -> list[Span]:
-    """Spans with `Rules.regime_fewest_units` moments inside and outside, each end halfway between two of them."""
+    """Spans with `Rules.regime_fewest_scenes` moments inside and outside, each end halfway between two of them."""
     order = np.sort(moment)
-    few = RULES.regime_fewest_units
+    few = RULES.regime_fewest_scenes
     cuts = [None, *((order[1:] + order[:-1]) / 2).tolist(), None]
     return [
         (cuts[i], cuts[j])
@@ -105,8 +106,8 @@ def _tags(facts: Facts) -> Iterator[Question]:
     """A question a tag that some scenes have and some do not: where it is set, or where it is not."""
     for tag, tagged in facts.scan.tags.items():
         has = np.asarray(tagged)[facts.frame]
-        units = len(np.unique(facts.unit[has]))
-        if min(units, len(np.unique(facts.unit[~has]))) >= RULES.regime_fewest_units:
+        scenes = len(np.unique(facts.scene[has]))
+        if min(scenes, len(np.unique(facts.scene[~has]))) >= RULES.regime_fewest_scenes:
             yield Question("tag", (Region(tag=tag),), _over_sectors(facts, has[None]))
 
 
@@ -123,10 +124,10 @@ def _azimuth(facts: Facts) -> Question | None:
         for first in range(count if turns else count - length + 1):
             regions.append(arc(facts.scan, first * columns // count, length * columns // count))
             inside.append((column - first) % count < length)
-    # A single drive is cut into units by azimuth: there a sector is a unit, and no unit can be held against itself.
+    # A single drive is cut into scenes by azimuth: a sector is one, and none can be held against itself.
     if not regions or np.ptp(facts.sector, axis=1).min() < count / 2:
         return None
-    masks = np.broadcast_to(np.stack(inside)[:, None], (len(regions), len(facts.unit), count))
+    masks = np.broadcast_to(np.stack(inside)[:, None], (len(regions), len(facts.scene), count))
     return Question("azimuth", tuple(regions), masks)
 
 

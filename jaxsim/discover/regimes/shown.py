@@ -1,17 +1,48 @@
-"""A regime as the verdict holds it: where, how large, and the sizes along what divides."""
+"""A regime as the verdict holds it: where, how large inside and outside, and the sizes along what divides."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.model.fit import on_top
+from jaxsim.discover.regimes.cells import Cells, cells
 from jaxsim.discover.regimes.confine import Confined
 from jaxsim.discover.regimes.questions import Facts
-from jaxsim.discover.regimes.sizes import cells
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import ratio_interval
 from jaxsim.discover.verdict import Interval, Regime
+from jaxsim.effects.region import within
+
+OF_FIT = "of the fit inside"
+"""Unit of sizes."""
+
+
+def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
+    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
+    scenes."""
+    fitted = one.step.fitted
+    law = one.step.chosen.effect
+    inside = cells(law, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    # Outside is asked with the effect in place inside, where nothing is left to ask for.
+    opposite = within(one.plain, one.region, one.frames, outside=True)
+    beside = replace(one.problem, ev=on_top(law, one.problem, fitted.z).ev)
+    outside = cells(opposite, beside, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    return _size(inside, facts), _size(outside, facts)
+
+
+def _size(of: Cells, facts: Facts) -> Interval:
+    """The slope at none of the effect over the curvature: the step to the maximum."""
+    top = np.bincount(facts.scene, (of.slope + of.curvature).sum(1), facts.scene_count)
+    bottom = np.bincount(facts.scene, of.curvature.sum(1), facts.scene_count)
+    # Scenes that lie on the other side say nothing, and have no part in the scatter.
+    tells = bottom > RULES.regime_least_curvature * bottom.max()
+    top = top[tells]
+    bottom = bottom[tells]
+    return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
 
 
 class Told(NamedTuple):
@@ -32,12 +63,12 @@ def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     columns = np.asarray(one.region.in_sector(azimuth))
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
-        size = _size(of.slope.sum(0), of.curvature.sum(0))
+        size = _size_at(of.slope.sum(0), of.curvature.sum(0))
         held = np.asarray(one.region.in_sector(x))
     else:
-        # Of a single drive, whose sectors are the units, every unit has all moments: frames are shown instead.
-        group = facts.unit if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
-        size = _size(np.bincount(group, of.slope.sum(1)), np.bincount(group, of.curvature.sum(1)))
+        # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
+        group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
+        size = _size_at(np.bincount(group, of.slope.sum(1)), np.bincount(group, of.curvature.sum(1)))
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         x = time_s if len(np.unique(time_s)) == len(first) else np.arange(len(first), dtype=float)
@@ -55,7 +86,7 @@ def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     )
 
 
-def _size(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+def _size_at(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """The size that each place asks for; NaN where next to nothing tells it."""
     tells = curvature > RULES.regime_least_curvature * curvature.max()
     return np.where(tells, 1 + slope / np.maximum(curvature, 1e-9), np.nan)

@@ -42,7 +42,7 @@ AHEAD_M = np.arange(-6.0, 6.5)
 DRIVEN_M = np.array([0.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 """... and that the car may have driven meanwhile."""
 EVERY = 8
-"""Of the points that each frame has, these are looked at while beginnings are tried."""
+"""One in so many of the points that each frame has is looked at while beginnings are tried."""
 MOUNTED = Free((1.0,) * 3 + (0.1,) * 3 + (0.0, 0.0))
 """What all frames share, m and rad: what streets do not tell stays 0 ..."""
 LIFTED = MOUNTED.with_sd(LIFT, 0.1)
@@ -70,8 +70,10 @@ def register(
     yaw, pitch = np.meshgrid(TURNS_RAD, TURNS_RAD)
     start[:, 5] = yaw.ravel()
     start[:, 4] = pitch.ravel()
+    # Nearest first: of two beginnings that agree as well, the smaller motion is taken.
     start = start[np.argsort(np.abs(start).sum(1), kind="stable")]
     best = int(np.argmin([loss(few, one[None]).mean() for one in start]))
+    # Where the truth is no motion, the climb from there must not be missed for a better-looking beginning.
     ends = [climb(sides, start[k][None], COARSE, free=MOUNTED, pooled=True) for k in sorted({0, best})]
     free = MOUNTED
     own = OWN

@@ -51,7 +51,7 @@ FINAL_STEPS = 6
 FAR_M = 15.0
 """... and twice as wide at this range."""
 NOISE_M = 0.05
-"""Of a point about its plane: what priors are weighed against."""
+"""Standard deviation of a point about its plane: what priors are weighed against."""
 
 
 class Free(NamedTuple):
@@ -99,6 +99,7 @@ def climb(
         if pooled:
             matrix = matrix.sum(0, keepdims=True)
             right = right.sum(0, keepdims=True)
+        # The prior pulls towards the middle as so many points would.
         right = right + (middle - motion)[:, free.numbers] @ free.precision
         step = np.zeros((len(right), NUMBERS))
         step[:, free.numbers] = np.linalg.solve(matrix + free.precision, right[..., None])[..., 0]

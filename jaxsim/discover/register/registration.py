@@ -1,8 +1,9 @@
-"""What a registration says: a motion with its interval, and whether it is one of a mounting, of a drive, or of time."""
+"""What a registration says: a motion with its interval, whether it is one of a mounting, of a drive, or of time, and
+what a reader of the verdict must know of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from jaxsim.discover.register.sides import LIFT, TRAVEL
 from jaxsim.discover.rules import RULES
 
 PARTS = {"extrinsic_translation": slice(0, 3), "extrinsic_rotation": slice(3, 6), "beam_elevation_error": slice(6, 7)}
-"""Of a motion: what each effect of a mounting, or of the table of beams, changes."""
+"""Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 SCAN_S = 0.1
 """Time of a turn at 10 Hz, as `motion_distortion` has it."""
 
@@ -23,11 +24,11 @@ class Registration:
     """The motion of the sensor from where the simulator has it, in numbers as `sides` lists them."""
 
     motion: Float[np.ndarray, " 8"]
-    """Of all frames together."""
+    """The motion of all frames together."""
     half: Float[np.ndarray, " 8"]
     """Half width of its interval, from the scatter between scenes."""
     frames: Float[np.ndarray, "f 8"]
-    """Of each frame."""
+    """The motion of each frame."""
     predicted_m: Float[np.ndarray, "f n"]
     """Simulated range of the points that were looked at, at each frame's motion; NaN where nothing is predicted."""
     given_m: Float[np.ndarray, "f n"]
@@ -38,13 +39,13 @@ class Registration:
 
     @property
     def rotation(self) -> dict[str, float]:
-        """As `extrinsic_rotation` has it."""
+        """The rotation as `extrinsic_rotation` has it."""
         yaw, pitch, roll = Rotation.from_rotvec(self.motion[3:6]).as_euler("ZYX")
         return {"roll_rad": float(roll), "pitch_rad": float(pitch), "yaw_rad": float(yaw)}
 
     @property
     def translation(self) -> dict[str, float]:
-        """As `extrinsic_translation` has it."""
+        """The translation as `extrinsic_translation` has it."""
         return dict(zip(("x_m", "y_m", "z_m"), map(float, self.motion[:3]), strict=True))
 
     @property
@@ -62,6 +63,7 @@ class Registration:
         """Whether frames of one name are of different moments: along the heading they are apart from frame to frame, or
         farther than a mounting can be."""
         along = self.frames[:, 0]
+        # Medians: a frame that was registered to another street must not decide for all.
         one_by_one = float(np.median(np.abs(along - np.median(along))))
         return one_by_one > RULES.apart_m or abs(float(np.median(along))) > RULES.farthest_mounted_m
 
@@ -69,6 +71,7 @@ class Registration:
         """Seconds by which the measured side is late (early, if negative), by the frames' speeds; None where these tell
         nothing."""
         moving = float(speed_mps @ speed_mps)
+        # Least squares through the origin: one delay for all frames, whatever their speed.
         return float(self.frames[:, 0] @ speed_mps) / moving if moving > 0 else None
 
     def speeds(self, scenes: Sequence[str]) -> dict[str, float] | None:
@@ -102,6 +105,32 @@ class Registration:
             else ""
         )
         return f"moved by ({moved}) m along x, y, z and turned by ({turned}) deg in roll, pitch, yaw{lifted}"
+
+
+def other_moments(registered: Registration, speed_mps: Float[np.ndarray, " f"]) -> str:
+    """A note on frames that are of other moments than their partners."""
+    late_s = registered.apart_s(speed_mps)
+    by_speed = "" if late_s is None else f", {abs(late_s):.2f} s {'later' if late_s > 0 else 'earlier'} by their speeds"
+    along = registered.frames[:, 0]
+    return (
+        "the measured frames are of other moments than the simulated ones: "
+        f"{np.median(along):+.2f} m along the heading "
+        f"({along.min():+.2f} to {along.max():+.2f}){by_speed}. Each simulated frame was brought to where its partner "
+        "stood, and only rays whose ranges then agree are compared: what moved, and what came out from behind "
+        "something, tells nothing; nor do early returns. Pair frames of one moment"
+    )
+
+
+def speeds_read(speeds: Mapping[str, float]) -> str:
+    """A note on drives whose speeds are not given and show in their frames."""
+    lowest = min(speeds.values())
+    highest = max(speeds.values())
+    return (
+        "grid.json gives no speed, and scans are distorted by the car's own motion: "
+        f"{len(speeds)} drives were registered at {lowest:.1f} to {highest:.1f} m/s (a scan of 0.1 s), and effects of "
+        "motion are asked with these speeds; they are read off the frames that are compared. Give the true ones to "
+        "learn which share of the motion is left"
+    )
 
 
 def _near(predicted_m: Float[np.ndarray, "f n"], measured_m: Float[np.ndarray, "f n"]) -> Float[np.ndarray, " f"]:

@@ -15,7 +15,7 @@ POINTS = 60_000
 FEWEST_POINTS, MOST_POINTS = 300, 4000
 """... and of each frame, at least and at most."""
 POSE = slice(0, 6)
-"""Of a motion's numbers: x, y, z in m and a rotation vector in rad;"""
+"""The pose among a motion's numbers: x, y, z in m and a rotation vector in rad;"""
 LIFT = 6
 """how much higher beams point, rad;"""
 TRAVEL = 7
@@ -59,7 +59,7 @@ class Met:
 
     normal: Points
     away_m: Float[np.ndarray, "f n"]
-    """Of the plane from the origin."""
+    """Distance of the plane from the origin."""
     inside: Bool[np.ndarray, "f n"]
     """Whether there is one."""
 
@@ -101,7 +101,7 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
 
 
 def origin_of(sides: Sides, motion: Motion) -> Points:
-    """Where the sensor was as each point was measured, m."""
+    """Gives where the sensor was as each point was measured, m."""
     driven = motion[:, TRAVEL, None] * sides.late
     return motion[:, None, :3] + np.stack([driven, 0 * driven, 0 * driven], axis=-1)
 
@@ -155,5 +155,6 @@ def predicted(sides: Sides, motion: Motion) -> Float[np.ndarray, "f n"]:
     met = meet(sides, ray + origin)
     towards = np.sum(met.normal * ray, -1) / sides.range_m
     away = met.away_m - np.sum(met.normal * origin, -1)
+    # A plane that lies behind the ray, or that it sees from behind, predicts nothing.
     known = met.inside & (towards > 0) & (away > 0)
     return np.where(known, away / np.where(known, towards, 1), np.nan)

@@ -66,6 +66,7 @@ def of_maps(
     spread = np.sqrt((pairs**2).sum() / 2)
     if spread <= 0:
         return Agreement(np.zeros(1), np.zeros(len(signs)), np.zeros(1))
+    # Scenes of one sign for all places: what is asked is whether maps agree, not where.
     by_chance = ((signs @ pairs) * signs).sum(1) / 2 / spread
     observed = np.array([pairs.sum() / 2 / spread])
     squares = (sums**2).sum(0)

@@ -33,11 +33,11 @@ class Dense:
 
     division: Division
     null: Problem
-    """As it was fitted to the find scenes."""
+    """The null as it was fitted to the find scenes."""
     ev: Evidence
     scene: Int[np.ndarray, " b"]
     finding: Bool[np.ndarray, " n"]
-    """Of each scene, whether it is one to find with."""
+    """Whether each scene is one to find with."""
 
     @classmethod
     def of(cls, division: Division, scenes: Sequence[str], null: Problem, *, known: SensorModel) -> Dense:

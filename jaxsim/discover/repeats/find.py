@@ -1,4 +1,4 @@
-"""What repeats on find scenes and holds on judge scenes, one pattern on top of another."""
+"""What repeats on find scenes and holds on judge scenes, one pattern on top of another, and how large it is."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from jaxsim.discover.repeats.chance import Agreement, of_maps, of_patterns, scatter
+from jaxsim.discover.repeats.chance import Agreement, alike, of_maps, of_patterns, scatter
 from jaxsim.discover.repeats.maps import Maps, Pattern
 from jaxsim.discover.repeats.scales import Scale, scales
-from jaxsim.discover.repeats.sizes import common_size, height_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import p_value, signs_of
+from jaxsim.discover.scenes import jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
 
+UNITS = {"intensity": "nats", "range": "m", "drop": "share of rays"}
+"""Units of a pattern's height."""
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "Δ p(drop)"}
 """What a formula says of each channel."""
 LEAST = {
@@ -33,9 +34,9 @@ class Found:
     repeat: Repeat
     scale: Scale
     number: int
-    """Of the pattern among the scale's."""
+    """Number of the pattern among the scale's."""
     phase: complex
-    """Of a wave."""
+    """Phase of a wave, as a complex number."""
 
 
 def find_repeats(
@@ -88,7 +89,7 @@ class Look:
 
     scales: list[Scale]
     sums: dict[tuple[str, str], Num[np.ndarray, "n _"]]
-    """Of each scale by name and axis."""
+    """Sums of each scale's patterns, by its name and axis."""
     agreement: list[Agreement]
 
     @classmethod
@@ -136,6 +137,32 @@ def mean_map(maps: Maps, finding: Bool[np.ndarray, " n"], scale: Scale) -> Patte
     total = maps.total[finding].sum(axis, keepdims=True)[0]
     mean = np.where(weight > 0, total / np.maximum(weight, 1e-12), 0)
     return np.broadcast_to(mean, maps.total.shape[1:]).copy()
+
+
+def height_of(shows: Float[np.ndarray, " n"], answers: Float[np.ndarray, " n"], channel: str) -> Interval:
+    """What scenes show of a pattern over what they would of one of height 1."""
+    without = (shows.sum() - shows) / np.maximum(answers.sum() - answers, 1e-12)
+    return _interval(shows.sum() / max(answers.sum(), 1e-12), without, channel)
+
+
+def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
+    """Root mean square of the pattern that scenes have in common: what products of any two scenes' maps add up to, over
+    what they would if a pattern of random signs and height 1 were all that is there."""
+    grid = maps.total.shape[1:]
+    shape = [count if name in scale.along else 1 for count, name in zip(grid, ("row", "column"), strict=True)]
+    made = np.broadcast_to(np.random.default_rng(0).choice([-1.0, 1.0], shape), grid).copy()
+    shows = alike(scale.sums(maps.total)).sum(1)
+    answers = alike(scale.sums(maps.centred(maps.left(made)))).sum(1)
+    # A product belongs to both of its scenes: without one of them, what it shares with all others goes twice.
+    without = (shows.sum() - 2 * shows) / np.maximum(answers.sum() - 2 * answers, 1e-12)
+    square = shows.sum() / max(answers.sum(), 1e-12)
+    return _interval(np.sqrt(max(square, 0)), np.sqrt(np.maximum(without, 0)), channel)
+
+
+def _interval(value: float, without: Float[np.ndarray, " n"], channel: str) -> Interval:
+    """The interval by what the value becomes `without` each of the scenes, widened as parameters' intervals are."""
+    half = RULES.interval_widening * jackknife_half_width(without)
+    return Interval(float(value), float(value) - half, float(value) + half, UNITS[channel])
 
 
 def convincing(p_judge: float, judges: int) -> bool:

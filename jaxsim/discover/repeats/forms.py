@@ -25,11 +25,12 @@ class Form:
     spread: Callable[[Heights], Pattern]
     """The pattern of so many heights."""
     gather: Callable[[Sums], Float[np.ndarray, "n m"]]
-    """Its transpose, scene by scene: how much the heights have to do with each scene's cells."""
+    """The transpose of `spread`, scene by scene: how much the heights have to do with each scene's cells."""
     information: Callable[[Pattern], Heights]
-    """Of each height alone, of these weights of the cells."""
+    """Information on each height alone, of these weights of the cells."""
     variance: float
-    """Of the heights, where they are many and share one: how large the pattern is. Infinite where each is its own."""
+    """Variance of the heights, where they are many and share one: how large the pattern is. Infinite where each is its
+    own."""
 
     def learned(self, heights: Heights, sd: Heights) -> Learned:
         """The law of fitted heights."""
@@ -37,12 +38,14 @@ class Form:
         if scale.turns:
             turns = scale.turns(self.found.number)
             used = [(name, (turn,)) for name, turn in zip(("row", "column"), turns, strict=True) if turn]
+            # A wave of drops swings about a level of its own height: both together stay a probability.
             limit = LIMITS[channel][1] / (2 if channel == "drop" else 1)
             values = np.clip(heights, -limit, limit)
             names, knots = zip(*used, strict=True)
             return Learned(channel, "wave", names, knots, _plain(values), _plain(sd))
         if scale.name == "parity":
             names = tuple(f"even {name}s" for name in ("row", "column") if name in scale.along)
+            # Two rows and two columns hold all of a parity.
             corner = self.spread(heights)[:2, :2]
             spread = self.spread(sd)[:2, :2]
             cut = np.ix_(*([0, 1] if name in scale.along else [0] for name in ("row", "column")))

@@ -15,20 +15,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import COVARIATES
-from jaxsim.discover.repeats.find import told
+from jaxsim.discover.repeats.find import common_size, height_of, told
 from jaxsim.discover.repeats.forms import Form, Heights
 from jaxsim.discover.repeats.maps import Maps, Pattern, Sums
-from jaxsim.discover.repeats.sizes import common_size, height_of
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
 from jaxsim.effects.learned import Learned
 
 STEPS = 8
-"""Of conjugate gradients, at most: levels take up about the same share of all heights, so that few are enough."""
+"""Steps of conjugate gradients, at most: levels take up about the same share of all heights, so that few are enough."""
 CLOSE = 1e-3
 """Share of the way that may be left, in the norm of the guess."""
 ROUNDS = 3
-"""Of heights, each about the ones before: of a gain of +-20 % the second comes within 4 %."""
+"""Rounds of heights, each about the ones before: of a gain of +-20 % the second comes within 4 %."""
 Finding = Bool[np.ndarray, " n"]
 
 
@@ -37,12 +36,12 @@ class LearnedRepeat:
     """A pattern, fitted."""
 
     repeat: Repeat
-    """With the size that was fitted."""
+    """The pattern with the size that was fitted."""
     learned: Learned
     judged_nats: float
     """What judge scenes gain by it."""
     scenes: int
-    """That it was fitted to."""
+    """Number of scenes that it was fitted to."""
     grid: tuple[int, int]
     """Rows and columns."""
 
@@ -67,6 +66,7 @@ def learn_repeats(
             now = {k: maps.centred(maps.left(form.spread(heights[k]))) for k, form in of.items()}
             rest = whole.total - sum(now.values())
             for k, form in of.items():
+                # Each pattern alone, with the others taken out: its size is told beside them.
                 alone = replace(whole, total=rest + now[k])
                 result[k] = _learned(form, heights[k], maps=alone, rest=rest, answer=now[k], finding=finding)
         laws = [result[k].learned for k in range(len(forms))]
@@ -136,6 +136,7 @@ def _learned(form: Form, heights: Heights, *, maps: Maps, rest: Sums, answer: Su
         p=told_as.p_value,
         p_judge=told_as.p_judge,
     )
+    # From no pattern to its maximum a parabola gains its slope less half of what bends it.
     shows = (maps.total * pattern).sum((1, 2)) - (answer * pattern).sum((1, 2)) / 2
     nats = float(shows[~finding].sum())
     return LearnedRepeat(repeat, learned, nats, int(finding.sum()), (pattern.shape[0], pattern.shape[1]))

@@ -21,7 +21,7 @@ from jaxsim.effects.rays import FLOOR
 Sums = Float[np.ndarray, "n r c"]
 Pattern = Float[np.ndarray, "r c"]
 SMALL = 0.1
-"""Of a made pattern, nats and m: far from where levels and poses are clipped."""
+"""Height of a made pattern, nats and m: far from where levels and poses are clipped."""
 COIN = 0.01
 """Variance that every return has at least, so that no ray that surely returns decides."""
 
@@ -31,14 +31,14 @@ class Maps:
     """One channel of n scenes. Rays that are not looked at count nothing: only some columns of each frame are."""
 
     weight: Sums
-    """Of the rays of each cell, 1 / variance in the channel's unit."""
+    """Sum over the rays of each cell of 1 / variance in the channel's unit."""
     total: Sums
     """Weight times residual."""
     left: Callable[[Pattern], Sums]
     """What `total` would be if the residuals were a pattern (in the channel's unit) and nothing else, levels and poses
     fitted to it."""
     coarse: Pattern | None = None
-    """By how much rounding may be off in each cell, in the channel's unit: half a step a side. Where streets are
+    """What rounding may be off by in each cell, in the channel's unit: half a step a side. Where streets are
     alike, on the road, it repeats. None where nothing is rounded."""
 
     def rounding(self, pattern: Pattern) -> float:
@@ -68,6 +68,7 @@ def maps_of(
     row, column = np.asarray(ev.rays.row), np.asarray(ev.rays.column)
     of_scene = np.broadcast_to(scene[:, None, None], row.shape)
     shape = (int(scene.max()) + 1, row.shape[-1], columns)
+    # Cells of all scenes in one long vector: sums by cell are one pass over the rays.
     cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
     blocks = jnp.asarray(fitted, jnp.float32)
 
@@ -107,6 +108,7 @@ def maps_of(
         return np.sqrt(squares / np.maximum(summed(weight).sum(0), 1e-12))
 
     half = half_steps(ev)
+    # Ln I of a reading is off by its rounding over its size: dark cells are coarse.
     light = np.maximum(np.exp(np.asarray(ev.rays.log_intensity, np.float64)), FLOOR)
     lost = ~np.asarray(ev.returned) - p
     return {

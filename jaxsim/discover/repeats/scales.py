@@ -33,19 +33,19 @@ class Scale:
     along: str
     """row, column, or row x column."""
     sums: Callable[[Sums], Num[np.ndarray, "n k"]]
-    """Of each scene and pattern; complex of waves."""
+    """Sums of each scene and pattern; complex of waves."""
     pattern: Callable[[int, complex], Pattern] | None
     """The k-th, of height 1; a wave with the phase of a sum. None where all of them together are asked about."""
     words: Callable[[int], str]
     """The place or period."""
     period: Callable[[int], float | None] = lambda k: None
-    """In rows or columns."""
+    """Period in rows or columns."""
     formula: Callable[[int, complex], str] | None = None
-    """Of a wave of height 1."""
+    """Formula of a wave of height 1."""
     square: float | None = None
     """Mean square of what a cell counts with in each pattern; None where it counts with 1 or not at all."""
     turns: Callable[[int], tuple[float, float]] | None = None
-    """Of a wave: its periods in a row, and in a column."""
+    """Turns of a wave: its periods in a row, and in a column."""
 
     def information(self, weight: Sums) -> Float[np.ndarray, " k"]:
         """Variance of each pattern's sum over scenes and cells of these weights."""
@@ -116,6 +116,7 @@ def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> Scale:
 
 def _aslant(rows: int, columns: int) -> Int[np.ndarray, "k 2"]:
     """Whole periods over the rows (up or down) and over the columns."""
+    # Half of the plane suffices: a wave and its mirror image are one.
     up, across = min(ASLANT[0], rows // 2), min(ASLANT[1], columns // 2)
     return np.array([(i, j) for i in range(-up, up + 1) if i for j in range(1, across + 1)], int).reshape(-1, 2)
 
@@ -129,6 +130,7 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
             total = total.sum(1, keepdims=True)
         if not steps[:, 1].any():
             total = total.sum(2, keepdims=True)
+        # Padded with zeros, so that the transform has parts of a period too.
         size = [PER_PERIOD * n if n > 1 else 1 for n in total.shape[1:]]
         return np.stack([np.fft.fft2(one, size)[steps[:, 0], steps[:, 1]] for one in total])
 

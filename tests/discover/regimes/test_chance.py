@@ -2,38 +2,37 @@
 
 import numpy as np
 
-from jaxsim.discover.regimes.chance import dealt
-from jaxsim.discover.regimes.unnamed import divided, existing
+from jaxsim.discover.regimes.chance import dealt, divided, existing
 
-UNITS = 11
-LATER = np.array([np.arange(UNITS) >= cut for cut in range(3, UNITS - 2)])
+SCENES = 11
+LATER = np.array([np.arange(SCENES) >= cut for cut in range(3, SCENES - 2)])
 WHOLE = np.concatenate([LATER, ~LATER])
 
 
 def test_scenes_without_order_are_divided_as_often_as_the_probability_says():
-    p = np.array([dealt(np.random.default_rng(k).standard_t(3, UNITS), WHOLE)[1] for k in range(200)])
+    p = np.array([dealt(np.random.default_rng(k).standard_t(3, SCENES), WHOLE)[1] for k in range(200)])
     assert np.mean(p <= 0.05) <= 0.09
     assert np.mean(p <= 0.5) <= 0.58
 
 
 def test_scenes_that_differ_from_a_moment_on_are_divided_there():
-    excess = np.where(np.arange(UNITS) >= 6, 20.0, -15.0) + np.random.default_rng(0).normal(0, 3, UNITS)
+    excess = np.where(np.arange(SCENES) >= 6, 20.0, -15.0) + np.random.default_rng(0).normal(0, 3, SCENES)
     best, p = dealt(excess, WHOLE)
-    assert np.array_equal(WHOLE[best], np.arange(UNITS) >= 6)
+    assert np.array_equal(WHOLE[best], np.arange(SCENES) >= 6)
     assert p < 0.01
 
 
 def test_a_candidate_that_only_some_scenes_gain_by_is_found_among_others():
     rng = np.random.default_rng(1)
-    rates = rng.normal(0, 1, (8, UNITS))
-    rates[3] = np.where(np.arange(UNITS) >= 6, 12.0, -2.0) + rng.normal(0, 1, UNITS)
+    rates = rng.normal(0, 1, (8, SCENES))
+    rates[3] = np.where(np.arange(SCENES) >= 6, 12.0, -2.0) + rng.normal(0, 1, SCENES)
     k, strength, p = divided(rates, WHOLE)
-    assert np.array_equal(WHOLE[k], np.arange(UNITS) >= 6)
+    assert np.array_equal(WHOLE[k], np.arange(SCENES) >= 6)
     assert strength[:, k].argmax() == 3
     assert p < 0.02
     assert existing(rates, WHOLE) < 0.02
 
 
 def test_candidates_of_nothing_do_not_exist():
-    p = [existing(np.random.default_rng(k).normal(0, 1, (6, UNITS)), WHOLE) for k in range(20)]
+    p = [existing(np.random.default_rng(k).normal(0, 1, (6, SCENES)), WHOLE) for k in range(20)]
     assert np.mean(np.array(p) <= 0.1) <= 0.3

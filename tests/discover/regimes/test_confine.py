@@ -8,11 +8,11 @@ import pytest
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.regimes.chance import ask
-from jaxsim.discover.regimes.confine import confine, sizes
-from jaxsim.discover.regimes.own_sizes import by_own_size
+from jaxsim.discover.regimes.cells import cells
+from jaxsim.discover.regimes.chance import ask, by_own_size
+from jaxsim.discover.regimes.confine import confine
 from jaxsim.discover.regimes.questions import questions
-from jaxsim.discover.regimes.sizes import cells
+from jaxsim.discover.regimes.shown import sizes
 from jaxsim.effects import EFFECTS
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 
@@ -30,7 +30,7 @@ def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
     of = cells(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
-    return of, {(q.divides, q.regions[0].tag): ask(q, of, facts.unit) for q in questions(facts)}
+    return of, {(q.divides, q.regions[0].tag): ask(q, of, facts.scene) for q in questions(facts)}
 
 
 def test_scenes_that_have_the_effect_ask_for_twice_what_fits_all(night):

@@ -27,9 +27,9 @@ class Cells:
     """Rays of each block (b) and sector (a) together."""
 
     slope: Float[np.ndarray, "b a"]
-    """Of the log-likelihood in the effect's share, where it is in place: nats. Positive asks for more of it."""
+    """Slope of the log-likelihood in the effect's share, where it is in place: nats. Positive asks for more of it."""
     curvature: Float[np.ndarray, "b a"]
-    """By how much the slope falls from none of the effect to all of it."""
+    """What the slope falls by from none of the effect to all of it."""
 
     @property
     def excess(self) -> Float[np.ndarray, "b a"]:
@@ -66,6 +66,7 @@ def cells(
         np.add.at(total, (np.arange(len(sector))[:, None], sector), np.asarray(of_rays, np.float64).sum(-1))
         return total
 
+    # Two gradients stand for a second derivative: along the line the likelihood is close to a parabola.
     slope = slope_at(after)
     curvature = slope_at(before) - slope
     # A cell of few rays may bend upwards by chance; it then counts for next to nothing.
