@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Shaped
 
 from jaxsim.cloud.export import points_of, save_cloud
-from jaxsim.files import claim, files_in, parse_json, replacing
+from jaxsim.files import claim, files_in, parse_json, write_image, write_text
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud
 from jaxsim.geometry.points import check_points
 
@@ -54,13 +53,9 @@ def write_kitti_frame(
     lines = label_lines(boxes)
     velodyne, calibration, image, label = files_of(root, number)
     save_cloud(velodyne, cloud)
-    with replacing(calibration) as path:
-        path.write_text(calibration_text(view.camera, rect_from_velo))
-    with replacing(image) as path:
-        if not cv2.imwrite(str(path), np.ascontiguousarray(np.asarray(view.rgb)[..., ::-1])):
-            raise OSError(f"kitti: could not write {image}")
-    with replacing(label) as path:
-        path.write_text("".join(f"{line}\n" for line in lines))
+    write_text(calibration, calibration_text(view.camera, rect_from_velo))
+    write_image(image, np.asarray(view.rgb), by="kitti")
+    write_text(label, "".join(f"{line}\n" for line in lines))
 
 
 def check_cloud(cloud: Cloud, name: str) -> None:
@@ -158,8 +153,7 @@ def within_reach(boxes: Boxes, reach_m: float = REACH_M) -> Bool[np.ndarray, " n
 def write_image_sets(root: Path, sets: dict[str, Iterable[str]]) -> None:
     """Writes ImageSets/NAME.txt, one number a line, sorted."""
     for name, numbers in sets.items():
-        with replacing(root / "ImageSets" / f"{name}.txt") as path:
-            path.write_text("".join(f"{number}\n" for number in sorted(numbers)))
+        write_text(root / "ImageSets" / f"{name}.txt", "".join(f"{number}\n" for number in sorted(numbers)))
 
 
 @dataclass
@@ -207,7 +201,6 @@ class TreeRecord:
         return about is not None and (bool(about["left_out"]) or all(path.is_file() for path in files_of(out, number)))
 
     def save(self, out: Path) -> None:
-        with replacing(out / "export.json") as path:
-            path.write_text(
-                json.dumps({"settings": self.settings, "frames": dict(sorted(self.frames.items()))}, indent=1)
-            )
+        """Writes OUT/export.json."""
+        content = {"settings": self.settings, "frames": dict(sorted(self.frames.items()))}
+        write_text(out / "export.json", json.dumps(content, indent=1))

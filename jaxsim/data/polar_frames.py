@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from jaxsim.data.polar_checks import SEE, SHAPES, angles_of, check_about, check_arrays, origin_of
-from jaxsim.files import array_names, check_keys, file_of, files_in, read_arrays, read_json, replacing
+from jaxsim.files import array_names, check_keys, file_of, files_in, read_arrays, read_json, replacing, write_text
 from jaxsim.frame import PolarGrid, PolarImage
 
 REQUIRED = ("range", "intensity")
 KEYS = ("azimuth", "elevation", "origin", "frames")
-"""Of a grid.json."""
+"""Keys of a grid.json."""
 
 
 def write_grid(folder: Path | str, grid: PolarGrid, *, frames: dict[str, dict[str, Any]] | None = None) -> None:
@@ -31,8 +31,7 @@ def write_grid(folder: Path | str, grid: PolarGrid, *, frames: dict[str, dict[st
         "origin": np.asarray(grid.origin_m, float).round(6).tolist(),
         "frames": frames or {},
     }
-    with replacing(Path(folder) / "grid.json") as path:
-        path.write_text(json.dumps(content))
+    write_text(Path(folder) / "grid.json", json.dumps(content))
 
 
 def read_grid(folder: Path | str) -> tuple[PolarGrid, dict[str, dict[str, Any]]]:

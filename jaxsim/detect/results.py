@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from jaxsim.detect.scenes import View
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import camera_boxes, wrapped
 
@@ -26,7 +26,7 @@ class Found:
     """The detections of one frame on the host, best first."""
 
     boxes: Float32[np.ndarray, "n 7"]
-    """In `velo`."""
+    """Boxes in `velo`."""
     score: Float32[np.ndarray, " n"]
     """0..1."""
 
@@ -83,5 +83,4 @@ def label_lines(labels: Boxes) -> list[str]:
 
 def write_lines(path: Path, lines: list[str]) -> None:
     """Writes a label or result file whole; one without lines says that nothing is there."""
-    with replacing(path) as temporary:
-        temporary.write_text("".join(line + "\n" for line in lines))
+    write_text(path, "".join(line + "\n" for line in lines))

@@ -25,7 +25,7 @@ from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
 from jaxsim.effects.region import WHOLE, Region, kept
-from jaxsim.files import check_keys, read_json, real, replacing
+from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 
 LEVELS = {
@@ -38,7 +38,7 @@ LEVELS = {
 }
 """Levels of a sensor, and the most that each may be: m, share, 0..1, probability, 0..1, m."""
 Value = float | tuple[float, ...]
-"""Of a parameter: a number, or one a beam or class."""
+"""Value of a parameter: a number, or one a beam or class."""
 
 
 @partial(jax.jit, static_argnames="effects")
@@ -142,7 +142,7 @@ class SensorModel:
     learned: tuple[Learned, ...] = ()
     """What no effect describes; acts after all effects, in this order."""
     regions: Mapping[str, Region] = field(default_factory=dict)
-    """Where effects act, by name, if not everywhere."""
+    """The region where each effect acts, by name, if not everywhere."""
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
@@ -219,10 +219,9 @@ class SensorModel:
             | ({"where": self.regions[name].to_json()} if name in self.regions else {})
             for name, parameters in self.effects
         ]
-        with replacing(path) as temporary:
-            content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
-            content |= {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
-            temporary.write_text(json.dumps(content, indent=1) + "\n")
+        content = {"effects": entries} | ({"levels": dict(self.levels)} if self.levels else {})
+        content |= {"learned": [law.to_json() for law in self.learned]} if self.learned else {}
+        write_text(path, json.dumps(content, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path | str, rows: int | None = None) -> SensorModel:

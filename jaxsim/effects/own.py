@@ -24,10 +24,10 @@ from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.check import check_effect
 from jaxsim.effects.effect import STAGES, Effect
 from jaxsim.effects.origin import Origin, OwnEffect
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 
 GROUP = "jaxsim.effects"
-"""Of entry points."""
+"""Group of entry points."""
 
 
 def known_effects(files: Sequence[Path | str] = ()) -> dict[str, Effect]:
@@ -166,6 +166,4 @@ def write_template(name: str, path: Path) -> Path:
         raise ValueError(f"effects: {name!r} is {why}; give lower-case words like rain_on_lens")
     if path.exists():
         raise ValueError(f"effects: {path} is there already; give another --out, or remove it")
-    with replacing(path) as temporary:
-        temporary.write_text(TEMPLATE.format(name=name), encoding="utf-8")
-    return path
+    return write_text(path, TEMPLATE.format(name=name))

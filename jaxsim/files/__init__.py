@@ -14,7 +14,7 @@ raises ValueError that names the file, says what is wrong and what to do. Files'
 
 from jaxsim.files.arrays import array_names, digest, read_arrays, write_arrays
 from jaxsim.files.claims import claim, differences
-from jaxsim.files.images import check_image, image_of, read_pixels
+from jaxsim.files.images import check_image, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
 from jaxsim.files.texts import (
     check_keys,
@@ -27,7 +27,7 @@ from jaxsim.files.texts import (
     read_text,
     real,
 )
-from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy
+from jaxsim.files.whole import check_name, check_size, file_of, files_in, replacing, tidy, write_text
 
 __all__ = [
     "array_names",
@@ -57,4 +57,6 @@ __all__ = [
     "unlock",
     "working_in",
     "write_arrays",
+    "write_image",
+    "write_text",
 ]

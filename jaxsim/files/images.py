@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from jaxsim.files.whole import check_size
+from jaxsim.files.whole import check_size, replacing
 
 MOST_PIXELS = 2**26
 """Of an image: eight times the largest that a car's cameras and renderers of their views make."""
@@ -80,3 +80,12 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             rows, columns = struct.unpack_from(">HH", data, at + 4)
             return rows, columns
         at += 1 + length
+
+
+def write_image(path: Path | str, rgb: np.ndarray, *, by: str) -> Path:
+    """Writes red, green and blue in the format of the path's suffix, whole or not at all; gives its path."""
+    with replacing(path) as temporary:
+        # OpenCV has blue first.
+        if not cv2.imwrite(str(temporary), np.ascontiguousarray(rgb[..., ::-1])):
+            raise OSError(f"{by}: could not write {path}")
+    return Path(path)

@@ -12,7 +12,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from jaxsim.files.texts import read_text
-from jaxsim.files.whole import replacing, tidy
+from jaxsim.files.whole import tidy, write_text
 
 NAME, OWNER = ".lock", ".lock.owner"
 """The locked file, and who holds it: in a file of its own, since what is locked cannot be read on every system."""
@@ -50,8 +50,7 @@ def lock(folder: Path, *, doing: str = "training in", instead: str = "another --
             "where the folder comes from, and remove the link"
         ) from None
     _held[path] = file
-    with replacing(folder / OWNER) as note:
-        note.write_text(f"pid {os.getpid()} on {socket.gethostname()}\n", encoding="utf-8")
+    write_text(folder / OWNER, f"pid {os.getpid()} on {socket.gethostname()}\n")
     tidy(folder)
 
 

@@ -36,6 +36,13 @@ def replacing(path: Path | str) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path: Path | str, text: str) -> Path:
+    """Writes a text file in UTF-8, whole or not at all; gives its path."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
 def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
     """The files of a folder with one of these suffixes (`.npz`), by name; none where there is no such folder.
 

@@ -31,7 +31,7 @@ from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
 
 NAMES = (*ARRAYS, "name", "scene", "position")
-"""Of the arrays of a kept pair."""
+"""Names of the arrays of a kept pair."""
 
 
 def _code() -> bytes:
@@ -48,7 +48,7 @@ def fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
 
 
 def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:
-    """Where pairs of these settings are kept."""
+    """The folder where pairs of these settings are kept."""
     return data.cache / fingerprint(data, prepare)
 
 

@@ -33,7 +33,7 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset
 from jaxsim.data.records import example_of
 from jaxsim.data.tfds_builder import Shard, serialized, write_records
-from jaxsim.files import read_json, replacing
+from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
 from jaxsim.interrupts import unheard_by_children
 from jaxsim.pairs.prepared import make_record
@@ -129,8 +129,7 @@ def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: tqdm[A
                 bar.update()
 
     write_records(shard.file(folder), records())
-    with replacing(_note_of(shard, folder)) as part:
-        part.write_text(json.dumps({"bytes": shard.file(folder).stat().st_size, **about}))
+    write_text(_note_of(shard, folder), json.dumps({"bytes": shard.file(folder).stat().st_size, **about}))
 
 
 def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]:

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas
 from jaxsim.report.charts import ticks, x_axis
@@ -78,9 +78,7 @@ def write_report(folder: Path, result: Result) -> Path:
             old.unlink()
     for name, canvas in charts.items():
         save_picture(folder / "figures" / f"{name}.png", canvas.pixels())
-    with replacing(folder / "report.html") as path:
-        path.write_text(page, encoding="utf-8")
-    return folder / "report.html"
+    return write_text(folder / "report.html", page)
 
 
 def _scenes(verdict: Verdict) -> str:

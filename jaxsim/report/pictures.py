@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-from jaxsim.files import replacing
+from jaxsim.files import write_image
 from jaxsim.frame import DepthFrame, Painted, Pair, PolarImage
 
 Rgb = UInt8[np.ndarray, "_ _ 3"]
@@ -93,10 +93,7 @@ def draw_cloud(points: Float32[np.ndarray, "n 4"], *, size: tuple[int, int] = (5
 
 def save_picture(path: Path, picture: Rgb) -> Path:
     """Writes an RGB picture as PNG (or by suffix), whole or not at all."""
-    with replacing(path) as temporary:
-        if not cv2.imwrite(str(temporary), np.ascontiguousarray(picture[..., ::-1])):
-            raise OSError(f"pictures: could not write {path}")
-    return Path(path)
+    return write_image(path, picture, by="pictures")
 
 
 def intensity_panel(intensity: Raster, valid: Mask) -> Rgb:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
 
@@ -26,8 +26,7 @@ def write_results(
     """
     files = {"md": f"{text}\n", "html": page, "json": json.dumps(content, indent=indent)}
     for suffix in [suffix for suffix, words in files.items() if words]:
-        with replacing(folder / f"{name}.{suffix}") as temporary:
-            temporary.write_text(files[suffix], encoding="utf-8")
+        write_text(folder / f"{name}.{suffix}", files[suffix])
     return folder / f"{name}.{'html' if page else 'md'}"
 
 
@@ -79,8 +78,10 @@ def score_table(scores: Scores, intervals: Intervals | None = None) -> str:
 def _with_interval(score: Score, interval: Interval | None) -> str:
     if interval is None or not all(map(math.isfinite, interval)):
         return score_text(score)
-    low, high = (score_text(score._replace(value=end)) for end in interval)
-    return f"{score_text(score)} ({low}..{high})"
+    low, high = interval
+    low_text = score_text(score._replace(value=low))
+    high_text = score_text(score._replace(value=high))
+    return f"{score_text(score)} ({low_text}..{high_text})"
 
 
 def difference_table(differences: Mapping[str, tuple[float, float, float]]) -> str:

@@ -20,7 +20,7 @@ class Sides(NamedTuple):
     """A channel in words: what the two signs of its residual mean."""
 
     unit: str
-    """Of the residual."""
+    """Unit of the residual."""
     positive: str
     """What a residual above 0 means."""
     negative: str
@@ -34,7 +34,7 @@ CHANNELS = {
     "range": Sides("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
     "drop": Sides("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
 }
-"""Of residuals, measured minus simulated."""
+"""Names of residuals, measured minus simulated."""
 
 
 class Axis(NamedTuple):
@@ -63,7 +63,7 @@ AXES = {
     "heading": Axis("direction in the world, °", np.rad2deg, "the direction in the world in rad"),
     "rgb": Axis("brightness of the camera pixel, 0..1"),
 }
-"""Of the covariates of jaxsim.discover.covariates."""
+"""Names of the covariates of jaxsim.discover.covariates."""
 
 NUISANCES = {
     "intensity": ("spread of ln I that nothing explains", "nats"),
@@ -205,7 +205,7 @@ def repeated(one: Repeat) -> str:
 
 
 def part_of(one: Regime) -> str:
-    """Where an effect acts, in words."""
+    """Tells where an effect acts, in words."""
     where = one.where
     if where.azimuth_rad:
         low, high = np.rad2deg(where.azimuth_rad).tolist()
@@ -225,7 +225,7 @@ def _degrees(angle: float) -> str:
 
 
 def _acts(one: Regime) -> str:
-    """Where a named effect acts, and that it is not applied where simulations cannot know."""
+    """Tells where a named effect acts, and that it is not applied where simulations cannot know."""
     left = "" if one.applied else "; simulations cannot know where, and do not apply it"
     return f" {one.effect} acts {part_of(one)} alone ({percent(one.share)} of the rays){left}."
 
@@ -235,6 +235,6 @@ def _counted(along: str) -> str:
 
 
 def dependence(left: Unexplained) -> str:
-    """Of what on what, and its character where it has one."""
+    """Tells what depends on what, and its character where it has one."""
     kind = "dependence" if left.character == "other" else f"{left.character} dependence"
     return f"{kind} of {left.channel} on {left.covariate}"

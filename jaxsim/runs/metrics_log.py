@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from jaxsim.files import parse_json, read_text, real, replacing
+from jaxsim.files import parse_json, read_text, real, replacing, write_text
 
 LONGEST_S = 1e9
 """Thirty years: no training takes them."""
@@ -61,8 +61,7 @@ class MetricsLog:
             return
         kept = [line for line in read_metrics(self.path) if line["step"] <= start]
         if self.path.is_file():
-            with replacing(self.path) as temporary:
-                temporary.write_text("".join(json.dumps(line) + "\n" for line in kept), encoding="utf-8")
+            write_text(self.path, "".join(json.dumps(line) + "\n" for line in kept))
         if importlib.util.find_spec("tensorboardX"):
             from tensorboardX import SummaryWriter
 

@@ -39,9 +39,9 @@ class AblationRow:
     name: str
     inputs: tuple[str, ...]
     scores: dict[str, Score]
-    """Of each cell: `mae`, `rmse`, `psnr`, `ssim`, `drop_iou`, `drop_f1`."""
+    """Scores by cell: `mae`, `rmse`, `psnr`, `ssim`, `drop_iou`, `drop_f1`."""
     frechet: FrechetScore | None
-    """Between predicted and measured images; None where none was asked for."""
+    """Fréchet distance between predicted and measured images; None where none was asked for."""
 
 
 def ablation_picture(painted: Painted, predicted: Mapping[str, Raster], measured: PolarImage | None) -> Rgb:

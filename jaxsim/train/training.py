@@ -14,7 +14,7 @@ from jax.sharding import Mesh
 from jaxtyping import PyTree, UInt8
 
 from jaxsim.config import RunConfig
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.runs.kinds import AnyRun, kind_of
 
@@ -101,5 +101,4 @@ def write_card(folder: Path, training: Training, description: str, *, scores: Sc
         training.scored(scores),
         training.use,
     )
-    with replacing(folder / "card.md") as path:
-        path.write_text("\n\n".join(parts) + "\n")
+    write_text(folder / "card.md", "\n\n".join(parts) + "\n")

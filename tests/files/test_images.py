@@ -11,7 +11,7 @@ import pytest
 from jaxsim.data.kitti_depth import read_depth
 from jaxsim.data.kitti_files import read_image
 from jaxsim.data.vkitti2_files import read_indexed
-from jaxsim.files import read_pixels
+from jaxsim.files import read_pixels, write_image
 from jaxsim.files.images import PNG
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (20, 30, 3)).astype(np.uint8)
@@ -33,6 +33,13 @@ def test_an_image_is_decoded_as_opencv_does(tmp_path, suffix):
     cv2.imwrite(str(path), IMAGE)
     found = read_pixels(path, cv2.IMREAD_COLOR, by="test")
     np.testing.assert_array_equal(found, cv2.imread(str(path), cv2.IMREAD_COLOR))
+
+
+def test_a_written_image_is_read_back_and_one_of_no_known_format_leaves_nothing(tmp_path):
+    np.testing.assert_array_equal(read_image(write_image(tmp_path / "a.png", IMAGE, by="test")), IMAGE)
+    with pytest.raises((OSError, cv2.error)):
+        write_image(tmp_path / "a.nothing", IMAGE, by="test")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 @pytest.mark.parametrize("read", [read_image, read_depth, read_indexed])

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.data.polar_frames import frame_names, write_frame
 from jaxsim.evaluate.cloud_folder import cloud_files
 from jaxsim.evaluate.generation import open_folder
-from jaxsim.files import check_size, file_of, files_in, replacing, tidy
+from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_text
 from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.detection.files import found_frames
@@ -46,6 +46,12 @@ def test_a_link_where_the_temporary_goes_is_not_written_through(tmp_path):
         path.write_text("new")
     assert victim.read_text() == "mine"
     assert (tmp_path / "a.txt").read_text() == "new"
+
+
+def test_text_is_utf_8_and_takes_the_place_of_what_was_there(tmp_path):
+    path = write_text(tmp_path / "new" / "a.txt", "old")
+    assert write_text(path, "Δ ln I").read_bytes() == "Δ ln I".encode()
+    assert [*path.parent.iterdir()] == [path]
 
 
 @pytest.mark.parametrize(

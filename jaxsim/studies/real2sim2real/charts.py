@@ -16,7 +16,7 @@ from jaxsim.report.pictures import Rgb, colour_scalar, strip
 Counts = Mapping[str, CloudCounts]
 Shares = Float[np.ndarray, " n"]
 COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
-"""Of real, then of the kinds in their order."""
+"""Colours of real, then of the kinds in their order."""
 _LEFT = 60
 _TOP = 40
 _WIDTH = 380
@@ -24,9 +24,9 @@ _HEIGHT = 230
 _GAP = 70
 _KEY = 130
 _DECADES = 4
-"""Of a logarithmic panel, from 1 down."""
+"""Decades of a logarithmic panel, from 1 down."""
 _STEP = {"range": 10.0, "height": 1.0, "intensity": 0.25}
-"""Between two marks of an axis."""
+"""Step between two marks of an axis."""
 
 
 class _Panel(NamedTuple):

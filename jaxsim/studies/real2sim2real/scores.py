@@ -13,7 +13,7 @@ from annotated_types import Ge, Le
 
 from jaxsim.config.ranges import Whole
 from jaxsim.effects.chain import SensorModel
-from jaxsim.files import read_entry, replacing
+from jaxsim.files import read_entry, write_text
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.report.results import markdown_table
@@ -75,8 +75,7 @@ def write_score(path: Path, per_epoch: Sequence[Sequence[Curve]], *, steps: Sequ
         }
         for step, curves in zip(steps, per_epoch, strict=True)
     ]
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"unit": "%", "frames": frames, "checkpoints": curves}, indent=1))
+    write_text(path, json.dumps({"unit": "%", "frames": frames, "checkpoints": curves}, indent=1))
 
 
 @dataclass(frozen=True)
