@@ -71,7 +71,7 @@ class PolarGrid:
     azimuth_rad: Float[Array, " columns"]
     """Falls from left to right, in equal steps."""
     elevation_rad: Float[Array, " rows"]
-    """Of each beam, seen from its own origin; top beam first."""
+    """Elevation of each beam, seen from its own origin; top beam first."""
     origin_m: Float[Array, " rows"]
     """Height of each beam's origin above the origin of `velo`; 0 for a sensor with a single origin."""
 
@@ -168,9 +168,10 @@ class Frame:
     speed_mps: float | None = None
     """Forward, of the car; None where it is not known."""
     heading_rad: float | None = None
-    """Of the car's x axis in the drive's world, counter-clockwise seen from above, -pi..pi."""
+    """Direction of the car's x axis in the drive's world, counter-clockwise seen from above, -pi..pi."""
     boxes: Boxes | None = None
     rect_from_velo: Float[Array, "4 4"] | None = None
-    """To the frame that `boxes` are given in, where that is not the camera's: KITTI's rectified camera 0."""
+    """The transform to the frame that `boxes` are given in, where that is not the camera's: KITTI's rectified camera
+    0."""
     ground: Float[Array, " 4"] | None = None
     """Road plane a, b, c, d in the frame of the boxes: a x + b y + c z + d = 0 with b < 0."""

@@ -21,7 +21,7 @@ Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
 ABOUT = "about"
 MOST_BYTES = 2**30
-"""Of a network: the largest that is read, pix2pixHD's generator, has 730 MB."""
+"""Size of a network: the largest that is read, pix2pixHD's generator, has 730 MB."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Converter:
     title: str
     """The network, and whose: `VGG-19 of torchvision`."""
     fetch: str
-    """Where the published file is."""
+    """Address of the published file."""
     convert: Callable[[Arrays], Arrays]
     """State dict -> the arrays to keep. Raises ValueError where it is another network's."""
     digest: str = ""
@@ -47,7 +47,7 @@ class Weights:
 
     arrays: Arrays
     sha256: str
-    """Of names, shapes and values."""
+    """SHA-256 of names, shapes and values."""
     published: bool
     """They came from the very file that its publisher names."""
 

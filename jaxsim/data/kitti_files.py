@@ -24,11 +24,11 @@ COLUMNS = (
     *("truncated", "occluded", "alpha", "left", "top", "right", "bottom"),
     *("height", "width", "length", "x", "y", "z", "rotation_y"),
 )
-"""Of a label, after its kind."""
+"""Names of a label's numbers, after its kind."""
 MOST, MOST_SIZE_M = 1e4, 100.0
 """No number of a label is larger, and no object longer: a tram has 40 m."""
 MOST_POINTS = 4_000_000
-"""Of a scan: 30 times those of a turn of the densest sensor."""
+"""Most points of a scan: 30 times those of a turn of the densest sensor."""
 
 
 def read_velodyne(path: Path) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
@@ -298,7 +298,7 @@ def _rigid(path: Path, values: dict[str, np.ndarray], name: str) -> np.ndarray:
 
 
 NO_BOXES = _boxes(Path(), [])
-"""Of a frame in which nothing is labelled."""
+"""Boxes of a frame in which nothing is labelled."""
 
 
 def listing(folder: Path, most: int = 6) -> str:

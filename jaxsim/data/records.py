@@ -57,10 +57,10 @@ class PairRecord:
     name: str
     scene: str
     position: int
-    """Of the frame in its data set."""
+    """Number of the frame in its data set."""
     pair: Pair
     edges: Bool[np.ndarray, "r c"]
-    """Of the window; the network's own are found at its size."""
+    """Grid of the window; the network's own are found at its size."""
     grid: PolarGrid
     camera: Camera
     image_size: tuple[int, int]

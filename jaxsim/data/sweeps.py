@@ -32,7 +32,7 @@ step that leaves 1.5 % of the cells empty which are no dropped returns."""
 
 
 LEAST_FIRINGS = 1070
-"""Of a whole turn of nuScenes' sensor: at its 0.332 degrees they make 355."""
+"""Fewest firings of a whole turn of nuScenes' sensor: at its 0.332 degrees they make 355."""
 MOST_BYTES = 64 * 2**20
 
 

@@ -45,7 +45,7 @@ class Split:
     """One split's pairs, in the order of its records."""
 
     positions: tuple[int, ...]
-    """Of the frames in their data set."""
+    """Numbers of the frames in their data set."""
     names: tuple[str, ...]
     scenes: tuple[str, ...]
     windows: tuple[tuple[int, int], ...]

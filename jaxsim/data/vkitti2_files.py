@@ -81,7 +81,7 @@ class VirtualObject:
     bbox_px: tuple[float, float, float, float]
     """Left, top, right, bottom."""
     pixels: int
-    """Of it that are seen."""
+    """Pixels of it that are seen."""
     truncation: float
     """0 inside the image .. 1 outside."""
     occupancy: float

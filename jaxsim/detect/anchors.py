@@ -91,8 +91,8 @@ def limit_period(value: Float[Array, "*b"], offset: float, period: float) -> Flo
 
 def direction_bin(heading_rad: Float[Array, "*b"]) -> Int[Array, "*b"]:
     """0 for headings from DIRECTION_OFFSET on over half a turn, else 1 (int32)."""
-    turned = limit_period(heading_rad - DIRECTION_OFFSET, 0.0, 2 * np.pi)
-    return jnp.clip(jnp.floor(turned / np.pi), 0, 1).astype(jnp.int32)
+    turned = limit_period(heading_rad - DIRECTION_OFFSET, 0.0, 2 * jnp.pi)
+    return jnp.clip(jnp.floor(turned / jnp.pi), 0, 1).astype(jnp.int32)
 
 
 def decode_with_direction(
@@ -101,15 +101,15 @@ def decode_with_direction(
     """Boxes whose heading's half turn comes from the direction bin of the larger logit."""
     boxes = decode(deltas, anchors)
     # The encoded heading is learned through a sine, which half turns do not change: the bin says which half.
-    half = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, np.pi) + DIRECTION_OFFSET
-    heading = half + np.pi * jnp.argmax(direction, axis=-1).astype(boxes.dtype)
+    half = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, jnp.pi) + DIRECTION_OFFSET
+    heading = half + jnp.pi * jnp.argmax(direction, axis=-1).astype(boxes.dtype)
     return boxes.at[..., 6].set(heading)
 
 
 def nearest_bev(boxes: Float[Array, "*b 7"]) -> Float[Array, "*b 4"]:
     """Rectangles (x0, y0, x1, y1) from above, each heading snapped to the nearer axis."""
-    turn = jnp.abs(limit_period(boxes[..., 6], 0.5, np.pi))
-    along = (turn < np.pi / 4)[..., None]
+    turn = jnp.abs(limit_period(boxes[..., 6], 0.5, jnp.pi))
+    along = (turn < jnp.pi / 4)[..., None]
     # 4:2:-1 is width, then length: the box lies across.
     half = jnp.where(along, boxes[..., 3:5], boxes[..., 4:2:-1]) / 2
     return jnp.concatenate([boxes[..., :2] - half, boxes[..., :2] + half], axis=-1)

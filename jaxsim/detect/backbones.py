@@ -34,7 +34,7 @@ class Scale:
     """A batch's sparse features at one stride."""
 
     sites: Sites
-    """Of each sample (b, n)."""
+    """Sites of each sample (b, n)."""
     features: Array
     """(b, n, c)."""
     stride: int = struct.field(pytree_node=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.config import DetectorConfig
@@ -15,7 +14,7 @@ from jaxsim.geometry.boxes import box_corners
 
 FOCAL_ALPHA, FOCAL_GAMMA = 0.25, 2.0
 BETA = 1 / 9
-"""Where the smooth L1 loss turns from square to straight."""
+"""The error where the smooth L1 loss turns from square to straight."""
 
 
 def focal(logit: Float[Array, "*b"], target: Float[Array, "*b"]) -> Float[Array, "*b"]:
@@ -57,7 +56,7 @@ def corner_loss(predicted: Float[Array, "n 7"], target: Float[Array, "n 7"]) -> 
     Each corner takes the nearer of the target's corner and that of the target turned about, as published.
     """
     corners = box_corners(predicted)
-    turned = target.at[..., 6].add(np.pi)
+    turned = target.at[..., 6].add(jnp.pi)
     ahead = _lengths(corners - box_corners(target))
     about = _lengths(corners - box_corners(turned))
     return smooth_l1(jnp.minimum(ahead, about), jnp.zeros_like(ahead), beta=1.0).mean(axis=-1)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
@@ -116,14 +115,14 @@ def targets_of(
 
 def seen_from_roi(boxes: Float[Array, "*b s 7"], rois: Float[Array, "*b s 7"]) -> Float[Array, "*b s 7"]:
     """Boxes in the frame of their proposals; a heading the other way round is turned about."""
-    turn = rois[..., 6] % (2 * np.pi)
+    turn = rois[..., 6] % (2 * jnp.pi)
     centre = turned(boxes[..., :3] - rois[..., :3], -turn)
-    heading = (boxes[..., 6] - turn) % (2 * np.pi)
+    heading = (boxes[..., 6] - turn) % (2 * jnp.pi)
     # Which end is the front is told by the first stage's direction alone.
-    about = (heading > np.pi / 2) & (heading < 3 * np.pi / 2)
-    heading = jnp.where(about, (heading + np.pi) % (2 * np.pi), heading)
-    heading = jnp.where(heading > np.pi, heading - 2 * np.pi, heading)
-    heading = jnp.clip(heading, -np.pi / 2, np.pi / 2)
+    about = (heading > jnp.pi / 2) & (heading < 3 * jnp.pi / 2)
+    heading = jnp.where(about, (heading + jnp.pi) % (2 * jnp.pi), heading)
+    heading = jnp.where(heading > jnp.pi, heading - 2 * jnp.pi, heading)
+    heading = jnp.clip(heading, -jnp.pi / 2, jnp.pi / 2)
     return jnp.concatenate([centre, boxes[..., 3:6], heading[..., None]], axis=-1)
 
 

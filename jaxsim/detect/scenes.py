@@ -36,19 +36,19 @@ class Scene:
     """0 easy, 1 moderate, 2 hard, -1 beyond: OpenPCDet's level."""
     view: View
     labels: Boxes | None = None
-    """As they were written; None where there are none."""
+    """Labels as they were written; None where there are none."""
     ground: Float[np.ndarray, " 4"] | None = None
     """Road plane in the labels' frame."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Where boxes are written down: a camera and its image."""
+    """The view in which boxes are written down: a camera and its image."""
 
     intrinsics: Float[np.ndarray, "3 3"]
     cam_from_velo: Float[np.ndarray, "4 4"]
     rect_from_velo: Float[np.ndarray, "4 4"]
-    """To the frame of the labels."""
+    """The transform to the frame of the labels."""
     size: tuple[int, int]
     """Rows and columns of the image."""
 

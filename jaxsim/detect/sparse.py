@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.frame import Array
 
 Triple = tuple[int, int, int]
-"""Of z, y, x."""
+"""Numbers of z, y, x."""
 CUBE: Triple = (3, 3, 3)
 
 

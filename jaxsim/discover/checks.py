@@ -154,10 +154,12 @@ def check_pairs(
     """Raises ValueError where frames of the same name cannot show the same street through the same sensor: ranges
     that differ by a factor, hardly a common return, too few rays that agree, or partners that fit each other's
     partner better. Where a common motion of the sensor makes the ranges agree (`registered`), they show one street."""
+    # Every so manieth ray: shares of thousands of rays are known to a percent.
     stride = max(1, simulated[0].range_m.size // RAYS)
     ours, hit = _thinned(simulated, stride)
     theirs, back = _thinned(measured, stride)
     both = hit & back & (ours > 0) & (theirs > 0)
+    # Of the poorer side's returns: a sensor may see much less than its simulator.
     poorer = np.minimum(hit.sum(1), back.sum(1))
     apart = both.sum(1) < RULES.common_returns * poorer
     if apart.mean() > 0.5:
@@ -214,6 +216,7 @@ def _check_partners(
     own: Float[np.ndarray, " f"],
 ) -> None:
     """Raises ValueError where most measured frames fit another simulated frame clearly better than their own."""
+    # Against a choice of the others: each against all would grow with the square of the frames.
     others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
     best = np.zeros(len(names), int)
     share = np.zeros(len(names))

@@ -36,6 +36,7 @@ def confirmed(verdict: Verdict) -> Verdict:
     )
     answer = verdict.verdict
     if answer == "named" and not kept:
+        # What is not confirmed leaves a disagreement: it is named as such where a curve showed one.
         answer = "not_in_catalogue" if verdict.unexplained else "none"
     return replace(
         verdict,

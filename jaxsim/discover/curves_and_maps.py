@@ -87,6 +87,7 @@ class Bins:
         if covariate in CATEGORICAL:
             edges = np.array([*np.unique(x), np.inf])
         else:
+            # Ties make quantiles equal, and such groups are one.
             edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
         if len(edges) < 3:
             return None

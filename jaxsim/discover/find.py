@@ -39,7 +39,7 @@ class Dependence:
     covariate: str
     p_value: float
     share: float
-    """Of the residuals' variance that it explains on held-out scenes."""
+    """Share of the residuals' variance that it explains on held-out scenes."""
     gain: float
     """Held-out nats, all scenes."""
 

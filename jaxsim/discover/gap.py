@@ -43,7 +43,7 @@ UNITS = {
 CLIP_M = 1.0
 """Error of a range that counts at most: a reading of another surface is as wrong as any."""
 STEPS = 20
-"""Of both regressions: either has long converged by then."""
+"""Steps of both regressions: either has long converged by then."""
 Design = Float[np.ndarray, "n k"]
 Line = Float[np.ndarray, " n"]
 
@@ -53,7 +53,7 @@ class Distance:
     """The distance of each judge scene (s) in each channel."""
 
     error: Float[np.ndarray, "s 3"]
-    """In UNITS; NaN where nothing is compared."""
+    """Mean errors in UNITS; NaN where nothing is compared."""
     log_likelihood: Float[np.ndarray, "s 3"]
     """Nats."""
 
@@ -70,6 +70,7 @@ def distance(
     score = np.asarray(log_likelihood(problem.ev, problem.noise, equations=eq, fitted=shared, clutter=problem.clutter))
     rays = problem.ev.rays
     steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
+    # The likelihood is of continuous readings; what a lattice tells is counted apart.
     score = score + rounding_gain(problem.ev, steps)
     scenes, index = np.unique(scene[judged], return_inverse=True)
     total = np.zeros((len(scenes), 3, 2))
@@ -190,6 +191,7 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
         design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
+        # One regression a channel: means of ln I and of readings add up, probabilities do on their log odds.
         regress = log_odds if name == "drop" else robust
         prediction = np.zeros(counts.shape, np.float32)
         prediction[counts] = x @ regress(x[learn], off[counts][learn].astype(float), scale[counts][learn])

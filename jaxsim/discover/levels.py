@@ -70,6 +70,7 @@ def _as_measured(scan: Scan, measured: Measured) -> Scan:
 def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:
     """Levels of each scene, or of each frame where all are of one."""
     scenes = np.asarray(comparison.scenes)
+    # Scenes of several frames give one number each: frames of a scene are no independent witnesses.
     groups = scenes if len(set(scenes)) > 1 else np.arange(len(scenes))
     return [noise_levels(_frames(scan, groups == group)) for group in dict.fromkeys(groups)]
 

@@ -37,15 +37,15 @@ SD = {
     "ghost": 0.2,
     "clutter": 0.2,
 }
-"""Of a ray, that a change is counted in: nats, m, m, and probabilities."""
+"""Standard deviations of a ray, in which a change is counted: nats, m, m, and probabilities."""
 MOST = 10.0
 """Standard deviations that one ray counts for at most: jumps to another surface are as good as lost."""
 RAYS = 5000
 """Compared at most."""
 STEPS = 30
-"""Of the optimiser: the share in common needs two digits, no more."""
+"""Steps of the optimiser: the share in common needs two digits, no more."""
 BINS = 12
-"""Of a covariate along which two effects may part."""
+"""Bins of a covariate along which two effects may part."""
 
 
 def with_look_alikes(effects: Iterable[Effect], rays: Rays, scan: Scan) -> list[Effect]:
@@ -71,6 +71,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
         if not {*other.channels} & {*effect.channels}:
             continue
         left = own - _imitated(other, own, rays, scan=scan)
+        # The more two effects share, the less of the sum of squares is left.
         share = 1 - float(np.square(left).sum()) / size
         if share >= RULES.alike_share:
             found.append(LookAlike(other.name, share, _apart(left, rays, share=share)))

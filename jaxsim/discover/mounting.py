@@ -29,9 +29,9 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
 
 SD = np.append(POSE_SD, POSE_SD[-1])
-"""Of a frame's own pose and lift of beams, m and rad."""
+"""Standard deviations of a frame's own pose and lift of beams, m and rad."""
 Values = dict[str, dict[str, Float[np.ndarray, " k"]]]
-"""Of effects: a number for every frame, or beam."""
+"""Values of effects' parameters: a number for every frame, or beam."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Mounting:
     """Effects of a mounting that were put in place, and the comparison with them there."""
 
     effects: tuple[str, ...]
-    """Those that the registration found."""
+    """Names of those that the registration found."""
     comparison: Comparison
     known: SensorModel
     """What was known besides."""
@@ -54,6 +54,7 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
         return Mounting((), comparison, known)
     scan = comparison.scan
     if registered.early_or_late:
+        # Frames' own places hold what the mounting is off by as well.
         moved = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
         scan, measured = same_surfaces(moved, comparison.measured)
         return Mounting((), replace(comparison, scan=scan, measured=measured), known)

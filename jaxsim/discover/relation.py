@@ -40,6 +40,7 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
         measured = np.bincount(group, theirs[of == one])[known] / size[known]
         simulated = np.bincount(group, ours[of == one])[known] / size[known]
         alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
+        # Ranks: a gamma or a gain of the sensor leaves them as they are.
         found.append(np.nan if alike else spearmanr(measured, simulated)[0])
     return np.array(found)
 

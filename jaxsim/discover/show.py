@@ -52,6 +52,7 @@ def judge(
         problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
         return with_own_weights(in_place(problem, effects, simulated=True), fitted)
 
+    # Effects leave less noise than the null has: each side is judged with its own.
     before = with_effects([], null.noise)
     after = with_effects(chain, noise)
     instead = with_effects(*placebo) if placebo else before

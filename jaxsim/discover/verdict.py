@@ -18,7 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import LookAlike
 from jaxsim.effects.region import Region
-from jaxsim.files import replacing
+from jaxsim.files import write_text
 from jaxsim.frame import PolarGrid
 
 
@@ -40,7 +40,7 @@ class Named:
     look_alikes: tuple[str, ...]
     """Effects that these data cannot tell from it."""
     tell_apart: dict[str, str]
-    """For each of them, the measurement that would."""
+    """The measurement that would tell each of them apart."""
     channels: tuple[str, ...]
     p_value: float
     gain: Interval
@@ -62,7 +62,8 @@ class Registered:
     """The sensor's motion from where the simulator has it, by ranges alone."""
 
     motion: dict[str, Interval]
-    """As parameters of `extrinsic_translation`, `extrinsic_rotation` and, where sure, `beam_elevation_error`."""
+    """The motion as parameters of `extrinsic_translation`, `extrinsic_rotation` and, where sure,
+    `beam_elevation_error`."""
     sure: tuple[str, ...]
     """Those of the three that are put in place before anything else is asked."""
     other_moments: bool
@@ -72,7 +73,7 @@ class Registered:
     off_m: tuple[float, float]
     """Median distance between measured and simulated range, as given and as registered."""
     speeds: dict[str, float] | None = None
-    """Of each drive, m/s, where no speed was given and the frames' own distortion tells it."""
+    """Speed of each drive, m/s, where no speed was given and the frames' own distortion tells it."""
 
 
 @dataclass(frozen=True)
@@ -111,17 +112,17 @@ class Repeat:
     along: str
     """row, column, or row x column."""
     place: str
-    """In words: which rows and columns, or how many periods over the image."""
+    """The place in words: which rows and columns, or how many periods over the image."""
     period: float | None
-    """Of a wave or parity: columns, or rows where it runs along these alone."""
+    """Period of a wave or parity: columns, or rows where it runs along these alone."""
     formula: str
     size: Interval
     """Height of the pattern in find and judge scenes: nats of ln I, m, share of rays lost; of parities the difference
     between odd and even; of `any ...` the root mean square."""
     p_value: float
-    """On find scenes, of all scales, places and channels together."""
+    """Probability by chance on find scenes, of all scales, places and channels together."""
     p_judge: float
-    """On judge scenes, of this pattern."""
+    """Probability by chance on judge scenes, of this pattern."""
 
 
 @dataclass(frozen=True)
@@ -133,13 +134,13 @@ class Regime:
     """time, tag, azimuth, or scene where nothing that frames say divides their drives."""
     where: Region
     share: float
-    """Of the frames' columns."""
+    """Share of all frames' columns that it holds."""
     inside: Interval
     """Size of the effect inside, in units of the fit there; its interval is the scatter between scenes."""
     outside: Interval
     """Size outside in the same unit: 0 where it does nothing."""
     p_value: float
-    """That some region of the question is so different by chance."""
+    """Probability that some region of the question is so different by chance."""
     q_value: float
     """Rate of false discoveries over all questions asked."""
     judge_nats: float
@@ -164,7 +165,7 @@ class Gained:
     floor: float
     """What free curves along the named effects' covariates gain with the same data."""
     placebo: float
-    """With the runner-up in place of the named effect."""
+    """The same with the runner-up in place of the named effect."""
     win_rate: float
     """Share of judge scenes that gain."""
     unit: str = "nats per scene"
@@ -183,7 +184,7 @@ class Gap:
     floor: float
     """What free curves along the named effects' covariates reach with the same data."""
     placebo: float
-    """With the runner-up in place of the named effect."""
+    """The same with the runner-up in place of the named effect."""
     win_rate: float
     """Share of judge scenes where it shrank."""
     gained: Gained | None = None
@@ -231,11 +232,11 @@ class Nulls:
     gains: tuple[float, ...]
     """Its gain, nats per scene; 0 where none passed."""
     free: tuple[float, ...]
-    """Of the strongest free curve likewise."""
+    """The strongest free curve's gain likewise."""
     answered: int
     """Nulls of which something would have been said with the standing bar."""
     bar: float
-    """That an effect must pass here, nats per scene: the standing one, or the largest of `gains`."""
+    """The bar that an effect must pass here, nats per scene: the standing one, or the largest of `gains`."""
     free_bar: float
 
 
@@ -247,7 +248,7 @@ class OwnCandidate:
     origin: dict[str, str]
     """`file` and `sha256`, or `package` and `version`."""
     gain: float
-    """At the first step, held-out nats per scene."""
+    """Gain at the first step, held-out nats per scene."""
     p_value: float
     why_not: str
     """Empty for what was named."""
@@ -257,15 +258,15 @@ class OwnCandidate:
 
 @dataclass(frozen=True)
 class ClosedLaw:
-    """A closed formula for a learned law (`symbolic`)."""
+    """A closed formula for a learned law (`law.search`)."""
 
     channel: str
     covariates: tuple[str, ...]
     """Variables of the formula, by the names and in the units of `variables`."""
     formula: str
-    """With its numbers, for people."""
+    """The formula with its numbers, for people."""
     expression: str
-    """With the names of its parameters, for programs."""
+    """The formula with the names of its parameters, for programs."""
     parameters: dict[str, Interval]
     limits: dict[str, tuple[float, float]]
     """Least and most of each variable that was seen; the formula holds between them."""
@@ -273,7 +274,7 @@ class ClosedLaw:
     held_out_nats: float
     """What it gains over a level alone on groups of scenes that its fit has not seen."""
     share: float
-    """Of the learned curve's variation that it tells."""
+    """Share of the learned curve's variation that it tells."""
 
 
 @dataclass(frozen=True)
@@ -333,9 +334,7 @@ class Verdict:
 
     def save(self, folder: Path) -> Path:
         """Writes verdict.json."""
-        with replacing(Path(folder) / "verdict.json") as path:
-            path.write_text(json.dumps(self.to_json(), indent=1))
-        return Path(folder) / "verdict.json"
+        return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
 
 
 def _plain(value: Any) -> Any:
@@ -363,7 +362,7 @@ class CurveLine:
     channel: str
     covariate: str
     unit: str
-    """Of the residual: nats of ln I, m of range, share of rays lost."""
+    """Unit of the residual: nats of ln I, m of range, share of rays lost."""
     x: Float[np.ndarray, " k"]
     before: Float[np.ndarray, " k"]
     after: Float[np.ndarray, " k"]

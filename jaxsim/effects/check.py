@@ -53,14 +53,14 @@ def check_row(effect: Effect) -> None:
     if not any(p.fitted for p in effect.parameters.values()):
         raise ValueError("no parameter is fitted; let one be, for nothing else can tell that the effect is there")
     for key, p in effect.parameters.items():
-        _check_parameter(effect, key, p)
+        _check_parameter(key, p)
     for start in effect.starts:
         check_names(effect, start)
         for key, value in start.items():
             check_bounds(effect, key, value)
 
 
-def _check_parameter(effect: Effect, name: str, p: Parameter) -> None:
+def _check_parameter(name: str, p: Parameter) -> None:
     if not all(math.isfinite(value) for value in (p.neutral, p.low, p.high, p.scale)):
         raise ValueError(
             f"{name} has neutral {p.neutral}, bounds {p.low}..{p.high}, scale {p.scale}; all must be finite"

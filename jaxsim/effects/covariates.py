@@ -54,4 +54,4 @@ def covariates(xp: ModuleType) -> dict[str, Callable[[Any], Any]]:
 
 
 READ = covariates(jnp)
-"""As learned laws read them; the column serves what repeats alone, curves go by the azimuth."""
+"""The covariates as learned laws read them; the column serves what repeats alone, curves go by the azimuth."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxsim.effects.rays import Array, Rays
 
 STAGES = ("geometry", "surface", "path", "receiver", "detection", "ranging")
-"""In physical order: effects of an earlier stage act first."""
+"""Stages in physical order: effects of an earlier stage act first."""
 CHANNELS = ("intensity", "range", "drop")
 COVARIATES = (
     *("range", "incidence", "row", "column", "azimuth", "class", "instance", "power", "intensity", "step"),
@@ -55,17 +55,17 @@ class Law:
     name: str
     parameters: dict[str, Parameter]
     channels: tuple[str, ...]
-    """Of `CHANNELS`: what it changes."""
+    """The channels, of `CHANNELS`, that it changes."""
     apply: Callable[[dict[str, Array], Rays], Rays]
     """Gives the rays after it; differentiable in the parameters. At neutral parameters they come back unchanged."""
     casts: int = 0
     """How many times the surfaces are looked up that its rays meet (`recast`); 0 of a law that turns and moves no
     ray."""
     covariates: tuple[str, ...] = ()
-    """Of `COVARIATES`: what residuals depend on where it acts."""
+    """The covariates, of `COVARIATES`, that residuals depend on where it acts."""
     starts: tuple[dict[str, Any], ...] = ()
-    """Where fits begin if nothing can be learned at neutral; what is not named starts at neutral. Numbers stand
-    for every beam or class."""
+    """Parameters where fits begin if nothing can be learned at neutral; what is not named starts at neutral. Numbers
+    stand for every beam or class."""
 
     @property
     def plain_name(self) -> str:
@@ -100,7 +100,7 @@ class Effect(Law):
     catalogue."""
 
     stage: str
-    """Of `STAGES`."""
+    """The stage, of `STAGES`, at which it acts."""
     title: str
     formula: str
     signature: str = ""
@@ -108,7 +108,7 @@ class Effect(Law):
     look_alikes: dict[str, str] = field(default_factory=dict)
     """Other effects by name, and what measurement tells them apart; computed for an effect of one's own."""
     source: str = ""
-    """Where the formula, or the observation behind it, is published; an effect of one's own need not say."""
+    """The publication of the formula, or of the observation behind it; an effect of one's own need not say."""
 
 
 def check_names(law: Law, given: Mapping[str, Any]) -> None:

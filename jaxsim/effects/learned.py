@@ -56,9 +56,9 @@ class Learned:
     channel: str
     kind: str
     covariates: tuple[str, ...]
-    """Of READ: one, or the two of a product."""
+    """Names in READ: one, or the two of a product."""
     knots: tuple[Numbers, ...]
-    """Of each covariate, rising, in the unit in which it is compared."""
+    """Knots of each covariate, rising, in the unit in which it is compared."""
     values: Numbers
     """The height at each knot, in UNITS; of a product row by row, the second covariate's knots together."""
     sd: Numbers

@@ -18,7 +18,7 @@ class Origin:
     """A file with the SHA-256 of its bytes, or an installed package with its version."""
 
     file: str = ""
-    """Its name, without the folder."""
+    """The file's name, without the folder."""
     sha256: str = ""
     package: str = ""
     version: str = ""
@@ -39,7 +39,7 @@ class LookAlike:
 
     name: str
     share: float
-    """Of the other's expectation that it reproduces, 0..1."""
+    """Share of the other's expectation that it reproduces, 0..1."""
     apart: str
     """What would tell the two apart."""
 

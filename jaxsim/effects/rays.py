@@ -22,7 +22,7 @@ FLOOR = 1e-4
 NEVER = -30.0
 """Logarithm of a probability that is as good as 0."""
 CLUTTER_REACH_M = 100.0
-"""Where clutter of rays that hit nothing ends."""
+"""The range where clutter of rays that hit nothing ends."""
 
 
 @struct.dataclass
@@ -52,7 +52,7 @@ class Scan:
     speed_mps: Float[Array, " f"]
     heading_rad: Float[Array, " f"]
     tags: dict[str, Bool[Array, " f"]] = struct.field(default_factory=dict)
-    """Of each tag that some frame has, which frames have it."""
+    """The frames that have a tag, by tag."""
 
 
 @struct.dataclass

@@ -34,11 +34,11 @@ class Region:
     """
 
     azimuth_rad: tuple[float, float] | None = None
-    """From and to, counter-clockwise; the second may exceed pi."""
+    """Azimuths from and to, counter-clockwise; the second may exceed pi."""
     time_s: Span | None = None
-    """From and until, since the recording's first frame; None is open."""
+    """Times from and until, since the recording's first frame; None is open."""
     tag: str | None = None
-    """Of frames, in grid.json."""
+    """A tag of frames, in grid.json."""
     scenes: tuple[str, ...] = ()
     """Drives that nothing else tells apart: in frames that are simulated the effect does not act."""
 

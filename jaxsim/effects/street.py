@@ -15,7 +15,7 @@ from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 
 HEIGHT_M = 1.73
-"""Of the sensor over the road."""
+"""Height of the sensor over the road."""
 ROAD = 7
 HOUSE = 11
 POLE = 17

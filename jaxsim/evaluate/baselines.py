@@ -55,10 +55,12 @@ TABLE = PLACES * (len(RANGES_M) + 1) * (len(ANGLES_RAD) + 1)
 
 
 def everywhere(pair: Pair) -> Int[np.ndarray, "rows columns"]:
+    """One group of all cells."""
     return np.zeros(pair.target.shape, int)
 
 
 def class_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
+    """The class that the camera paints on the cell."""
     return np.clip(np.asarray(pair.painted.semantic), 0, CLASSES - 1)
 
 
@@ -90,6 +92,7 @@ def _of_groups(group: Group, intensity: Float[np.ndarray, " n"], drops: Bool[np.
 def _of_table(train: Sequence[Pair], otherwise: Baseline) -> Baseline:
     table = group_medians(_cells(train, table_of), TABLE)
     values = table.intensity.astype(np.float32)
+    # A median of few cells is noise: the line's own is the better guess.
     known = table.count >= ENOUGH
 
     def guess(pair: Pair) -> Guess:

@@ -61,7 +61,10 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
 
     Zeros are drops, which have a probability of their own: a cell counts where it reports more than 0.
     """
-    inside, cells, square, seen = np.zeros(2), 0, 0.0, 0
+    inside = np.zeros(2)
+    cells = 0
+    square = 0.0
+    seen = 0
     for pair in pairs:
         says = predict(params, pair)
         if says.levels is None or says.drop_share is None:
@@ -78,12 +81,9 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
         drops = ~back | (value < DROP_BELOW)
         square += float(((share - drops)[looked] ** 2).sum())
         seen += int(looked.sum())
-    outer, inner = (round(100 * (LEVELS[-1 - k] - LEVELS[k])) for k in range(2))
-    return {
-        f"coverage_{outer}": Score(inside[0] / cells, "1", cells),
-        f"coverage_{inner}": Score(inside[1] / cells, "1", cells),
-        "drop_brier": Score(square / seen, "1", seen),
-    }
+    percent = [round(100 * (LEVELS[-1 - k] - LEVELS[k])) for k in range(2)]
+    covered = {f"coverage_{percent[k]}": Score(inside[k] / cells, "1", cells) for k in range(2)}
+    return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
 def baseline_sums(

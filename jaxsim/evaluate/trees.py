@@ -40,13 +40,17 @@ def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
             "trees: boosted trees need scikit-learn; pip install 'jaxsim-lidar[trees]', or leave out --trees"
         ) from error
     every, settings = (EVERY_WITH_CONTEXT, WITH_CONTEXT) if context else (EVERY_ALONE, ALONE)
-    inputs, intensity, returned = [], [], []
+    inputs = []
+    intensity = []
+    returned = []
     for pair in train:
         seen = np.asarray(pair.painted.valid)
         inputs.append(_features(pair, context=context)[seen])
         intensity.append(np.asarray(pair.measured.intensity)[seen])
         returned.append(np.asarray(pair.measured.valid)[seen])
-    x, y, back = (np.concatenate(parts) for parts in (inputs, intensity, returned))
+    x = np.concatenate(inputs)
+    y = np.concatenate(intensity)
+    back = np.concatenate(returned)
     of_intensity: Any = HistGradientBoostingRegressor(loss="absolute_error", **settings, **SHARED)
     of_intensity.fit(x[back][::every], y[back][::every])
     dropped = ~back | (y < DROP_BELOW)
@@ -78,11 +82,12 @@ def _features(pair: Pair, *, context: bool) -> Float[np.ndarray, "rows columns k
     depth = np.where(seen, painted.depth_m, unknown)
     own = [away, angle, np.asarray(pair.row), *np.moveaxis(rgb, -1, 0), column, depth]
     if context:
-        own += _surroundings(rgb, away, angle, seen)
+        own += _surroundings(rgb, away, angle, seen=seen)
     return np.stack([np.asarray(channel, np.float32) for channel in own], axis=-1)
 
 
-def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, seen: np.ndarray) -> list[np.ndarray]:
+def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen: np.ndarray) -> list[np.ndarray]:
+    """What a network would learn from the image, by hand: contrasts, exposure, and what neighbouring lines see."""
     grey = rgb.mean(-1)
     logarithm = np.log(np.maximum(away, 1))
     found = []
@@ -100,7 +105,7 @@ def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, seen: np
 
 
 def _mean_and_spread(value: np.ndarray, seen: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Over the seen cells of a square around each cell."""
+    """The mean and the standard deviation over the seen cells of a square around each cell."""
     blur = lambda x: cv2.blur(np.where(seen, x, 0).astype(np.float64), (size, size))  # noqa: E731
     share = np.maximum(blur(np.ones_like(value)), 1e-9)
     mean = blur(value) / share

@@ -27,7 +27,7 @@ class LidarSpec(Checked):
 
     name: str
     elevation_deg: tuple[Annotated[float, Ge(-90), Le(90)], ...]
-    """Of each beam, seen from its own origin; top beam first."""
+    """Elevation of each beam, seen from its own origin; top beam first."""
     origin_m: tuple[Annotated[float, Ge(-10), Le(10)], ...]
     """Height of each beam's origin above the origin of `velo`."""
     columns: Count

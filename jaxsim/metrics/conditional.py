@@ -61,7 +61,7 @@ class Conditional(NamedTuple):
     floor: float
     """What two draws of one law would score, were all rays independent (they are not: read it as a least value)."""
     share: float
-    """Of the measured rays, those in bins that were compared."""
+    """Share of the measured rays that lie in bins that were compared."""
     rays: int
     """Measured rays that were compared."""
 

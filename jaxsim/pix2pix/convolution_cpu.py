@@ -24,7 +24,7 @@ from jax import lax
 from jaxsim.frame import Array
 
 Pair = tuple[int, int]
-"""Of rows and columns."""
+"""Numbers of rows and columns."""
 COMPILER_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_DOT"}
 
 

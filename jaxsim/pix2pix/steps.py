@@ -83,7 +83,7 @@ def make_train_step(
     adam = optimiser(experiment.optim)
 
     def mean(tree: Tree) -> Tree:
-        """Over the devices that share the batch; their parts are of one size."""
+        """Takes the mean over the devices that share the batch; their parts are of one size."""
         return tree if mesh is None else jax.lax.pmean(tree, DATA)
 
     def generate(network: Network, inputs: Array) -> tuple[Array, Network]:

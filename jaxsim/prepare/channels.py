@@ -78,7 +78,7 @@ def network_inputs(
         "range": lambda: scaled(painted.range_m, prepare.max_range_m),
         "semantic": semantic,
         "edges": lambda: edge_map(painted.semantic, painted.instance)[..., None].astype(jnp.float32),
-        "incidence": lambda: (2 * incidence_rad / (np.pi / 2) - 1)[..., None],
+        "incidence": lambda: (2 * incidence_rad / (jnp.pi / 2) - 1)[..., None],
         "log_range": lambda: scaled(
             jnp.log(jnp.maximum(painted.range_m, 1.0)), math.log(max(prepare.max_range_m, 2.0))
         ),

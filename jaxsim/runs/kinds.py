@@ -33,7 +33,7 @@ class Run:
     spec: LidarSpec
     """The sensor's beams, as fitted to its scans."""
     intrinsics: Matrix
-    """Of the camera it was trained with, and that camera's place on the LiDAR."""
+    """Intrinsics of the camera it was trained with, and that camera's place on the LiDAR."""
     cam_from_velo: Matrix
     image_size: tuple[int, int]
     """Rows and columns of its images."""
@@ -86,7 +86,7 @@ class Kind:
     """One kind of network, and how its runs are made, written and read."""
 
     name: str
-    """In words, with its article."""
+    """The kind in words, with its article."""
     key: str
     """The part of its experiment that no other kind has."""
     experiment: type[Any]

@@ -29,7 +29,7 @@ BATCH = 8
 NEEDS = {"emitter_drift": "time", "ambient_light": "heading", "motion_distortion": "speed"}
 """Effects that act by what a frame says of itself."""
 DIRECTED = ("ambient_light",)
-"""Those that act elsewhere where it does not; the others then do nothing."""
+"""Effects that act elsewhere where it does not; the others then do nothing."""
 
 
 def take(tree: Any, k: int) -> Any:

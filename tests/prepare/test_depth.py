@@ -101,7 +101,7 @@ def test_dense_depth_goes_through_its_points(method):
     truth, valid = road()
     sparse = np.where(valid, truth, np.float32(0))
     dense, known = complete_depth(sparse, valid, method)
-    led = through_points(dense, known, sparse, valid)
+    led = through_points(dense, known, sparse, valid=valid)
     inner = valid.copy()
     inner[:15] = inner[-6:] = False
     before, after = (np.abs(x - truth)[inner] for x in (dense, led))
@@ -116,5 +116,5 @@ def test_a_far_point_that_a_near_surface_has_grown_over_changes_nothing():
     far[15, 20] = True
     sparse = np.where(far, np.float32(30), near)
     every = np.ones((30, 40), bool)
-    np.testing.assert_array_equal(through_points(near, every, sparse, far), near)
-    np.testing.assert_array_equal(through_points(near, every, sparse, np.zeros_like(far)), near)
+    np.testing.assert_array_equal(through_points(near, every, sparse, valid=far), near)
+    np.testing.assert_array_equal(through_points(near, every, sparse, valid=np.zeros_like(far)), near)

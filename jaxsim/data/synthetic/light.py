@@ -48,7 +48,7 @@ class Shadows:
     height_m: Float[Array, "down across"]
     covered: Float[Array, "down2 across2"]
     origin_m: Float[Array, "2"]
-    """Where the maps' dense part lies."""
+    """The corner where the maps' dense part lies."""
 
 
 def map_borders(cells: tuple[int, int]) -> tuple[Float[np.ndarray, " across1"], Float[np.ndarray, " down1"]]:

@@ -45,7 +45,7 @@ class Hit:
     """What each ray meets first."""
 
     distance: Float[Array, "h w"]
-    """In lengths of the ray's direction; FAR_M for the sky."""
+    """Distance in lengths of the ray's direction; FAR_M for the sky."""
     solid: Int[Array, "h w"]
     """Number of the solid, or GROUND, or SKY."""
     normal: Float[Array, "3 h w"]

@@ -39,7 +39,7 @@ class Pattern(IntEnum):
     SIGN = 6
     TRUCK_BOX = 7
     STREET = 8
-    """Of the ground alone."""
+    """The palette entry of the ground alone."""
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,11 @@ from jaxsim.frame import Array
 CLASS_SD = 0.3
 """Standard deviation of a class's reflectance about the simulator's table, nats."""
 CURVATURE_SD = 0.002
-"""Of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals leaves."""
+"""Standard deviation of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals
+leaves."""
 NORMALS_SD = 1.0
-"""Of the share of the disagreement between given and fitted normals that the measured intensity follows."""
+"""Standard deviation of the share of the disagreement between given and fitted normals that the measured intensity
+follows."""
 GAIN_PRECISION = 1e-6
 """1 / variance of ln of the overall gain: any gain is possible."""
 STEEPEST_RAD = np.deg2rad(80.0)
@@ -108,7 +110,7 @@ class Evidence:
     """Lattices of the simulator's own intensities and ranges; 0 for none."""
     scenes: int = struct.field(pytree_node=False, default=0)
     kinds: tuple[str, ...] = struct.field(pytree_node=False, default=())
-    """Of the features behind the gain: classes, or what stands in for them (`kinds`)."""
+    """Names of the features behind the gain: classes, or what stands in for them (`kinds`)."""
     after_kinds: int = struct.field(pytree_node=False, default=AFTER_KINDS)
     """Features behind the kinds of surfaces."""
 

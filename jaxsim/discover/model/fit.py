@@ -40,7 +40,7 @@ ENOUGH = 0.05
 NULL_STEPS = 100
 """Steps that a fit of the null may take."""
 NULL_ENOUGH = 1e-3
-"""As ENOUGH, of the null: every effect's gain is counted from it."""
+"""What ENOUGH is for the null: every effect's gain is counted from it."""
 CORRECTIONS = 12
 """Pairs of steps and gradients from which L-BFGS knows the curvature: about as many as there are noise scales."""
 NO_LOSS = 1e12
@@ -62,7 +62,7 @@ class Problem:
     clutter: bool = False
     """Rays already carry clutter."""
     loss: float = 1e4
-    """Of the null: the scale of a fit's loss."""
+    """Loss of the null: the scale of a fit's loss."""
     basis: Float[Array, "b c r k"] | None = None
     """What free curves are made of (`Rays.basis`); the likelihood knows nothing of it."""
 

@@ -65,11 +65,11 @@ class EffectGradient(NamedTuple):
     """An effect's rays, as the likelihood takes them, and the way back to its z."""
 
     fields: Fields
-    """Of DIFFERENTIATED."""
+    """The rays' fields of DIFFERENTIATED."""
     constant: Fields
-    """Of CONSTANT."""
+    """The rays' fields of CONSTANT."""
     pullbacks: tuple[Pullback, ...]
-    """From derivatives in the fields to those in z, last step first."""
+    """Maps from derivatives in the fields to those in z, last step first."""
 
 
 def value_and_gradient(

@@ -23,7 +23,7 @@ LEVEL_RAD = 0.15
 LEAST_DOWN_RAD = np.deg2rad(1.0)
 """Rays that look down by less tell no ground from walls."""
 QUANTILES = (0.05, 0.35, 0.65, 0.95)
-"""Of ln albedo: knots of the free curve."""
+"""Quantiles of ln albedo: knots of the free curve."""
 LEAST_APART = 0.1
 """Nats between knots, at least; where all albedos are alike one knot is left."""
 

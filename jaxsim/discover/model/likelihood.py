@@ -33,7 +33,8 @@ _ABOVE_TOP = 10.0
 _NOTHING = math.log(FLOOR) + 1e-3
 """ln I below which a reading is a 0."""
 _EDGE_SD_M = 0.05
-"""Of a neighbour's reading near by, and the softness of the ends of what lies between two surfaces."""
+"""Standard deviation of a neighbour's reading near by, and the softness of the ends of what lies between two
+surfaces."""
 _WIDE_M = 1.0
 """Half width at half height of readings far off."""
 _FAR_M = 1e4

@@ -29,11 +29,12 @@ class Noise:
     intensity: Float[Array, "*k"]
     """Scale of ln I."""
     normals: Float[Array, "*k"]
-    """Of the noise on the simulator's normals, rad: it makes ln I noisier as tan(incidence)."""
+    """Standard deviation of the noise on the simulator's normals, rad: it makes ln I noisier as tan(incidence)."""
     range_: Float[Array, "*k"]
     """Scale of the range, m."""
     aim: Float[Array, "*k"]
-    """Of the angle by which a beam misses its direction, rad: it makes grazing and far surfaces noisy."""
+    """Standard deviation of the angle by which a beam misses its direction, rad: it makes grazing and far surfaces
+    noisy."""
     edge: Float[Array, "*k"]
     """Scale of the range at edges, m: which of two surfaces a ray meets there is not known so well."""
     wide: Float[Array, "*k"]

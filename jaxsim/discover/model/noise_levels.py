@@ -20,11 +20,11 @@ from jaxsim.effects.rays import FLOOR, Scan, spans_turn
 from jaxsim.frame import Array
 
 QUANTILE = 0.25
-"""Of absolute second differences, from which noise is told: texture and edges fill the upper ones."""
+"""The quantile of absolute second differences from which noise is told: texture and edges fill the upper ones."""
 NORMAL_QUANTILE = 0.31864
 """The same quantile of |N(0, 1)|."""
 BINS = 12
-"""Of intensity, over which noise is told apart into a constant and a proportional part."""
+"""Bins of intensity, over which noise is told apart into a constant and a proportional part."""
 FEWEST = 400
 """Second differences that a bin needs."""
 LEAST_RANGE_M = 0.004
@@ -50,11 +50,11 @@ class Levels:
     range_m: float = 0.0
     """Standard deviation of the range."""
     intensity: float = 0.0
-    """Of the intensity, the part that is the same for all; 0..1 scale."""
+    """Noise of the intensity, the part that is the same for all; 0..1 scale."""
     intensity_share: float = 0.0
-    """Of the intensity, the part in proportion to it."""
+    """Noise of the intensity, the part in proportion to it."""
     incidence_rad: float = 0.0
-    """Of the simulator's angles of incidence."""
+    """Noise of the simulator's angles of incidence."""
     loss: float = 0.0
     """Probability that a ray within a smooth surface is lost."""
     intensity_step: float = 0.0

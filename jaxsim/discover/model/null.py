@@ -21,7 +21,7 @@ from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array
 
 ROUNDS = 2
-"""Of noise given weights and weights given noise."""
+"""Rounds of noise given weights and weights given noise."""
 FEW = 5.0
 """Compared rays up to which a surface is thought to be like its class, and a class like all."""
 

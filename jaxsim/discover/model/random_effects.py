@@ -39,7 +39,7 @@ class Groups:
     precision: Float[Array, " g"]
     """1 / prior variance of the level."""
     block: Int[Array, " g"]
-    """In which each lies."""
+    """The block in which each group lies."""
 
     @property
     def variance(self) -> Float[Array, " g"]:
@@ -68,7 +68,7 @@ class NormalEquations:
     strips: Groups
     surfaces: Groups
     gram: Float[Array, "b p p"]
-    """Of the features in each block, strips' and surfaces' own levels taken out."""
+    """Products of the features in each block, strips' and surfaces' own levels taken out."""
     street: Float[Array, "b p p"]
     """Covariance of a block's own levels of the classes; 0 for the other features."""
     pose: Float[Array, "b 6 6"]
@@ -135,13 +135,13 @@ class ReflectanceLevels:
     shared: Float[Array, " p"]
     """Coefficient of each feature, in all scenes."""
     street: Float[Array, "b p"]
-    """Of each class in one block, over `shared`."""
+    """Level of each class in one block, over `shared`."""
     features: Float[Array, "b p"]
-    """Of each feature in one block, both together."""
+    """Level of each feature in one block, both together."""
     surface: Float[Array, " s"]
-    """Of each surface, over its class in the street."""
+    """Level of each surface, over its class in the street."""
     strip: Float[Array, " t"]
-    """Of the part of a surface that one column sees, over the surface."""
+    """Level of the part of a surface that one column sees, over the surface."""
 
 
 def reflectance(

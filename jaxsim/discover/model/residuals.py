@@ -34,9 +34,9 @@ class Residuals(NamedTuple):
     """One channel's residuals, ray by ray."""
 
     off: Float[np.ndarray, "b c r"]
-    """In its own unit: nats, m, or share lost."""
+    """The residual in its own unit: nats, m, or share lost."""
     z: Float[np.ndarray, "b c r"]
-    """Over its standard deviation; of drops, over that of a coin of its probability."""
+    """The residual over its standard deviation; of drops, over that of a coin of its probability."""
     counts: Bool[np.ndarray, "b c r"]
     """Where the two mean something."""
 

@@ -37,7 +37,7 @@ LEAST_SHARE = 0.75
 RIDGE = 1e-2
 """Pull of a window's slopes to 0, in rays at its end."""
 ROUNDS = 3
-"""Of weights given a line and a line given weights."""
+"""Rounds of weights given a line and a line given weights."""
 
 
 @struct.dataclass
@@ -54,7 +54,7 @@ class Smooth:
     detail: Float[Array, "f r c"]
     """Intensity over that of the surface beside the ray, less 1."""
     albedo: Float[Array, "f r c"]
-    """Of the surface: intensity, over the cosine where it follows that."""
+    """Albedo of the surface: intensity, over the cosine where it follows that."""
     trusted: Bool[Array, "f r c"]
     leverage: Float[Array, "f r c"]
     """Variance of the surface's level over that of one ray."""
@@ -168,7 +168,7 @@ class _Factored:
     """L D L^T of many small symmetric positive systems at once, each entry an array."""
 
     lower: list[list[Array]]
-    """Of each line, the entries left of the diagonal, which is 1."""
+    """The entries of each line left of the diagonal, which is 1."""
     diagonal: list[Array]
 
     def solve(self, right: list[Array]) -> list[Array]:

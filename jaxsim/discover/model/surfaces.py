@@ -21,9 +21,9 @@ OBJECT_SD = 0.2
 PATCH_SD = 0.15
 """The same of a patch of ground or wall."""
 STRIP_SD = 0.1
-"""Of a strip, the part of a surface that one column sees, about its surface, nats."""
+"""Standard deviation of a strip, the part of a surface that one column sees, about its surface, nats."""
 STREET_SD = 0.1
-"""Of all that is of one class in one street about the class in all streets, nats."""
+"""Standard deviation of all that is of one class in one street about the class in all streets, nats."""
 FIRM = 1e12
 """1 / variance of what has no reflectance of its own."""
 PATCH_M = 6.0

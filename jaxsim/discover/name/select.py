@@ -102,7 +102,7 @@ class Bars:
 
     effect: float = RULES.bar_nats
     free: float = RULES.bar_nats
-    """By a free curve."""
+    """The bar of a free curve."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class FittedStep(Step[Candidate]):
     """One effect added, fitted."""
 
     fitted: Fit
-    """On all find scenes."""
+    """Its fit to all find scenes."""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def written_at(x: np.ndarray, covariate: str) -> np.ndarray:
 LETTER = {"intensity": "Δ ln I", "range": "Δ r", "drop": "p(drop)"}
 """What a curve of each channel is the height of."""
 CYCLES = np.arange(1.5, 8.01, 0.25)
-"""Of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
+"""Cycles of a wave over the whole curve: with fewer it is a bend, with more the knots do not follow it."""
 
 
 @dataclass(frozen=True)

@@ -70,13 +70,13 @@ class Columns:
     """Values of the parameters at which the columns were taken; empty for neutral."""
     columns: Float[np.ndarray, "n c"]
     precision: Float[np.ndarray, " c"]
-    """Of the coefficients' prior about 0."""
+    """Precision of the coefficients' prior about 0."""
     sign: int = 0
-    """That the first coefficient must have; 0: any."""
+    """The sign that the first coefficient must have; 0: any."""
 
 
 Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
-"""From values of an effect's parameters to the change of ln I that they make on every ray."""
+"""The map from values of an effect's parameters to the change of ln I that they make on every ray."""
 
 
 def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> Change:

@@ -57,7 +57,8 @@ LEVEL_PRECISION = 1e-4
 COMMON = 0.01
 """Classes of a smaller share of the simulated rays have no level of their own."""
 QUANTILES = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""At which the simulator's readings about the law stand for all of them: effects are not linear in ln I."""
+"""The quantiles at which the simulator's readings about the law stand for all of them: effects are not linear in ln
+I."""
 INFLATION_DRAWS = 40
 """Exchanges of scenes from which the inflation of losses is taken."""
 
@@ -90,12 +91,12 @@ class Conditional:
     rays: Rays
     """Intensities are the law's."""
     spread: Float[np.ndarray, " q"]
-    """Of simulated readings about the law at QUANTILES, nats."""
+    """Quantiles of simulated readings about the law at QUANTILES, nats."""
     find: Bool[np.ndarray, " s"]
     variance: float
-    """Of readings within a patch, nats squared."""
+    """Variance of readings within a patch, nats squared."""
     inflation: float
-    """By how much more the losses of exchanged scenes scatter than independent noise would have them."""
+    """Factor by which the losses of exchanged scenes scatter than independent noise would have them."""
 
     @property
     def measured(self) -> Float[np.ndarray, " s"]:

@@ -65,16 +65,16 @@ class UnpairedComparison:
 
     grid: PolarGrid
     scan: Scan
-    """Of all frames, as if each range image were ideal geometry; intensities as read."""
+    """The scan of all frames, as if each range image were ideal geometry; intensities as read."""
     rays: Rays
-    """Of n rays, on the host."""
+    """The n rays, on the host."""
     log_intensity: Float[np.ndarray, " n"]
     height_m: Float[np.ndarray, " n"]
     """Above the ground."""
     rise: Float[np.ndarray, " n"]
     """Vertical part of the surface normal: 1 flat ground, 0 walls."""
     bend: Float[np.ndarray, " n"]
-    """By how much the surface is not flat, share of the range."""
+    """Measure of how much the surface is not flat, share of the range."""
     semantic: Int[np.ndarray, " n"] | None
     """Classes, where both folders give them; else of simulated rays alone."""
     shared_classes: bool
@@ -89,7 +89,7 @@ class UnpairedComparison:
     frames: tuple[int, int]
     """Simulated and measured."""
     steps: dict[str, float]
-    """Of the lattices on which measured readings lie and simulated ones do not, by the effect that makes them."""
+    """Steps of the lattices on which measured readings lie and simulated ones do not, by the effect that makes them."""
     noise_m: float
     """Standard deviation of the noise that was given to the simulated ranges."""
     notes: tuple[str, ...] = ()

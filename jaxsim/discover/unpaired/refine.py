@@ -28,9 +28,9 @@ from jaxsim.effects import Effect
 ROUNDS = 12
 """Gauss-Newton steps at most."""
 SHARES = (1.0, 0.5, 0.25, 0.1)
-"""Of a step, tried until the loss falls."""
+"""Shares of a step, tried until the loss falls."""
 DRAWS = 200
-"""Of the bootstrap over scenes, for a standard deviation."""
+"""Draws of the bootstrap over scenes, for a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Refined:
 
     intervals: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
     change: Float[np.ndarray, " n"]
-    """Of ln I by all of them, on every ray as if it were measured."""
+    """Change of ln I by all of them, on every ray as if it were measured."""
 
 
 def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:

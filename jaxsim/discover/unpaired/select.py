@@ -29,7 +29,7 @@ from jaxsim.discover.verdict import Unexplained
 CURVES = ("range", "incidence", "azimuth")
 """Free curves that are no effect of the catalogue; one along the row is beam_gain."""
 DRAWS = 100
-"""Of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
+"""Draws of the bootstrap over scenes that a curve's band is taken from, the curve itself included."""
 NORMAL_REACH = 1.645
 """Standard deviations to either side within which a normal number lies with 90 %."""
 

@@ -61,9 +61,9 @@ class Curve:
     """`bbox`, `bev`, `3d`, or `aos`: orientation on the matches in the image."""
     min_overlap: float
     precision: Float[np.ndarray, " 41"]
-    """At the 41 thresholds, the highest from there on; 0 where recall never came."""
+    """Precision at the 41 thresholds, the highest from there on; 0 where recall never came."""
     recall: Float[np.ndarray, " t"]
-    """At each threshold there is."""
+    """Recall at each threshold there is."""
     threshold: Float[np.ndarray, " t"]
     truths: int
     """Labels that count. With fewer than 41 of them not all slots fill: nine perfect cars score 20 (R40)."""

@@ -27,11 +27,11 @@ class Objects:
     """Labelled or detected objects of many frames, sorted by frame, within a frame in the order of its file."""
 
     names: tuple[str, ...]
-    """Of the frames."""
+    """Names of the frames."""
     frame: Int[np.ndarray, " n"]
     """Place in `names`."""
     kind: Shaped[np.ndarray, " n"]
-    """As written in the file."""
+    """The kind as written in the file."""
     bbox_px: Float[np.ndarray, "n 4"]
     """Left, top, right, bottom."""
     size_m: Float[np.ndarray, "n 3"]
@@ -43,7 +43,7 @@ class Objects:
     truncated: Float[np.ndarray, " n"]
     occluded: Float[np.ndarray, " n"]
     score: Float[np.ndarray, " n"]
-    """Of a detection; 0 for a label."""
+    """Score of a detection; 0 for a label."""
 
     @cached_property
     def lower_kind(self) -> Shaped[np.ndarray, " n"]:

@@ -118,7 +118,7 @@ class Candidates(NamedTuple):
     turn: Int[np.ndarray, " p"]
     """How many labels of the frame that have candidates choose before."""
     place: Int[np.ndarray, " p"]
-    """In the label's list."""
+    """Position in the label's list."""
 
 
 def candidates(

@@ -104,7 +104,7 @@ class Extractor:
     form: Form
     values: Any
     sha256: str
-    """Of the weights."""
+    """SHA-256 of the weights."""
     published: bool
     """The weights are the published ones: only then, and with all 2048 features, is the distance FID."""
     random: bool = False

@@ -20,7 +20,7 @@ REACH_PX, SAME_SURFACE = 3.0, 0.1
 """Of `through_points`: half of what lines of an HDL-64E lie apart at most, and by which share a surface's depth may be
 missed."""
 METHODS = {"ip_basic": fill_in_multiscale, "ip_basic_fast": fill_in_fast}
-"""Of the sparse depth alone; `penet` also takes the image, and weights."""
+"""Methods that use the sparse depth alone; `penet` also takes the image, and weights."""
 
 
 def complete_depth(
@@ -49,6 +49,7 @@ def through_points(
     depth_m: Float[np.ndarray, "h w"],
     known: Bool[np.ndarray, "h w"],
     sparse_depth_m: Float[np.ndarray, "h w"],
+    *,
     valid: Bool[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w"]:
     """The dense depth, led through the points that it was completed from.
@@ -99,5 +100,5 @@ def complete_view(
         )
     else:
         depth_m, known = complete_depth(sparse_depth_m, valid, method)
-        depth_m = through_points(depth_m, known, sparse_depth_m, valid)
+        depth_m = through_points(depth_m, known, sparse_depth_m, valid=valid)
     return replace(view, depth_m=depth_m, depth_valid=known)
