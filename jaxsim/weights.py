@@ -20,6 +20,7 @@ from jaxsim.files import array_names, check_size, parse_json, read_arrays, write
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
 ABOUT = "about"
+AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30
 """Size of a network: the largest that is read, pix2pixHD's generator, has 730 MB."""
 
@@ -96,7 +97,7 @@ def _flat(content: Mapping[Any, Any], tensor: type, prefix: str = "") -> Any:
 
 
 def _read_npz(path: Path, *, summed: bool = False) -> Arrays:
-    return read_arrays(path, by="weights", again="convert or copy it again", summed=summed, most=MOST_BYTES)
+    return read_arrays(path, by="weights", again=AGAIN, summed=summed, most=MOST_BYTES)
 
 
 def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
@@ -159,7 +160,7 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
     help = f"fetch {converter.fetch}, then `jaxsim convert {kind} FILE --out {kind}.npz`"
     if not path.is_file():
         raise FileNotFoundError(f"weights: no {converter.title} at {path}; {help}")
-    arrays = _read_npz(path, summed=ABOUT in array_names(path, by="weights"))
+    arrays = _read_npz(path, summed=ABOUT in array_names(path, by="weights", again=AGAIN))
     try:
         about = dict(parse_json(str(arrays.pop(ABOUT))))
     except (KeyError, ValueError, TypeError) as error:
@@ -177,7 +178,7 @@ def kind_of(path: Path) -> str | None:
     """The kind of a converted file; None for other files."""
     try:
         return parse_json(str(read_arrays(path, (ABOUT,), by="weights")[ABOUT])).get("kind")
-    except (KeyError, ValueError, AttributeError):
+    except (FileNotFoundError, KeyError, ValueError, AttributeError):
         return None
 
 

@@ -84,10 +84,10 @@ def read_arrays(
     return arrays
 
 
-def array_names(path: Path | str, *, by: str) -> list[str]:
+def array_names(path: Path | str, *, by: str, again: str = "copy it again") -> list[str]:
     """Names of the arrays of a .npz, without reading any. Raises ValueError as `read_arrays`."""
     check_size(path, by=by)
-    with _opened(Path(path), by=by) as archive:
+    with _opened(Path(path), by=by, again=again) as archive:
         return [*_members(archive)]
 
 

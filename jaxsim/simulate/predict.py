@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from jaxsim.config import LEVELS, PrepareConfig
 from jaxsim.frame import Array, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, resample
+from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 
 Generate = Callable[[Any, Array], Array]
@@ -183,7 +184,7 @@ def simulate_frame(
     rows = jnp.broadcast_to(row[:, None], angle.shape)
     says = predict_cells(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
     intensity = says.reported if key is None else drawn(says, key)
-    return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0)), painted
+    return _reported(painted, intensity), painted
 
 
 def camera_intensity(
@@ -220,4 +221,9 @@ def simulate_unprojected(
     intensity = camera_intensity(params, view, grid, row=row, generate=generate, prepare=prepare)
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     carried = paint_raster(intensity, view, grid, occlusion_m=prepare.occlusion_m)
-    return PolarImage(painted.range_m, carried, painted.valid & (carried > 0)), painted
+    return _reported(painted, carried), painted
+
+
+def _reported(painted: Painted, intensity: Rays) -> PolarImage:
+    """Rays of intensity 0 do not come back; nor do those that a camera sees end beyond what any LiDAR sees."""
+    return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0) & (painted.range_m <= FAR_M))

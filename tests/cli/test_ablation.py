@@ -44,7 +44,8 @@ def test_runs_come_into_one_table_with_pictures_and_a_page(runs, work, capsys):
     written = json.loads((out / "ablation.json").read_text())
     assert [r["name"] for r in written["rows"]] == ["depth", "combined"]
     assert [r["paper_fid"] for r in written["rows"]] == [81.43, 73.81]
-    assert set(written["baselines"]) == {"global mean", "per-class mean", "per-row mean"}
+    of_groups = {f"{group} {what}" for group in ("global", "per-row") for what in ("mean", "median")}
+    assert set(written["baselines"]) == {*of_groups, "per-class mean", "range, incidence, row"}
     assert written["about"]["judged frames"] == "3"
     assert written["about"]["every network also sees"] == "row"
     for line in (out / "ablation.md").read_text().splitlines():

@@ -70,6 +70,6 @@ def test_updates_are_clipped_decayed_adam():
 
 def test_a_fresh_state_has_the_types_of_a_trained_one():
     """A Python number in it would be of a weak type, and the training step would be compiled twice."""
-    leaves = jax.tree_util.tree_leaves_with_path(jax.eval_shape(lambda: create_state(EXPERIMENT, 10, seed=0)))
+    leaves = jax.tree_util.tree_leaves_with_path(create_state(EXPERIMENT, 10, seed=0))
     assert len(leaves) > 100
     assert [jax.tree_util.keystr(path) for path, leaf in leaves if leaf.weak_type] == []
