@@ -2,6 +2,8 @@
 
 import re
 import sys
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 
@@ -94,3 +96,19 @@ def test_the_page_answers_five_questions_in_five_lines_each():
                      "How do I add a data set", "How do I add a command"):  # fmt: skip
         [answer] = re.findall(rf"^## {question}[^\n]*\n\n(.*?)\n\n", text, re.DOTALL | re.MULTILINE)
         assert [line[:2] for line in answer.splitlines()] == ["1.", "2.", "3.", "4.", "5."], question
+
+
+def test_the_page_has_the_rooms_in_the_order_that_is_enforced():
+    """Of all rooms it has each layer, of those inside discover some; import-linter's first two contracts have all."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    said = [
+        [re.findall(r"\w+", layer) for layer in order.split("<")] for order in re.findall(r"`(\w[^`]*? < [^`]*)`", text)
+    ]
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    enforced = [
+        [re.findall(r"[.](\w+)(?= |$)", layer) for layer in reversed(contract["layers"])] for contract in contracts[:2]
+    ]
+    assert said[0] == enforced[0]
+    height = {room: k for k, layer in enumerate(enforced[1]) for room in layer}
+    heights = [{height[room] for room in layer} for layer in said[1]]
+    assert all(max(below) < min(above) for below, above in pairwise(heights))

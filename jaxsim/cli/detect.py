@@ -51,6 +51,7 @@ class Detect(Checked):
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:
@@ -89,6 +90,7 @@ class Detect(Checked):
 
     @property
     def folder(self) -> CloudFolder:
+        """The clouds, and what stands beside them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
 
     def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> None:

@@ -72,6 +72,7 @@ class Discover(Checked):
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:

@@ -63,6 +63,7 @@ class Evaluation(Checked):
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         return self.out or self.run / (f"evaluation_{self.data.kind}" if self.data.foreign else "evaluation")
 
     def __call__(self) -> None:

@@ -49,6 +49,7 @@ class Detection:
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         folder = self.detections.resolve()
         return self.out or folder.with_name(f"{folder.name}_evaluation")
 

@@ -30,6 +30,7 @@ class Generation:
 
     @property
     def writes_to(self) -> Path | None:
+        """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:

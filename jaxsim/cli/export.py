@@ -75,6 +75,7 @@ class Export(Checked):
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:

@@ -55,6 +55,7 @@ class Prepare(Checked):
 
     @property
     def writes_to(self) -> Path:
+        """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:

@@ -81,6 +81,7 @@ class KittiRaw:
         )
 
     def name_of(self, index: int) -> str:
+        """The frame's number in the files, for a drive's frame after the drive's name."""
         drive, number = self._frames[index]
         return f"{drive.name}-{number}"
 
@@ -140,6 +141,7 @@ class KittiObject:
         )
 
     def name_of(self, index: int) -> str:
+        """The frame's number in the files, for a drive's frame after the drive's name."""
         return self._frames[index]
 
     @property

@@ -99,6 +99,7 @@ class KittiStep:
         )
 
     def name_of(self, index: int) -> str:
+        """The sequence and the frame's number in it."""
         return "-".join(self._frames[index])
 
     def _path(self, kind: str, index: int, suffix: str) -> Path:

@@ -156,14 +156,17 @@ class PreparedPairs(Sequence):  # of Pair: unnamed, else checks of types would r
 
     @property
     def names(self) -> list[str]:
+        """The frames' names."""
         return [entry.name for entry in self.entries]
 
     @property
     def scenes(self) -> list[str]:
+        """The scene of each frame."""
         return [entry.scene for entry in self.entries]
 
     @property
     def keys(self) -> list[str]:
+        """The key of each pair, which tells its frame and how it was prepared."""
         return [entry.key for entry in self.entries]
 
     @property

@@ -89,6 +89,7 @@ class Shard:
     positions: tuple[int, ...]
 
     def file(self, folder: Path) -> Path:
+        """The shard's file as TFDS names it."""
         return Path(_template(folder, self.split).sharded_filepath(shard_index=self.number, num_shards=self.of))
 
 

@@ -119,6 +119,7 @@ class VirtualKitti2:
         )
 
     def name_of(self, index: int) -> str:
+        """The sequence, its variation, the camera and the frame's number."""
         drive, number = self._frames[index]
         return f"{drive.parent.name}-{drive.name}-Camera_{self.camera}-{number:05d}"
 

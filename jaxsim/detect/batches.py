@@ -68,6 +68,7 @@ class SceneBatches:
 
     @property
     def steps_per_epoch(self) -> int:
+        """Whole batches of an epoch."""
         return len(self.scenes) // self.size
 
     def __getitem__(self, k: int) -> Batch:

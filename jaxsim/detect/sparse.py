@@ -44,6 +44,7 @@ class Sites:
 
     @property
     def valid(self) -> Bool[Array, "*b n"]:
+        """Whether each row holds a site, for places without one have a key behind all."""
         return self.key < cells(self.shape)
 
     @property

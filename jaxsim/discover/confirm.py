@@ -28,20 +28,20 @@ def confirmed(verdict: Verdict) -> Verdict:
     lost = tuple(effect for effect in verdict.effects if judged_nats(effect, verdict.gap) <= RULES.confirmed_nats)
     if not lost:
         return verdict
-    kept = tuple(effect for effect in verdict.effects if effect not in lost)
+    confirmed_effects = tuple(effect for effect in verdict.effects if effect not in lost)
     names = [effect.name for effect in lost]
     note = (
         f"not confirmed on unseen scenes: {', '.join(names)} explained the scenes that the search saw, but the "
         f"{len(verdict.judge)} judge scenes do not gain in the mean; it is not named. The gap is shown with it in place"
     )
     answer = verdict.verdict
-    if answer == "named" and not kept:
+    if answer == "named" and not confirmed_effects:
         # What is not confirmed leaves a disagreement: it is named as such where a curve showed one.
         answer = "not_in_catalogue" if verdict.unexplained else "none"
     return replace(
         verdict,
         verdict=answer,
-        effects=kept,
+        effects=confirmed_effects,
         unconfirmed=lost,
         ranking=tuple(replace(rank, why_not=WHY_NOT) if rank.name in names else rank for rank in verdict.ranking),
         notes=(*verdict.notes, note),
@@ -71,10 +71,10 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     """What the sensor model holds after the verdict: what was `known`, the effects that it names of a mounting, and
     what was `added`, but for effects that are not confirmed."""
     held = {name for name, _ in known.effects}
-    there = {name for name, _ in added.effects}
+    added_names = {name for name, _ in added.effects}
     lost = {effect.name for effect in verdict.unconfirmed} - held
-    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in there | held]
-    stated = [pair for pair in known.effects if pair[0] not in there]
+    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | held]
+    stated = [pair for pair in known.effects if pair[0] not in added_names]
     kept = [pair for pair in added.effects if pair[0] not in lost]
     if not mounting and not stated and len(kept) == len(added.effects):
         return added

@@ -138,5 +138,5 @@ def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
     if covariate in CATEGORICAL:
         values, place = np.unique(x, return_inverse=True)
         return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
-    found = curve_basis(x, covariate, 2 * RULES.knots)
-    return np.pad(found, ((0, 0), (0, COLUMNS - found.shape[1])))
+    basis = curve_basis(x, covariate, 2 * RULES.knots)
+    return np.pad(basis, ((0, 0), (0, COLUMNS - basis.shape[1])))

@@ -199,8 +199,8 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
 
     odds = lost / (1 - lost)
     # log1p(-p) is -log1p(odds of p).
-    kept = np.log1p(odds) - np.log1p(odds * np.exp(curves("drop", lost)))
-    return Curves(curves("intensity", sds[0]), curves("range", sds[1]), kept.astype(np.float32))
+    log_keep = np.log1p(odds) - np.log1p(odds * np.exp(curves("drop", lost)))
+    return Curves(curves("intensity", sds[0]), curves("range", sds[1]), log_keep.astype(np.float32))
 
 
 def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:

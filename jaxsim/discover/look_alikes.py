@@ -63,19 +63,19 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
     rays = thinned(rays)
-    own = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
-    size = float(np.square(own).sum())
+    change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
+    size = float(np.square(change).sum())
     others = [one for one in EFFECTS.values() if not isinstance(one, OwnEffect) and one.name not in FINEST]
-    found: list[LookAlike] = []
+    alike: list[LookAlike] = []
     for other in others if size > 0 else ():
         if not {*other.channels} & {*effect.channels}:
             continue
-        left = own - _imitated(other, own, rays, scan=scan)
+        remainder = change - _imitated(other, change, rays, scan=scan)
         # The more two effects share, the less of the sum of squares is left.
-        share = 1 - float(np.square(left).sum()) / size
+        share = 1 - float(np.square(remainder).sum()) / size
         if share >= RULES.alike_share:
-            found.append(LookAlike(other.name, share, _apart(left, rays, share=share)))
-    return tuple(sorted(found, key=lambda one: -one.share))
+            alike.append(LookAlike(other.name, share, _apart(remainder, rays, share=share)))
+    return tuple(sorted(alike, key=lambda one: -one.share))
 
 
 def thinned(rays: Rays) -> Rays:

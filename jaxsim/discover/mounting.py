@@ -59,15 +59,15 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
         scan, measured = same_surfaces(moved, comparison.measured)
         return Mounting((), replace(comparison, scan=scan, measured=measured), known)
     given = dict(known.effects)
-    found = tuple(name for name in registered.sure if name in candidates)
+    named = tuple(name for name in registered.sure if name in candidates)
     stated = tuple(name for name in registered.sure if name in given)
-    if not found and not stated:
+    if not named and not stated:
         return Mounting((), comparison, known)
     everywhere = np.repeat(registered.motion[None], len(scan.range_m), axis=0)
-    motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in found}
+    motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
     motion |= {name: _as_stated(name, known, scan) for name in stated}
     rest = replace(known, effects=tuple(pair for pair in known.effects if pair[0] not in stated))
-    return Mounting(found, replace(comparison, scan=seen_from(scan, motion)), rest)
+    return Mounting(named, replace(comparison, scan=seen_from(scan, motion)), rest)
 
 
 def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> Values:
@@ -173,10 +173,10 @@ def gains(
     z = motion[:, part] / SD[part]
 
     def gain(scene: str, others: Sequence[str]) -> float:
-        own = z[names == scene]
+        poses = z[names == scene]
         # The median: a frame that was registered to another valley must not name a mounting.
         middle = np.median(z[np.isin(names, others)], axis=0)
-        return 0.5 * float(np.sum(own**2 - (own - middle) ** 2))
+        return 0.5 * float(np.sum(poses**2 - (poses - middle) ** 2))
 
     held_out = [gain(one, [other for other in find if other != one]) for one in find]
     return np.array(held_out), np.array([gain(one, find) for one in judge])

@@ -31,7 +31,7 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
     of = np.broadcast_to(np.asarray(scene)[:, None, None], counts.shape)[counts]
     ours = np.asarray(ev.rays.log_intensity)[counts]
     theirs = np.asarray(ev.log_intensity)[counts]
-    found = []
+    correlation = []
     for one in np.unique(scene):
         _, group = np.unique(surface[of == one], return_inverse=True)
         # Surfaces, not rays: the noise of a surface's rays would hide how surfaces rank.
@@ -41,8 +41,8 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
         simulated = np.bincount(group, ours[of == one])[known] / size[known]
         alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
         # Ranks: a gamma or a gain of the sensor leaves them as they are.
-        found.append(np.nan if alike else spearmanr(measured, simulated)[0])
-    return np.array(found)
+        correlation.append(np.nan if alike else spearmanr(measured, simulated)[0])
+    return np.array(correlation)
 
 
 def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:

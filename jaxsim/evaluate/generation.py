@@ -85,13 +85,13 @@ def _batches(folder: Folder) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 def _histograms(folder: Folder) -> dict[str, np.ndarray]:
     """BEV histograms of every frame (n, 100, 100) by definition, and `lidm`: the occupancy of all."""
-    found: dict[str, list[np.ndarray]] = {name: [] for name in COUNTS}
+    histograms: dict[str, list[np.ndarray]] = {name: [] for name in COUNTS}
     occupancy = np.zeros((1, 1), np.float32)
     for points, valid in _batches(folder):
         for name, count in COUNTS.items():
-            found[name].append(np.asarray(count(points[..., :3], valid)))
+            histograms[name].append(np.asarray(count(points[..., :3], valid)))
         occupancy = occupancy + lidm_occupancy(cloud[kept, :3] for cloud, kept in zip(points, valid, strict=True))
-    return {name: np.concatenate(parts) for name, parts in found.items()} | {"lidm": occupancy}
+    return {name: np.concatenate(parts) for name, parts in histograms.items()} | {"lidm": occupancy}
 
 
 def _bev(a: Folder, b: Folder) -> dict[str, Score]:

@@ -96,12 +96,12 @@ def baseline_sums(
     fitted = fit_baselines(train, judged)
     if trees:
         fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
-    found = {name: [_sums(*guess(pair), pair) for pair in judged] for name, guess in fitted.items()}
+    sums = {name: [_sums(*guess(pair), pair) for pair in judged] for name, guess in fitted.items()}
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
         filling = float(fitted["global mean"](copied[0][0]).intensity[0, 0])
-        found["previous frame"] = [_sums(*previous_frame(before, filling), pair) for pair, before in copied]
-    return found
+        sums["previous frame"] = [_sums(*previous_frame(before, filling), pair) for pair, before in copied]
+    return sums
 
 
 TREES = {"trees, a cell": False, "trees, context": True}

@@ -112,13 +112,13 @@ def score_sensor(
 
 def scores_by_scene(sums: Mapping[str, Sums], scenes: Sequence[str]) -> dict[str, dict[str, dict[str, Score]]]:
     """Scene -> predictor -> scores; a scene without a cell to score is left out."""
-    found: dict[str, dict[str, dict[str, Score]]] = {}
+    by_scene: dict[str, dict[str, dict[str, Score]]] = {}
     for scene in dict.fromkeys(scenes):
-        own = [i for i, name in enumerate(scenes) if name == scene]
-        parts = {name: [frames[i] for i in own] for name, frames in sums.items()}
+        positions = [i for i, name in enumerate(scenes) if name == scene]
+        parts = {name: [frames[i] for i in positions] for name, frames in sums.items()}
         if sum(frame["cells"] for frame in parts["network"]):
-            found[scene] = {name: total_scores(frames) for name, frames in parts.items()}
-    return found
+            by_scene[scene] = {name: total_scores(frames) for name, frames in parts.items()}
+    return by_scene
 
 
 @dataclass(frozen=True)

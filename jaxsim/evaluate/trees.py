@@ -80,28 +80,28 @@ def _features(pair: Pair, *, context: bool) -> Float[np.ndarray, "rows columns k
     angle = np.where(seen, pair.incidence_rad, unknown).astype(np.float32)
     column = np.broadcast_to(np.abs(np.linspace(-1, 1, columns, dtype=np.float32)), (rows, columns))
     depth = np.where(seen, painted.depth_m, unknown)
-    own = [away, angle, np.asarray(pair.row), *np.moveaxis(rgb, -1, 0), column, depth]
+    channels = [away, angle, np.asarray(pair.row), *np.moveaxis(rgb, -1, 0), column, depth]
     if context:
-        own += _surroundings(rgb, away, angle, seen=seen)
-    return np.stack([np.asarray(channel, np.float32) for channel in own], axis=-1)
+        channels += _surroundings(rgb, away, angle, seen=seen)
+    return np.stack([np.asarray(channel, np.float32) for channel in channels], axis=-1)
 
 
 def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen: np.ndarray) -> list[np.ndarray]:
     """What a network would learn from the image, by hand: contrasts, exposure, and what neighbouring lines see."""
     grey = rgb.mean(-1)
     logarithm = np.log(np.maximum(away, 1))
-    found = []
+    channels = []
     for size in SIZES:
-        found += [*_mean_and_spread(grey, seen, size), _mean_and_spread(logarithm, seen, size)[1]]
-        found.append(cv2.blur(seen.astype(np.float32), (size, size)))
+        channels += [*_mean_and_spread(grey, seen, size), _mean_and_spread(logarithm, seen, size)[1]]
+        channels.append(cv2.blur(seen.astype(np.float32), (size, size)))
     colours = (angle, rgb[..., 0] - rgb[..., 2], rgb[..., 1] - grey)
-    found += [_mean_and_spread(channel, seen, 5)[0] for channel in colours]
+    channels += [_mean_and_spread(channel, seen, 5)[0] for channel in colours]
     low, middle, high = np.quantile(grey[seen], (0.1, 0.5, 0.9)) if seen.any() else (0.0, 0.5, 1.0)
     span = max(high - low, 1e-3)
-    found += [grey - middle, (grey - low) / span, np.full_like(grey, middle), np.full_like(grey, span)]
+    channels += [grey - middle, (grey - low) / span, np.full_like(grey, middle), np.full_like(grey, span)]
     for step in (-4, -2, 2, 4):
-        found += [_shifted(away, step), _shifted(angle, step)]
-    return found
+        channels += [_shifted(away, step), _shifted(angle, step)]
+    return channels
 
 
 def _mean_and_spread(value: np.ndarray, seen: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:

@@ -53,10 +53,12 @@ class LidarSpec(Checked):
 
     @property
     def rows(self) -> int:
+        """How many beams the sensor has."""
         return len(self.elevation_deg)
 
     @property
     def elevation_rad(self) -> Float[np.ndarray, " rows"]:
+        """Elevation of each beam, top beam first."""
         return np.deg2rad(np.asarray(self.elevation_deg, np.float64))
 
 

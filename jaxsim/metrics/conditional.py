@@ -99,11 +99,11 @@ def conditional_intensity(
     b = np.asarray(measured, np.float64)
     if not (a.sum() and b.sum()):
         raise ValueError("conditional: a set has no returns")
-    found = {"intensity": _compared(a.reshape(-1, LEVELS).sum(0)[None], b.reshape(-1, LEVELS).sum(0)[None])}
+    distances = {"intensity": _compared(a.reshape(-1, LEVELS).sum(0)[None], b.reshape(-1, LEVELS).sum(0)[None])}
     for name, axes in AXES.items():
         if name == "class" and not classes:
             continue
         others = tuple(axis for axis in range(3) if axis not in axes)
         of_a, of_b = a.sum(others).reshape(-1, LEVELS), b.sum(others).reshape(-1, LEVELS)
-        found[f"intensity_given_{name}"] = _compared(of_a, of_b)
-    return found
+        distances[f"intensity_given_{name}"] = _compared(of_a, of_b)
+    return distances

@@ -98,6 +98,7 @@ class Halves(NamedTuple):
 
     @property
     def whole(self) -> Moments:
+        """The moments of all images."""
         return self.even.merge(self.odd)
 
 

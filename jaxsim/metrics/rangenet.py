@@ -38,26 +38,26 @@ NORM = ("weight", "bias", "running_mean", "running_var")
 def layers(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tuple[tuple[int, ...], str]]:
     """Published name of every convolution -> (shape of its weight, name of the batch norm behind it)."""
     encoder, decoder = FILES
-    found: dict[str, tuple[tuple[int, ...], str]] = {f"{encoder}.conv1": ((width, 5, 3, 3), f"{encoder}.bn1")}
+    shapes: dict[str, tuple[tuple[int, ...], str]] = {f"{encoder}.conv1": ((width, 5, 3, 3), f"{encoder}.bn1")}
 
     def residual(name: str, outer: int, inner: int) -> None:
-        found[f"{name}.conv1"] = ((inner, outer, 1, 1), f"{name}.bn1")
-        found[f"{name}.conv2"] = ((outer, inner, 3, 3), f"{name}.bn2")
+        shapes[f"{name}.conv1"] = ((inner, outer, 1, 1), f"{name}.bn1")
+        shapes[f"{name}.conv2"] = ((outer, inner, 3, 3), f"{name}.bn2")
 
     for i, count in enumerate(blocks):
         narrow = width << i
         wide = width << (i + 1)
         stage = f"{encoder}.enc{i + 1}"
-        found[f"{stage}.conv"] = ((wide, narrow, 3, 3), f"{stage}.bn")
+        shapes[f"{stage}.conv"] = ((wide, narrow, 3, 3), f"{stage}.bn")
         for k in range(count):
             residual(f"{stage}.residual_{k}", wide, narrow)
     for i in range(len(blocks), 0, -1):
         narrow = width << (i - 1)
         wide = width << i
         stage = f"{decoder}.dec{i}"
-        found[f"{stage}.upconv"] = ((wide, narrow, 1, 4), f"{stage}.bn")  # transposed: in, out
+        shapes[f"{stage}.upconv"] = ((wide, narrow, 1, 4), f"{stage}.bn")  # transposed: in, out
         residual(f"{stage}.residual", narrow, wide)
-    return found
+    return shapes
 
 
 def published_shapes(width: int = WIDTH, blocks: tuple[int, ...] = BLOCKS) -> dict[str, tuple[int, ...]]:

@@ -57,6 +57,7 @@ def score_heads(scores: Mapping[str, Score]) -> list[str]:
 
 
 def score_text(score: Score) -> str:
+    """A score as tables show it: two digits of decibels, four of all else."""
     return f"{score.value:.{2 if score.unit == 'dB' else 4}f}"
 
 

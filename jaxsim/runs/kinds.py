@@ -51,6 +51,7 @@ class Run:
 
     @property
     def camera(self) -> Camera:
+        """The camera that the run was trained with."""
         return Camera(np.asarray(self.intrinsics, np.float32), np.asarray(self.cam_from_velo, np.float32))
 
 

@@ -25,7 +25,7 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     *whole, _ = read_text(path, by="run").split("\n")
-    found = []
+    lines = []
     for number, line in enumerate(whole, 1):
         try:
             content = parse_json(line, finite=False)  # a score may have no value
@@ -38,8 +38,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
                 f"run: {path}, line {number} is not what a training writes there ({error}); remove that line, and the "
                 "same command resumes"
             ) from error
-        found.append(content)
-    return found
+        lines.append(content)
+    return lines
 
 
 class TrainingDiverged(ValueError):

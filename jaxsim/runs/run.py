@@ -156,6 +156,7 @@ class Checkpoints:
 
     @property
     def latest(self) -> int | None:
+        """The last step that is kept; None where there is none."""
         return max(self.steps, default=None)
 
     @property

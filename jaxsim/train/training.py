@@ -64,6 +64,7 @@ class Training:
 
 
 def run_folder(settings: RunConfig) -> Path:
+    """The folder of a run."""
     return Path(settings.out) / settings.name
 
 

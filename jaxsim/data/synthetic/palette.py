@@ -18,6 +18,8 @@ Rgb = tuple[float, float, float]
 
 
 class Paint(NamedTuple):
+    """A colour as the camera sees it and as the LiDAR does."""
+
     rgb: Rgb
     nir: float
     gloss: float = 0.0
@@ -60,6 +62,7 @@ _SKINS = ("d9a88a", "b9805e", "8a5a3e", "e6bfa2")
 
 
 def luminance(rgb: Rgb) -> float:
+    """Luminance of a linear colour, 0..1 (Rec. 709)."""
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
 
 
@@ -75,18 +78,21 @@ def _jitter(rng: np.random.Generator, value: float, spread: float) -> float:
 
 
 def car_paint(rng: np.random.Generator) -> Paint:
+    """A car's colour, as often as cars have it."""
     share = np.array([p[2] for p in _CAR_PAINTS])
     code, nir, _, absorbing = _CAR_PAINTS[rng.choice(len(_CAR_PAINTS), p=share / share.sum())]
     return Paint(vary(rng, srgb(code), 0.10), _jitter(rng, nir, 0.05), 0.06, absorbing)
 
 
 def wall(rng: np.random.Generator, *, brick: bool) -> Paint:
+    """A house's wall, of bricks or plastered."""
     rgb = vary(rng, srgb(str(rng.choice(_BRICKS if brick else _WALLS))), 0.16)
     base = 0.26 + 0.7 * luminance(rgb) if brick else 0.30 + 0.36 * luminance(rgb)
     return Paint(rgb, _jitter(rng, base, 0.05))
 
 
 def roof(rng: np.random.Generator) -> Paint:
+    """A roof's tiles."""
     rgb = vary(rng, srgb(str(rng.choice(_ROOFS))), 0.15)
     return Paint(rgb, _jitter(rng, 0.16 + 1.0 * luminance(rgb), 0.05))
 
@@ -98,6 +104,7 @@ def cloth(rng: np.random.Generator) -> Paint:
 
 
 def skin(rng: np.random.Generator) -> Paint:
+    """A person's skin: brighter in the near infrared than it looks."""
     return Paint(srgb(str(rng.choice(_SKINS))), _jitter(rng, 0.5, 0.05))
 
 

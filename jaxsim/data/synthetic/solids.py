@@ -126,6 +126,7 @@ class Model:
         self.bounds[0].append((low, high))
 
     def ball(self, centre: Vector, radii: Vector, look: Look) -> None:
+        """Adds an ellipsoid along the axes."""
         self._round(_conic(np.diag(radii), centre), look, roundness=1.0)
 
     def limb(self, start: Vector, end: Vector, look: Look, *, radius: float) -> None:
@@ -133,9 +134,11 @@ class Model:
         self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=1.0)
 
     def cylinder(self, start: Vector, end: Vector, look: Look, *, radius: float, bore: float = 0.0) -> None:
+        """Adds a cylinder between two points, hollow where it has a `bore`."""
         self._round(_conic(_axes(start, end, radius), np.add(start, end) / 2), look, roundness=0.0, bore=bore)
 
     def crown(self, centre: Vector, radii: Vector, look: Look, *, path_m: float) -> None:
+        """Adds a tree's crown, of leaves between which rays go on for `path_m` in the mean."""
         conic = _conic(np.diag(radii), centre)
         self.crowns.append((conic, path_m, look))
         self.bounds[2].append(_extent(conic, 1.0))

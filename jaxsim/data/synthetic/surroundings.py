@@ -73,6 +73,7 @@ def tree(rng: np.random.Generator) -> Model:
 
 
 def bush(rng: np.random.Generator) -> Model:
+    """One to three balls of leaves."""
     model, look = Model(), _leaf_look(rng)
     for _ in range(int(rng.integers(1, 4))):
         r = float(rng.uniform(0.4, 0.9))
@@ -82,6 +83,7 @@ def bush(rng: np.random.Generator) -> Model:
 
 
 def hedge(rng: np.random.Generator, length: float) -> Model:
+    """A hedge of this length along x."""
     model = Model()
     height = float(rng.uniform(0.9, 1.9))
     model.box((-length / 2, -0.3, 0.0), (length / 2, 0.3, height), _leaf_look(rng))
@@ -111,6 +113,7 @@ def lamp_post(rng: np.random.Generator) -> Model:
 
 
 def bollard() -> Model:
+    """A bollard of dark metal."""
     model = Model()
     model.cylinder((0, 0, 0), (0, 0, 0.95), look_of("pole", palette.DARK_METAL), radius=0.06)
     return model

@@ -131,6 +131,7 @@ class SyntheticWorld:
         )
 
     def name_of(self, index: int) -> str:
+        """The world's seed and the frame's number."""
         return f"synthetic-{self.seed}-{index:06d}"
 
     def truth(self, index: int) -> Truth:

@@ -36,8 +36,8 @@ def check_law(law: ClosedLaw, variables: dict[str, str]) -> None:
     for name in law.parameters:
         if name not in NUMBERS:
             raise ValueError(f"parameter {name!r} is in no formula; known are {', '.join(NUMBERS)}")
-    own = [variables[name] for name in law.covariates]
-    for name in own:
+    names = [variables[name] for name in law.covariates]
+    for name in names:
         low, high = law.limits.get(name, (1.0, 0.0))
         if not low <= high:
             raise ValueError(f"limits of {name} are missing, or do not rise")
@@ -46,7 +46,7 @@ def check_law(law: ClosedLaw, variables: dict[str, str]) -> None:
         raise ValueError(f"a number is beyond {MOST:g}")
     if not _FOR_PEOPLE.fullmatch(law.formula) or len(law.formula) > LONGEST:
         raise ValueError(f"formula {law.formula[:60]!r} holds what no formula does")
-    check_expression(law.expression, [*own, *law.parameters, "pi"])
+    check_expression(law.expression, [*names, *law.parameters, "pi"])
 
 
 def check_expression(text: str, names: Collection[str]) -> None:

@@ -79,8 +79,8 @@ def search(
     worth, shape, fitted = best
     weight = root**2
     mean = np.average(curve, weights=weight)
-    left = float((weight * (curve - fitted.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
-    if 1 - left < RULES.law_least_share:
+    unexplained = float((weight * (curve - fitted.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
+    if 1 - unexplained < RULES.law_least_share:
         return None
     parameters = parameters_of(shape, fitted, unit=unit)
     return ClosedLaw(
@@ -92,7 +92,7 @@ def search(
         limits={one.name: (float(one.x.min()), float(one.x.max())) for one in variables},
         nodes=shape.nodes,
         held_out_nats=worth + RULES.law_price_nats * shape.nodes,
-        share=1 - left,
+        share=1 - unexplained,
     )
 
 

@@ -162,6 +162,7 @@ def _by_level(
 
 
 def cosine_of(scan: Scan) -> Float[np.ndarray, "f r c"]:
+    """The cosine of incidence, at least STEEPEST_COSINE."""
     return np.maximum(np.cos(np.asarray(scan.incidence_rad, np.float64)), STEEPEST_COSINE)
 
 

@@ -157,6 +157,8 @@ class AtRays:
 def at_rays(
     scan: Scan, index: RayIndex, *, surfaces: Surfaces, given_rad: Float[Array, "f r n"], simulator: Meant | None
 ) -> AtRays:
+    """What is known of the simulator's own noise, at the rays of `index`; a simulator without any (None) means what it
+    says."""
     noise = own_steps(scan) if simulator is None else simulator.noise
     ranges = None if simulator is None else simulator.ranges
     nothing = np.zeros((1, 1, 1), np.float32)

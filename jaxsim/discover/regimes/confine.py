@@ -84,9 +84,9 @@ def sharpened(region: Region, effect: Law, fitted: Fit, *, problem: Problem, fac
 
     Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
     columns = facts.scan.range_m.shape[2]
-    of = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=facts.column, sectors=columns)
-    slope = of.slope.sum(0)
-    curvature = of.curvature.sum(0)
+    whole = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=facts.column, sectors=columns)
+    slope = whole.slope.sum(0)
+    curvature = whole.curvature.sum(0)
     held = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
     size = 1 + slope[held].sum() / curvature[held].sum()
     # From none of the effect to this size: the slope at none of it less half of what bends it.

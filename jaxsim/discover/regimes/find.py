@@ -195,9 +195,9 @@ def _divisions(effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, aske
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
-    own = by_own_size(both, facts)
-    of = both.folded()
-    return [*(ask(question, of, facts.scene) for question in asked), *([own] if own else [])]
+    by_size = by_own_size(both, facts)
+    whole = both.folded()
+    return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
 
 
 def _ranking(choice: Choice, step: int | None) -> Sequence[Candidate]:

@@ -58,17 +58,17 @@ class Told(NamedTuple):
 def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
     fitted = one.step.fitted
-    of = cells(one.plain, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    whole = cells(one.plain, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(one.region.in_sector(azimuth))
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
-        size = _size_at(of.slope.sum(0), of.curvature.sum(0))
+        size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
         held = np.asarray(one.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
-        size = _size_at(np.bincount(group, of.slope.sum(1)), np.bincount(group, of.curvature.sum(1)))
+        size = _size_at(np.bincount(group, whole.slope.sum(1)), np.bincount(group, whole.curvature.sum(1)))
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         x = time_s if len(np.unique(time_s)) == len(first) else np.arange(len(first), dtype=float)

@@ -54,15 +54,17 @@ def find_repeats(
     too small to count, by channel, beside what rounding may do.
     """
     signs = signs_of(int(finding.sum()))
-    left = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
-    looked = {channel: Look.at(one, finding, signs, bins=bins) for channel, one in left.items() if one.weight.any()}
-    found: list[Found] = []
+    remaining = {channel: replace(one, total=one.centred(one.total)) for channel, one in maps.items()}
+    looked = {
+        channel: Look.at(one, finding, signs, bins=bins) for channel, one in remaining.items() if one.weight.any()
+    }
+    patterns: list[Found] = []
     for _ in range(rounds):
         best = strongest(looked)
         if best is None:
             break
         channel, scale, k, p = best
-        known = left[channel]
+        known = remaining[channel]
         phase = complex(looked[channel].sums[scale.name, scale.along][finding, k].sum()) if scale.pattern else 1.0
         # Where all patterns are asked about, the mean map of the find scenes is what judge scenes must show again.
         pattern = scale.pattern(k, phase) if scale.pattern else mean_map(known, finding, scale)
@@ -76,11 +78,11 @@ def find_repeats(
         large = abs(size.value) >= np.hypot(least[channel], known.rounding(pattern))
         if large and convincing(p_judge, int((~finding).sum())):
             repeat = told(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
-            found.append(Found(repeat, scale, k, phase))
+            patterns.append(Found(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
-        left[channel] = replace(known, total=known.total - height * response)
-        looked[channel] = Look.at(left[channel], finding, signs, bins=bins)
-    return tuple(sorted(found, key=lambda one: one.repeat.p_value))
+        remaining[channel] = replace(known, total=known.total - height * response)
+        looked[channel] = Look.at(remaining[channel], finding, signs, bins=bins)
+    return tuple(sorted(patterns, key=lambda one: one.repeat.p_value))
 
 
 @dataclass(frozen=True)

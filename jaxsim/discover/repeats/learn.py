@@ -55,11 +55,11 @@ def learn_repeats(
     heights = {k: np.zeros(form.count) for k, form in enumerate(forms)}
     laws: list[Learned] = []
     for _ in range(ROUNDS):
-        left = maps_with(laws)
+        remaining = maps_with(laws)
         for channel in dict.fromkeys(form.found.repeat.channel for form in forms):
             of = {k: form for k, form in enumerate(forms) if form.found.repeat.channel == channel}
             # The patterns are back in the residuals, as the model has them about what was fitted before.
-            maps = left[channel]
+            maps = remaining[channel]
             before = {k: maps.centred(maps.left(form.spread(heights[k]))) for k, form in of.items()}
             whole = replace(maps, total=maps.centred(maps.total) + sum(before.values()))
             heights |= dict(zip(of, solve(whole, list(of.values()), finding), strict=True))
@@ -97,19 +97,19 @@ def conjugate_gradients(normal: Callable[[Heights], Heights], right: Heights, in
     """x of normal(x) = right, with `inverse` as a guess of what undoes `normal`, number by number (Hestenes & Stiefel
     1952)."""
     x = np.zeros_like(right)
-    left = right.copy()
-    along = inverse * left
-    size = first = float(left @ along)
+    residual = right.copy()
+    direction = inverse * residual
+    size = first = float(residual @ direction)
     for _ in range(STEPS):
         if size <= CLOSE**2 * first:
             break
         # `normal` is dear, a map of every ray: few steps, each along a direction that no later one undoes.
-        bent = normal(along)
-        step = size / float(along @ bent)
-        x = x + step * along
-        left = left - step * bent
-        before, size = size, float(left @ (inverse * left))
-        along = inverse * left + size / before * along
+        bent = normal(direction)
+        step = size / float(direction @ bent)
+        x = x + step * direction
+        residual = residual - step * bent
+        before, size = size, float(residual @ (inverse * residual))
+        direction = inverse * residual + size / before * direction
     return x
 
 

@@ -174,6 +174,7 @@ def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
 
 
 def classes_of(comparison: UnpairedComparison) -> np.ndarray:
+    """The class of each ray; 0 for all where classes are not known."""
     return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
 
 

@@ -160,14 +160,14 @@ def thresholds(score: Float[np.ndarray, " p"], truths: int) -> Float[np.ndarray,
     ordered = np.sort(score)[::-1].tolist()
     last = len(ordered) - 1
     recall = 0.0
-    found = []
+    scores = []
     for i, value in enumerate(ordered):
         left = (i + 1) / truths
         right = (i + 2) / truths if i < last else left
         # Take this score only if the next one's recall is not nearer to the wanted one.
         if i < last and right - recall < recall - left:
             continue
-        found.append(value)
+        scores.append(value)
         # Added up, as the devkit does: its rounding decides which scores are taken.
         recall += 1 / (SLOTS - 1)
-    return np.array(found, np.float64)
+    return np.array(scores, np.float64)

@@ -62,6 +62,7 @@ def shapes_of(run: Run) -> Tree:
 
 
 def sha256(path: Path) -> str:
+    """SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

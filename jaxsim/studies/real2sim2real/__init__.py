@@ -44,6 +44,7 @@ class Loop:
 
     @property
     def out(self) -> Path:
+        """The folder of the loop."""
         return self.config.out
 
     @property
@@ -62,12 +63,15 @@ class Loop:
         return self.config.detector.detector.anchors.kind
 
     def tree(self, kind: str) -> Path:
+        """The KITTI tree of a kind of clouds."""
         return self.out / "trees" / kind
 
     def detector(self, trained: str, seed: int) -> Path:
+        """The run of the detector that was trained on a kind of clouds."""
         return self.out / "detectors" / f"seed{seed}" / trained
 
     def score(self, trained: str, judged: str, seed: int) -> Path:
+        """The file of a detector's scores on a kind of clouds."""
         return self.out / "scores" / f"seed{seed}" / f"{trained}_on_{judged}.json"
 
     @property
@@ -81,6 +85,7 @@ class Loop:
         return [(kind, REAL) for kind in self.trained] + [(REAL, kind) for kind in self.config.kinds]
 
     def recipe(self, kind: str) -> CloudRecipe:
+        """How clouds of a kind are made."""
         recipe = KINDS[kind][0]
         return replace(recipe, lines=self.config.lines_32) if kind == "raw_32" else recipe
 

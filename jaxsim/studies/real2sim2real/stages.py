@@ -97,6 +97,7 @@ class Stages:
             self.report()
 
     def say(self, words: str) -> None:
+        """Prints a line on the progress at once, for a log that others follow."""
         print(f"real2sim2real: {words}", flush=True)
 
     def train(self, run: Path, experiment: Experiment | DetectorExperiment) -> None:

@@ -33,9 +33,11 @@ class Linear(nnx.Module):
             self.bias = nnx.Param(draw((outputs,)))
 
     def along_first(self, x: Float[Array, "i *n"]) -> Float[Array, "o *n"]:
+        """The layer on the first axis."""
         return jnp.tensordot(self.weight[...], x, 1, precision=_product)
 
     def along_last(self, x: Float[Array, "*n i"]) -> Float[Array, "*n o"]:
+        """The layer on the last axis."""
         return jnp.einsum("...i,oi->...o", x, self.weight[...], precision=_product)
 
 

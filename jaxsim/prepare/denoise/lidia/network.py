@@ -34,6 +34,7 @@ class Variant(NamedTuple):
 
     @property
     def channels(self) -> int:
+        """Channels of an image: 3 of a colour image, 1 of intensity."""
         return 3 if self.colour else 1
 
     @property
