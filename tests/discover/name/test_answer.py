@@ -33,7 +33,7 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     curve = candidate("curve", 9, "drop")
     null, both, one = problem(), problem(), problem()
     refitted = []
-    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences: [(DEPENDENCE["drop"], curve)])
+    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
         answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
     )

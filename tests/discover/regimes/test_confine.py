@@ -30,11 +30,15 @@ def asked(null, facts):
     """The best region of every question, of beam gains fitted to all frames; by what divides."""
     one = fit(GAIN, null, EVERYONE)
     of = cells(GAIN, null, z=one.z, noise=one.noise, sector=facts.sector, sectors=facts.sectors)
-    return of, {(q.divides, q.regions[0].tag): ask(q, of, facts.scene) for q in questions(facts)}
+    found = [ask(q, of, facts.scene) for q in questions(facts)]
+    # Moments are asked about twice, from one on and between two: the clearer answer comes last and stays.
+    found.sort(key=lambda one: -one.p_value)
+    return of, {(one.question.divides, one.question.regions[0].tag): one for one in found}
 
 
-def test_scenes_that_have_the_effect_ask_for_twice_what_fits_all(night):
-    null, facts = night
+def test_scenes_that_have_the_effect_ask_for_twice_what_fits_all(standard_promotion):
+    # Of gains well below the noise: along larger ones the likelihood, whose tails are heavy, is no parabola.
+    null, facts = halves(share=0.4)
     of, _ = asked(null, facts)
     size = 1 + of.slope.sum(1) / of.curvature.sum(1)
     assert np.median(size[INSIDE]) == pytest.approx(2, abs=0.5)
