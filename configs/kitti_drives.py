@@ -20,24 +20,25 @@ FOLDS[k]" --data.validation FOLDS[k]`; the experiment leaves out fold 1."""
 experiment = Experiment(
     data=DataConfig(kind="kitti_raw", train=f"all but {FOLDS[1]}", validation=FOLDS[1]),
     prepare=PrepareConfig(
-        inputs=("rgb", "depth", "log_range", "incidence", "beam"),
+        inputs=("rgb", "log_range", "incidence", "beam", "surroundings"),
         depth="ip_basic",
         network_size=(44, 372),  # the window itself
     ),
     generator=GeneratorConfig(form="unet", filters=16, max_filters=128, downsamples=3, blocks=1, enhancers=0),
     loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.05, occluded_weight=1.0),
     optim=OptimConfig(
-        lr=2e-3,
+        lr=3e-3,
         betas=(0.9, 0.99),
-        batch=2,
-        steps=1000,
+        batch=4,
+        columns=64,
+        steps=1200,
         warm_up=50,
         decay_from=0.0,
         clip=1.0,
         flip=True,
         jitter=0.2,
         ema_start=100,
-        ema_decay=0.995,
+        ema_decay=0.99,
     ),
-    run=RunConfig(name="kitti_drives", save_every=200, picture_every=400),
+    run=RunConfig(name="kitti_drives", save_every=400, picture_every=400),
 )

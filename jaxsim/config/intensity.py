@@ -29,7 +29,7 @@ class GeneratorConfig(Checked):
     max_filters: Count = 1024
     downsamples: Whole = 4
     blocks: Whole = 9
-    """Residual blocks of the global generator; of `unet`, on either side of each level."""
+    """Residual blocks of the global generator; of `unet`, on either side of each level below full size."""
     enhancers: Whole = 1
     enhancer_blocks: Whole = 3
     out_channels: Count = 1
@@ -111,6 +111,9 @@ class OptimConfig(Checked):
     scale_limit: NotNegative = 0.0
     """Magnify frames at random by up to this, and cut the network's size out anywhere: 0.2 in Imaginaire's
     configuration."""
+    columns: Whole = 0
+    """Cut so many columns of the network's size out of each frame, anywhere; 0: all. A step over parts of more frames
+    sees more streets."""
     ema_decay: Share = 0.999
     ema_start: Whole = 500
     """The averaged generator copies the trained one up to this step."""

@@ -43,6 +43,12 @@ def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tu
     return jax.tree.map(take, pair)
 
 
+def cut(pair: Pair, columns: int, place: float) -> Pair:
+    """So many columns of the pair; `place` says where, from 0 (left) to 1."""
+    start = min(int(place * (pair.row.shape[1] - columns + 1)), pair.row.shape[1] - columns)
+    return jax.tree.map(lambda raster: raster[:, start : start + columns], pair)
+
+
 def recoloured(pair: Pair, amount: float, rng: np.random.Generator) -> Pair:
     """The pair as a camera of another exposure, contrast and colour balance sees it; each changes by about `amount`."""
     contrast, gain = np.exp(rng.normal(0, (amount, amount)))
@@ -62,6 +68,7 @@ def batches(
     jitter: float = 0.0,
     scale_limit: float = 0.0,
     raster: tuple[int, int] | None = None,
+    columns: int = 0,
     part: int = 0,
     parts: int = 1,
 ) -> Any:
@@ -69,8 +76,9 @@ def batches(
 
     `raster` scales each pair to these rows and columns, where windows differ. `scale_limit` magnifies each by a
     factor between 1 and 1 plus it and cuts `raster` out anywhere (Imaginaire's `random_scale_limit` and crop); `flip`
-    mirrors each with probability 1/2; `jitter` recolours each. Of several processes each takes one of
-    `parts` equal parts of every batch: part after part they are the batch that one process would take whole.
+    mirrors each with probability 1/2; `jitter` recolours each; `columns`, unless 0, are cut out of each, anywhere. Of
+    several processes each takes one of `parts` equal parts of every batch: part after part they are the batch that one
+    process would take whole.
 
     Raises ValueError where there are fewer pairs than a batch, where it cannot be divided, or where `scale_limit`
     lacks `raster`.
@@ -94,6 +102,8 @@ def batches(
     dataset = grain.MapDataset.source(pairs).seed(seed).shuffle().repeat()
     if raster:
         dataset = dataset.random_map(draw)
+    if columns:
+        dataset = dataset.random_map(lambda pair, rng: cut(pair, columns, rng.random()))
     if flip:
         dataset = dataset.random_map(lambda pair, rng: mirrored(pair) if rng.random() < 0.5 else pair)
     if jitter:

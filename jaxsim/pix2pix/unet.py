@@ -2,8 +2,9 @@
 
 What a return's intensity is made of is known: the laser's own gain, range, angle, and what the surface is like. The
 first three are the cell's own; the last has to be told from the image around it. So every cell has a part of its own at
-full size, and beside it features of its surroundings, which a U-Net (Ronneberger et al. 2015) gathers. No layer has a
-norm over the image: it would tell each cell what else is in the frame, and that is the street, not the sensor.
+full size, and beside it features of its surroundings, which a U-Net (Ronneberger et al. 2015) gathers. At full size, where
+a convolution costs most, it has none: what lies next to a cell comes in numbers (`prepare.surroundings`). No layer has
+a norm over the image: it would tell each cell what else is in the frame, and that is the street, not the sensor.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ from jaxtyping import Float
 from jaxsim.config import GeneratorConfig
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
+
+
+OWN = 4
+"""Channels of a cell's own part, in those of the first level."""
 
 
 class Plain(nnx.Module):
@@ -50,41 +55,43 @@ class Residual(nnx.Module):
 class UNet(nnx.Module):
     """Outputs of each cell from inputs of any channels; any number of rows and columns.
 
-    `blocks` residual blocks a level on either side, `downsamples` halvings, each of twice the channels up to
-    `max_filters`. Channels that come out are not bounded: `losses` and `predict` say what they mean.
+    `downsamples` halvings, each of twice the channels up to `max_filters`, and below full size `blocks` residual blocks
+    a level on either side. Channels that come out are not bounded: `losses` and `predict` say what they mean.
     """
 
     def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
         widths = [min(config.filters * 2**k, config.max_filters) for k in range(config.downsamples + 1)]
+        alone = OWN * widths[0]
         self.multiple = 2**config.downsamples
         self.stem = Plain(in_channels, widths[0], size=1, rngs=rngs)
-        self.own = Plain(in_channels, 2 * widths[0], size=1, rngs=rngs)
+        self.own = Plain(in_channels, alone, size=1, rngs=rngs)
+        self.response = Plain(alone, alone, size=1, rngs=rngs)
         make = lambda width: nnx.List([Residual(width, rngs=rngs) for _ in range(config.blocks)])  # noqa: E731
-        self.down = nnx.List([make(width) for width in widths])
+        self.down = nnx.List([make(width) for width in widths[1:]])
         pairs = list(pairwise(widths))
         self.widen = nnx.List([Plain(narrow, wide, size=1, rngs=rngs) for narrow, wide in pairs])
         self.narrow = nnx.List([Plain(wide, narrow, size=1, rngs=rngs, gain=0.5) for narrow, wide in pairs])
-        self.up = nnx.List([make(width) for width in widths[:-1]])
-        self.join = Plain(3 * widths[0], 2 * widths[0], size=1, rngs=rngs)
-        self.head = Plain(2 * widths[0], config.channels, size=1, rngs=rngs, gain=0.1)
+        self.up = nnx.List([make(width) for width in widths[1:-1]])
+        self.join = Plain(alone + widths[0], alone, size=1, rngs=rngs)
+        self.head = Plain(alone, config.channels, size=1, rngs=rngs, gain=0.1)
 
     def __call__(self, inputs: Float[Array, "b h w c"], *, train: bool = False) -> Float[Array, "b h w k"]:
         _, h, w, _ = inputs.shape
         rows, columns = -h % self.multiple, -w % self.multiple
         x = self.stem(jnp.pad(inputs, ((0, 0), (0, rows), (0, columns), (0, 0))))
         levels = []
-        for k, blocks in enumerate(self.down):
+        for widen, blocks in zip(self.widen, self.down, strict=True):
+            levels.append(x)
+            x = widen(_halved(x))
             for block in blocks:
                 x = block(x)
-            if k < len(self.widen):
-                levels.append(x)
-                x = self.widen[k](_halved(x))
-        for k in reversed(range(len(self.up))):
+        for k in reversed(range(len(levels))):
             x = levels[k] + _doubled(self.narrow[k](x))
-            for block in self.up[k]:
+            for block in self.up[k - 1] if k else ():
                 x = block(x)
-        beside = jnp.concatenate([self.own(inputs), x[:, :h, :w]], axis=-1)
-        return self.head(jax.nn.relu(self.join(jax.nn.relu(beside))))
+        own = jax.nn.relu(self.response(jax.nn.relu(self.own(inputs))))
+        beside = jnp.concatenate([own, jax.nn.relu(x[:, :h, :w])], axis=-1)
+        return self.head(jax.nn.relu(self.join(beside)))
 
 
 def _halved(x: Float[Array, "b h w c"]) -> Float[Array, "b h/2 w/2 c"]:

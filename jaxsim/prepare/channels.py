@@ -13,6 +13,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.config import PrepareConfig
 from jaxsim.frame import Array, Painted
 from jaxsim.geometry import resample
+from jaxsim.prepare.surroundings import CHANNELS as AROUND
+from jaxsim.prepare.surroundings import surroundings
 
 ROW_OCTAVES = 6
 """Waves over the sensor's height: 1, 2, 4 ... 32, the last of about two lines for a sensor of 64."""
@@ -29,6 +31,7 @@ CHANNELS: dict[str, int | None] = {
     "log_range": 1,
     "row": 1 + 2 * ROW_OCTAVES,
     "beam": BEAMS,
+    "surroundings": AROUND,
 }
 """Channels of each input; None: one a class."""
 
@@ -84,6 +87,7 @@ def network_inputs(
         ),
         "row": lambda: _row_code(row),
         "beam": lambda: jax.nn.one_hot(jnp.round(row * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32),
+        "surroundings": lambda: surroundings(painted, incidence_rad),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)
 

@@ -22,6 +22,10 @@ from jaxsim.simulate.predict import make_batch, make_predict
 from jaxsim.train.training import Scores, Training, ahead, run_folder
 
 
+HELD = 500
+"""Pairs that are held in memory, of about a megabyte each; more are read from disk, each time one is asked for."""
+
+
 def intensity_training(experiment: Experiment) -> Training:
     """Raises ValueError and FileNotFoundError where data or weights are missing, before any time goes into them."""
     data = experiment.data
@@ -29,6 +33,11 @@ def intensity_training(experiment: Experiment) -> Training:
     settings = experiment.run
     optim = experiment.optim
     mesh = devices.data_mesh(optim.batch)
+    if optim.columns > prepare.network_size[1]:
+        raise ValueError(
+            f"train: --optim.columns {optim.columns} cannot be cut out of {prepare.network_size[1]} columns "
+            "(--prepare.network-size); give at most as many, or 0 for all"
+        )
 
     # Perceptual loss: its weights are asked for before time goes into preparation.
     weights = experiment.loss
@@ -40,21 +49,24 @@ def intensity_training(experiment: Experiment) -> Training:
     dataset = open_dataset(data)
     train = prepared(dataset, select(data.train, dataset), data, prepare=prepare)
     validation = prepared(dataset, select(data.validation, dataset), data, prepare=prepare)
-    # Scaled on the host where frames are magnified, or where drives of other calibrations see other windows.
-    raster = prepare.network_size if optim.scale_limit or len(train.windows) > 1 else None
+    # Scaled on the host where frames are magnified or cut, or where drives of other calibrations see other windows.
+    size = prepare.network_size
+    alike = train.windows == {size} if optim.columns else len(train.windows) == 1
+    raster = size if optim.scale_limit or not alike else None
     loader = batches(
-        train,
+        list(train) if len(train) <= HELD else train,
         size=optim.batch,
         seed=settings.seed,
         flip=optim.flip,
         jitter=optim.jitter,
         scale_limit=optim.scale_limit,
         raster=raster,
+        columns=optim.columns,
         part=jax.process_index(),
         parts=jax.process_count(),
     )
     to_batch = make_batch(
-        prepare,
+        replace(prepare, network_size=(size[0], optim.columns)) if optim.columns else prepare,
         drop_weight=weights.drop_weight,
         unseen_weight=weights.unseen_weight,
         occluded_weight=weights.occluded_weight,

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.data.batches import batches, magnified
+from jaxsim.data.batches import batches, cut, magnified
 from jaxsim.frame import Painted, Pair, PolarImage
 from jaxsim.train.training import ahead
 
@@ -95,3 +95,17 @@ def test_pairs_of_other_windows_come_at_one_size():
 def test_magnifying_needs_a_size_to_cut_out():
     with pytest.raises(ValueError, match="raster must say"):
         batches(PAIRS, size=2, seed=0, scale_limit=0.2)
+
+
+def test_columns_are_cut_out_of_every_raster_at_one_place():
+    for place, start in ((0.0, 0), (0.5, 1), (0.999, 2)):
+        part = cut(PAIRS[0], 4, place)
+        for whole, piece in zip(jax.tree.leaves(PAIRS[0]), jax.tree.leaves(part), strict=True):
+            np.testing.assert_array_equal(piece, whole[:, start : start + 4])
+
+
+def test_cut_columns_come_from_all_over_the_frame():
+    loader = batches(PAIRS[:2], size=2, seed=0, columns=4)
+    first = np.concatenate([loader[k].target[:, 0, 0] % 100 for k in range(20)])
+    assert loader[0].painted.rgb.shape == (2, 4, 4, 3)
+    assert {*first} == {0, 1, 2}
