@@ -3,6 +3,10 @@
 python UNPACK OUT                                  # KITTI raw drives of 2011_09_26 into OUT/2011_09_26
 jaxsim train kitti_drives --data.root OUT
 jaxsim eval runs/kitti_drives
+
+1200 steps: 2 minutes of processor time, 25 on two cores that many shared. Intensity MAE on the drives of fold 1, which
+it never saw: 0.0728 (boosted trees with the same surroundings: 0.0739); on those of folds 0, 2 and 3 by networks that
+left them out 0.0773, 0.0956 and 0.0791 (trees 0.0805, 0.0974, 0.0811). See docs/scores.md.
 """
 
 from jaxsim.config import DataConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig, RunConfig

@@ -52,7 +52,7 @@ def synthetic() -> None:
     sensor = jaxsim.load(RUN)
     world = open_dataset(sensor.run.experiment.data)
     pair, grid = prepare_frame(world[1920], world.spec, sensor.run.experiment.prepare)
-    predicted = np.asarray(make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair))
+    predicted = np.asarray(make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair).reported)
     save_picture(PICTURES / "synthetic.png", shrunk(pair_picture(pair, predicted, title=world.name_of(1920)), 1116))
 
     def view(cloud: Cloud, title: str) -> np.ndarray:

@@ -35,8 +35,8 @@ class Evaluation(Checked):
     """Paired scores on the cells that the camera saw, with baselines beside them, and pictures.
 
     The baselines are fitted to the run's own training frames; where two scenes or more are judged, every score has its
-    interval over them. Writes scores.json, scores.md and pictures (input | predicted | measured | difference) to
-    RUN/evaluation. Of a detector's run: KITTI's average precision.
+    interval over them. Writes scores.json, scores.md and pictures (input | predicted | measured | difference, and
+    the spread where the network gives one) to RUN/evaluation. Of a detector's run: KITTI's average precision.
 
     Also: jaxsim eval generation (two folders of frames or clouds), jaxsim eval detection (KITTI result files),
     jaxsim eval ablation (networks of different inputs in one table); each has its own --help.
@@ -92,8 +92,10 @@ class Evaluation(Checked):
             distribution=judged.distribution,
         )
         for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
-            predicted = np.asarray(judged.predict(sensor.params, pair).reported)
-            save_picture(file_of(out, name, ".png", by="eval"), pair_picture(pair, predicted, title=name))
+            says = judged.predict(sensor.params, pair)
+            spread = None if says.levels is None else np.asarray(says.levels[..., -1] - says.levels[..., 0])
+            picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
+            save_picture(file_of(out, name, ".png", by="eval"), picture)
         print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores, judged.intervals)}\n")
         if judged.intervals["network"]:
             print(f"{difference_table(judged.differences)}\n")

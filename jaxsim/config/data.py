@@ -9,7 +9,9 @@ from typing import Literal
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
 
 DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
-InputName = Literal["rgb", "depth", "semantic", "edges", "incidence", "range", "log_range", "row", "beam", "surroundings"]
+InputName = Literal[
+    "rgb", "depth", "semantic", "edges", "incidence", "range", "log_range", "row", "beam", "surroundings"
+]
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,9 @@ class PrepareConfig(Checked):
     """From camera and LiDAR to aligned pairs on the polar grid."""
 
     inputs: tuple[InputName, ...] = ("rgb", "depth", "semantic", "edges", "row")
-    """Channels the network sees. `incidence`, `range`, `log_range`, `row`, `beam` and `surroundings` are not in the paper;
-    `beam` is a channel a laser line, up to 64 of them, `surroundings` are means and spreads of grey and range around."""
+    """Channels the network sees. `incidence`, `range`, `log_range`, `row`, `beam` and `surroundings` are not in the
+    paper; `beam` is a channel a laser line, up to 64 of them, `surroundings` are means and spreads of grey and range
+    around the cell."""
     classes: tuple[Whole, ...] = tuple(range(34))
     """Cityscapes ids that get a channel of `semantic`; any other is *don't care*."""
     image_crop: tuple[Count, Count] = (352, 1216)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.config import LEVELS, PrepareConfig
-from jaxsim.evaluate.baselines import fit_baselines, previous_frame
+from jaxsim.evaluate.baselines import Baseline, fit_baselines, previous_frame
 from jaxsim.evaluate.trees import fit_trees
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
@@ -86,6 +86,11 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
 
+def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> Sums:
+    """What a fitted baseline makes of each pair."""
+    return [_sums(*guess(pair), pair) for pair in pairs]
+
+
 def baseline_sums(
     train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
 ) -> dict[str, Sums]:
@@ -96,7 +101,7 @@ def baseline_sums(
     fitted = fit_baselines(train, judged)
     if trees:
         fitted |= {name: fit_trees(train, context=context) for name, context in TREES.items()}
-    sums = {name: [_sums(*guess(pair), pair) for pair in judged] for name, guess in fitted.items()}
+    sums = {name: baseline_frames(guess, judged) for name, guess in fitted.items()}
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
         filling = float(fitted["global mean"](copied[0][0]).intensity[0, 0])

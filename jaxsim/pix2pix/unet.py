@@ -2,9 +2,10 @@
 
 What a return's intensity is made of is known: the laser's own gain, range, angle, and what the surface is like. The
 first three are the cell's own; the last has to be told from the image around it. So every cell has a part of its own at
-full size, and beside it features of its surroundings, which a U-Net (Ronneberger et al. 2015) gathers. At full size, where
-a convolution costs most, it has none: what lies next to a cell comes in numbers (`prepare.surroundings`). No layer has
-a norm over the image: it would tell each cell what else is in the frame, and that is the street, not the sensor.
+full size, and beside it features of its surroundings, which a U-Net (Ronneberger et al. 2015) gathers. At full size,
+where a convolution costs most, it has none: what lies next to a cell comes in numbers (`prepare.surroundings`). No
+layer has a norm over the image: it would tell each cell what else is in the frame, and that is the street, not the
+sensor.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from jaxtyping import Float
 from jaxsim.config import GeneratorConfig
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
-
 
 OWN = 4
 """Channels of a cell's own part, in those of the first level."""
@@ -59,7 +59,10 @@ class UNet(nnx.Module):
     a level on either side. Channels that come out are not bounded: `losses` and `predict` say what they mean.
     """
 
-    def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
+    def __init__(
+        self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs, *, out_channels: int | None = None
+    ) -> None:
+        """`out_channels` are the config's own by default."""
         widths = [min(config.filters * 2**k, config.max_filters) for k in range(config.downsamples + 1)]
         alone = OWN * widths[0]
         self.multiple = 2**config.downsamples
@@ -73,7 +76,7 @@ class UNet(nnx.Module):
         self.narrow = nnx.List([Plain(wide, narrow, size=1, rngs=rngs, gain=0.5) for narrow, wide in pairs])
         self.up = nnx.List([make(width) for width in widths[1:-1]])
         self.join = Plain(alone + widths[0], alone, size=1, rngs=rngs)
-        self.head = Plain(alone, config.channels, size=1, rngs=rngs, gain=0.1)
+        self.head = Plain(alone, out_channels or config.channels, size=1, rngs=rngs, gain=0.1)
 
     def __call__(self, inputs: Float[Array, "b h w c"], *, train: bool = False) -> Float[Array, "b h w k"]:
         _, h, w, _ = inputs.shape

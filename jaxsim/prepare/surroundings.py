@@ -1,8 +1,8 @@
 """What lies around each cell, in numbers: means and spreads of grey and of range over squares of several sizes.
 
 What a surface is like has to be told from how it looks beside its neighbours. A network can learn such measures, from
-many drives; from few it learns more where it is given them. Those of grey are taken of the frame's own exposure, so that
-a darker camera changes nothing.
+many drives; from few it learns more where it is given them. Those of grey are in units of the frame's own exposure, so
+that a darker camera changes little.
 """
 
 from __future__ import annotations

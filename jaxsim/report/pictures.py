@@ -121,8 +121,9 @@ def input_panels(painted: Painted) -> list[tuple[str, Rgb]]:
     return panels
 
 
-def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
-    """Input, prediction, measurement and their difference, one above the other."""
+def pair_picture(pair: Pair, predicted: Raster, *, title: str, spread: Raster | None = None) -> Rgb:
+    """Input, prediction, measurement and their difference, one above the other; and, where the network gives one, the
+    width of the interval that it holds nine tenths of the measurements to lie in."""
     painted, measured = pair.painted, pair.measured
     seen, returned = np.asarray(painted.valid), np.asarray(measured.valid)
     both = seen & returned
@@ -135,6 +136,8 @@ def pair_picture(pair: Pair, predicted: Raster, *, title: str) -> Rgb:
         ("measured intensity", intensity_panel(intensity, returned)),
         (f"absolute difference (0-0.3), {mean}", colour_scalar(error, both, low=0.0, high=0.3)),
     ]
+    if spread is not None:
+        panels.append(("width of the 90 % interval (0-0.6)", colour_scalar(spread, seen, low=0.0, high=0.6)))
     return strip(panels)
 
 

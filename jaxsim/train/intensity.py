@@ -21,7 +21,6 @@ from jaxsim.runs.run import describe
 from jaxsim.simulate.predict import make_batch, make_predict
 from jaxsim.train.training import Scores, Training, ahead, run_folder
 
-
 HELD = 500
 """Pairs that are held in memory, of about a megabyte each; more are read from disk, each time one is asked for."""
 

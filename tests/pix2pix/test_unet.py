@@ -43,6 +43,13 @@ def test_a_far_part_of_the_frame_changes_nothing_here():
     assert np.abs(of_x - of_y)[:, :, 96:].max() > 0
 
 
+def test_without_halvings_each_cell_answers_for_itself():
+    network = UNet(replace(CONFIG, downsamples=0), 3, nnx.Rngs(0))
+    x = jax.random.normal(jax.random.key(0), (1, 3, 5, 3))
+    changed = np.argwhere(np.abs(network(x) - network(x.at[0, 1, 2].set(5.0)))[0].max(-1) > 0)
+    assert changed.tolist() == [[1, 2]]
+
+
 def test_the_quantile_loss_is_least_at_the_quantiles():
     draws = np.random.default_rng(0).uniform(0, 1, 4001).astype(np.float32)
     cells, weight = jnp.asarray(draws)[None, None], jnp.ones((1, 1, 4001))

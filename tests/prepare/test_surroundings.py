@@ -79,9 +79,7 @@ def test_what_the_camera_did_not_see_changes_nothing(compiled):
         rgb=np.where(seen[..., None], painted.rgb, other.rgb),
         range_m=np.where(seen, painted.range_m, other.range_m),
     )
-    np.testing.assert_array_equal(
-        compiled(mixed, np.where(seen, angle, other_angle)), compiled(painted, angle)
-    )
+    np.testing.assert_array_equal(compiled(mixed, np.where(seen, angle, other_angle)), compiled(painted, angle))
 
 
 def test_another_exposure_leaves_all_but_the_exposure_as_it_was(compiled):

@@ -90,3 +90,11 @@ def test_prediction_measurement_and_difference_lie_below_the_input(pair: Pair):
     assert picture.shape[0] == 6 * height
     # Prediction and measurement are the same here, so their panels are, below their titles.
     np.testing.assert_array_equal(picture[3 * height + 26 : 4 * height], picture[4 * height + 26 : 5 * height])
+
+
+def test_a_spread_is_a_panel_of_its_own_below_the_difference(pair: Pair):
+    without = pair_picture(pair, np.asarray(pair.target), title="step 3")
+    spread = np.full(SHAPE, 0.3, np.float32)
+    picture = pair_picture(pair, np.asarray(pair.target), title="step 3", spread=spread)
+    np.testing.assert_array_equal(picture[: len(without)], without)
+    assert picture.shape[0] == len(without) // 6 * 7

@@ -1,0 +1,228 @@
+"""Real drives that were never seen: `configs/kitti_drives` trained without each fold of drives, beside its baselines.
+
+    python benchmarks/studies/unseen_drives.py ROOT OUT [--folds 0 1 2 3 4] [--seeds 2] [--config kitti_drives]
+        [-- FLAGS OF jaxsim train]
+
+ROOT holds `2011_09_26/`. For each fold of `configs.kitti_drives.FOLDS` a network learns from the other drives,
+baselines are fitted to the same frames, and all are scored on the cells of the fold's drives: every drive is judged
+once, by what has not seen it. What is there, trainings and scores, is not made again.
+
+Writes OUT/unseen_drives.md and .json (scores with intervals over drives, errors by drive), .png (each drive's error
+beside that of boosted trees), and pictures of a frame of each drive: OUT/pictures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import jaxsim
+from configs.kitti_drives import FOLDS
+from jaxsim.cli import enable_compilation_cache
+from jaxsim.config import LEVELS, DataConfig, Experiment
+from jaxsim.data import open_dataset, select
+from jaxsim.evaluate.baselines import fit_baselines
+from jaxsim.evaluate.intensity import TREES, Sums, baseline_frames, network_sums
+from jaxsim.evaluate.trees import fit_trees
+from jaxsim.files import replacing
+from jaxsim.metrics.intervals import ratio_interval
+from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
+from jaxsim.pairs.prepared import prepared
+from jaxsim.report import difference_table, pair_picture, save_picture, score_table
+from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas
+from jaxsim.report.charts import label, ticks
+from jaxsim.report.results import markdown_table
+from jaxsim.simulate.predict import STEP, make_predict
+from jaxsim.train.experiments import load_experiment
+from jaxsim.train.loop import train_apart
+
+BAR = "trees, context"
+
+
+def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path) -> dict[str, Sums]:
+    """Sums of each baseline on each frame of the fold; a kind of baseline is fitted once, and kept in OUT/sums."""
+    dataset = open_dataset(data)
+    judged = prepared(dataset, select(FOLDS[fold], dataset), data, prepare=experiment.prepare)
+    train = prepared(dataset, select(f"all but {FOLDS[fold]}", dataset), data, prepare=experiment.prepare)
+    kinds = {"tables": lambda: fit_baselines(list(train), list(judged))}
+    for name, context in TREES.items():
+        kinds[name] = lambda name=name, context=context: {name: fit_trees(list(train), context=context)}
+    found: dict[str, Sums] = {}
+    for kind, fit in kinds.items():
+        path = out / "sums" / f"{kind.replace(', ', '_').replace(' ', '_')}_{fold}.json"
+        if not path.is_file():
+            sums = {name: baseline_frames(guess, judged) for name, guess in fit().items()}
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps(sums))
+        found |= json.loads(path.read_text())
+    return found
+
+
+def network_of(fold: int, seed: int, data: DataConfig, *, config: str, out: Path, flags: Sequence[str]) -> Path:
+    """The run that learned from the other folds; trains it where it is not done."""
+    run = out / "runs" / f"fold{fold}_seed{seed}"
+    if not (run / "card.md").is_file():
+        arguments = ["--data.root", data.root, "--data.cache", data.cache, "--data.train", f"all but {FOLDS[fold]}"]
+        arguments += ["--data.validation", FOLDS[fold], "--run.out", run.parent, "--run.name", run.name]
+        status = train_apart(config, *map(str, arguments), "--run.seed", str(seed), *flags)
+        if status:
+            sys.exit(f"error: training {run} ended with status {status}; the same command resumes")
+    return run
+
+
+def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
+    """Of each frame of the fold the network's sums and how many measurements its levels cover; once, kept in OUT/sums.
+    Draws a frame of each drive."""
+    path = out / "sums" / f"{run.name}.json"
+    if path.is_file():
+        return json.loads(path.read_text())
+    sensor, dataset = jaxsim.load(run), open_dataset(data)
+    prepare = sensor.run.experiment.prepare
+    pairs = prepared(dataset, select(FOLDS[fold], dataset), data, prepare=prepare)
+    predict = make_predict(sensor.generate, prepare)
+    covered: list[list[float]] = []
+    drawn: set[str] = set()
+    for name, scene, pair in zip(pairs.names, pairs.scenes, pairs, strict=True):
+        says = predict(sensor.params, pair)
+        assert says.levels is not None
+        levels, value = np.asarray(says.levels), np.asarray(pair.measured.intensity)
+        counts = np.asarray(pair.painted.valid & pair.measured.valid)
+        inside = (value >= levels[..., 0] - STEP / 2) & (value <= levels[..., -1] + STEP / 2)
+        covered.append(
+            [float(inside[counts].sum()), float(counts.sum()), float((levels[..., -1] - levels[..., 0])[counts].sum())]
+        )
+        if scene not in drawn:
+            drawn.add(scene)
+            spread = levels[..., -1] - levels[..., 0]
+            picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
+            save_picture(out / "pictures" / f"{name}.png", picture)
+    found = {
+        "names": pairs.names,
+        "scenes": pairs.scenes,
+        "sums": network_sums(predict, sensor.params, pairs),
+        "covered": covered,
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(found))
+    return found
+
+
+def scatter(of_network: Mapping[str, float], of_trees: Mapping[str, float], frames: Mapping[str, int]) -> Canvas:
+    """Each drive a dot: the network's error over that of trees; below the line the network is nearer."""
+    size, margin = 420, 64
+    values = [*of_network.values(), *of_trees.values()]
+    low, high = 0.9 * min(values), 1.05 * max(values)
+    place = lambda value: (value - low) / (high - low) * size  # noqa: E731
+    canvas = Canvas(size + margin + 70, size + 2 * margin)
+    bottom = margin / 2 + size
+    for tick in ticks(low, high):
+        canvas.line([(margin + place(tick), margin / 2), (margin + place(tick), bottom)], colour=RULE)
+        canvas.line([(margin, bottom - place(tick)), (margin + size, bottom - place(tick))], colour=RULE)
+        canvas.text(margin + place(tick), bottom + 17, label(tick), anchor="middle", size=11, colour=FAINT)
+        canvas.text(margin - 7, bottom - place(tick) + 4, label(tick), anchor="end", size=11, colour=FAINT)
+    canvas.line([(margin, bottom), (margin + size, margin / 2)], colour=FAINT)
+    for drive, error in of_network.items():
+        x, y = margin + place(of_trees[drive]), bottom - place(error)
+        canvas.dot(x, y, colour=AFTER, radius=3 + frames[drive] ** 0.5 / 2)
+        canvas.text(x + 8, y + 4, drive, size=11)
+    canvas.text(
+        margin + size / 2, bottom + 40, "trees with context, mean absolute error of a drive", anchor="middle", size=13
+    )
+    canvas.text(16, margin / 2 + size / 2, "network, the same", anchor="middle", size=13, turned=True)
+    return canvas
+
+
+def short(scene: str) -> str:
+    return scene.split("_drive_")[-1].removesuffix("_sync")
+
+
+def by_drive(sums: Sums, scenes: Sequence[str]) -> dict[str, float]:
+    """Mean absolute error of each drive."""
+    found = {}
+    for scene in dict.fromkeys(scenes):
+        own = [frame for frame, name in zip(sums, scenes, strict=True) if name == scene]
+        found[short(scene)] = sum(f["absolute"] for f in own) / sum(f["cells"] for f in own)
+    return dict(sorted(found.items()))
+
+
+def coverage_of(covered: np.ndarray, scenes: Sequence[str]) -> str:
+    """Share of measurements inside the outer levels with its interval over drives, and the mean width."""
+    drives = sorted(set(scenes))
+    total = np.array([covered[[name == drive for name in scenes]].sum(0) for drive in drives])
+    low, high = ratio_interval(total[:, 0], total[:, 1])
+    share = total[:, 0].sum() / total[:, 1].sum()
+    worst = total[:, 0] / total[:, 1]
+    width = total[:, 2].sum() / total[:, 1].sum()
+    return (
+        f"{round(100 * (LEVELS[-1] - LEVELS[0]))} % intervals cover {100 * share:.1f} % "
+        f"({100 * low:.1f}..{100 * high:.1f}) of the measurements, {100 * worst.min():.1f} to "
+        f"{100 * worst.max():.1f} % by drive; their mean width is {width:.3f}"
+    )
+
+
+def main(
+    root: Path, out: Path, *, folds: Sequence[int], seeds: Sequence[int], config: str, flags: Sequence[str]
+) -> None:
+    experiment = load_experiment(config)[0]
+    assert isinstance(experiment, Experiment)
+    data = replace(experiment.data, root=root, cache=out / "cache")
+    scenes: list[str] = []
+    sums: dict[str, Sums] = {}
+    covered: list[list[float]] = []
+    for fold in tqdm(folds, desc="folds", unit="fold"):
+        rows = baselines_of(fold, data, experiment, out)
+        for seed in seeds:
+            run = network_of(fold, seed, data, config=config, out=out, flags=flags)
+            judged = judge(run, fold, data, out)
+            rows |= {"network" if seed == seeds[0] else f"network, seed {seed}": judged["sums"]}
+            if seed == seeds[0]:
+                scenes += judged["scenes"]
+                covered += judged["covered"]
+        for name, frames in rows.items():
+            sums.setdefault(name, []).extend(frames)
+    order = sorted(sums, key=lambda name: -total_scores(sums[name])["mae"].value)
+    scores = {name: total_scores(sums[name]) for name in order}
+    intervals = {name: scene_intervals(sums[name], scenes) for name in order}
+    differences = {name: difference_of(sums["network"], sums[name], scenes) for name in order if name != "network"}
+    errors = {name: by_drive(sums[name], scenes) for name in order}
+    shown = [name for name in ("per-row median", "range, incidence, row", *TREES, "network") if name in errors]
+    frames = {short(scene): scenes.count(scene) for scene in scenes}
+    rows = [[drive, str(frames[drive]), *(f"{errors[name][drive]:.4f}" for name in shown)] for drive in sorted(frames)]
+    covers = coverage_of(np.array(covered), scenes)
+    text = [
+        f"{len(scenes)} frames of {len(frames)} drives, each judged by what has not seen it; intervals over drives",
+        score_table(scores, intervals),
+        difference_table(differences),
+        markdown_table(["drive", "frames", *shown], rows),
+        covers,
+    ]
+    content = {
+        "mae_by_drive": errors,
+        "scores": {name: {k: s.value for k, s in row.items()} for name, row in scores.items()},
+    }
+    with replacing(out / "unseen_drives.md") as path:
+        path.write_text("\n\n".join(text) + "\n")
+    with replacing(out / "unseen_drives.json") as path:
+        path.write_text(json.dumps(content | {"coverage": covers}, indent=2))
+    save_picture(out / "unseen_drives.png", scatter(errors["network"], errors[BAR], frames).pixels())
+    print("\n\n".join(text))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--folds", type=int, nargs="+", default=list(range(len(FOLDS))))
+    parser.add_argument("--seeds", type=int, nargs="+", default=[2])
+    parser.add_argument("--config", default="kitti_drives")
+    parser.add_argument("flags", nargs="*", help="after --: flags of jaxsim train")
+    enable_compilation_cache()
+    main(**vars(parser.parse_args()))
