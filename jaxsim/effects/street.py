@@ -43,6 +43,7 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90, seed: in
         hit = range_m < 120
         albedo = np.array([ALBEDO.get(c, 0.0) for c in range(34)])[semantic]
         seen = np.where(hit, range_m, 0).astype(np.float32)
+        # Lambert's law: what comes back follows the cosine.
         images.append(PolarImage(seen, np.where(hit, albedo * cosine, 0).astype(np.float32), hit))
         colour = rng.integers(40, 220, (50, 3))[instance].astype(np.uint8)
         angle = np.where(hit, np.arccos(np.clip(cosine, 0, 1)), 0).astype(np.float32)
@@ -78,6 +79,7 @@ def _cast(to: Float[np.ndarray, "r c 3"], boxes: list[Box]) -> tuple[np.ndarray,
     best = np.where(down, HEIGHT_M / np.where(down, -to[..., 2], 1), np.inf)
     cosine, semantic = np.abs(to[..., 2]), np.full(best.shape, ROAD, np.int32)
     number = np.zeros(best.shape, np.int32)
+    # No slab is divided by 0 by a ray along it.
     way = np.where(np.abs(to) < 1e-9, 1e-9, to)
     for k, (kind, middle, half) in enumerate(boxes, 1):
         # A ray enters a box where it has entered all three slabs.

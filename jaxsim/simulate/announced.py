@@ -25,7 +25,9 @@ class Announced:
     """
 
     def __init__(self, folder: Path, grid: PolarGrid, *, order: Sequence[str] = ()):
-        self.folder, self.grid, self.order = folder, grid, order
+        self.folder = folder
+        self.grid = grid
+        self.order = order
         self.frames: dict[str, dict[str, Any]] = {}
         self.pending = False
         self._next_s = 0.0

@@ -79,6 +79,7 @@ def lit(
     px = x + lift * normal[0]
     py = y + lift * normal[1]
     pz = at[2] + lift * normal[2]
+    # Along the sun's ray down to the ground, on which the map has its heights.
     row, column = map_place(
         px - light.sun[0] / light.sun[2] * pz, py - light.sun[1] / light.sun[2] * pz, shadows.height_m.shape
     )
@@ -102,6 +103,7 @@ def open_sky(shadows: Shadows, at: Float[Array, "3 *r"], normal: Float[Array, "3
         for across in (0, 1):
             weight = jnp.abs(1.0 - down - (row - i)) * jnp.abs(1.0 - across - (column - j))
             hidden = hidden + weight * _at(shadows.covered, i + down, j + across)
+    # A map over the ground tells of the ground alone; walls have the sky that their normals see.
     low = (normal[2] > 0.99) & (at[2] < 0.3)
     return jnp.where(low, 1.0 - hidden, 1.0)
 
@@ -117,11 +119,13 @@ def _at(values: Float[Array, "down across"], row: Float[Array, "*r"], column: Fl
 def sky(light: Light, direction: Float[Array, "3 *r"]) -> Float[Array, "3 *r"]:
     """Radiance of the sky in unit directions; below the horizon, that of the horizon."""
     up = jnp.maximum(direction[2], 0.0)
+    # Clouds lie on a plane overhead: towards the horizon they are seen edge on, and shrink.
     flat = 1.0 / (up + 0.12)
     x, y = direction[0] * flat * 1.6, direction[1] * flat * 1.6
     seed: Int[Array, ""] = light.seed.astype(jnp.int32)
     mass = 0.55 * smooth_noise(x, y, seed) + 0.28 * smooth_noise(2.3 * x, 2.3 * y, seed + 1)
     mass = mass + 0.17 * smooth_noise(5.1 * x, 5.1 * y, seed + 2)
+    # Above what the weather leaves open, their mass covers the blue.
     veil = jnp.clip((mass - 0.78 + 0.7 * light.cloud) * 4.0, 0.0, 1.0)
     blue = jnp.sqrt(jnp.clip(up * 1.5, 0.0, 1.0))
     towards_sun = jnp.maximum(dot(direction, light.sun), 0.0)
@@ -156,6 +160,7 @@ def shade(
     """Radiance towards the eye of surfaces seen along unit directions `view`; `mirrored` is the sky in their mirror."""
     facing = dot(view, normal)
     sun = jnp.maximum(dot(normal, light.sun), 0.0) * sunlit
+    # Sky and ground light a surface by how far it faces them.
     above, below = 0.8 * (0.5 + 0.5 * normal[2]) * sky_open, 0.5 - 0.5 * normal[2]
     # Schlick's form of Fresnel's law, stronger off the normal than in nature.
     fresnel = gloss + (0.9 * gloss + 0.02) * (1.0 - jnp.abs(facing)) ** 5 * 4.0
@@ -164,7 +169,9 @@ def shade(
     away = mirror(view, normal)
     roofs = 0.12 + 0.35 * smooth_noise(3.0 * away[0], 3.0 * away[1], jnp.int32(7))
     houses = jnp.clip(1.0 - 6.0 * (away[2] - roofs), 0.0, 1.0)
+    # The sun's own image in the gloss (Phong's lobe).
     glint = jnp.maximum(dot(away, light.sun), 0.0) ** 120 * sunlit
+    # Haze takes light away by distance, and gives the horizon's instead.
     clear = jnp.exp(-distance_m / light.haze_m)
     out = []
     for i in range(3):

@@ -68,6 +68,7 @@ def cast(
 ) -> Hit:
     """Nearest hit of every ray of a raster; `origin` may have 1 in place of h or w."""
     distance, code = cast_solids(solids, origin, direction, candidates=candidates, tile=tile)
+    # The ground is no solid: its height is a formula of the place.
     ground, meets, face = cast_ground(street, origin, direction)
     nearer = meets & (ground < distance)
     distance = jnp.where(nearer, ground, distance)
@@ -101,6 +102,7 @@ def cast_solids(
     size = direction.shape[1:]
     rays = _tiled(direction, tile)
     listed = jax.tree.map(lambda leaf: leaf.reshape(rays.shape[0], rays.shape[2], *leaf.shape[1:]), candidates)
+    # A camera has one origin for all rays, which need not be cut into tiles.
     if origin.shape[1:] == (1, 1):
         best = jax.lax.map(lambda row: _cast_row(solids, origin, row[0], candidates=row[1]), (rays, listed))
     else:
@@ -147,6 +149,7 @@ def _cast_row(
         enter = enter_crown(origin, direction, solids.conics[number + ROUNDS], path_m=solids.path_m[number])
         return _nearer(best, enter, (number[:, None] + POLYHEDRA + ROUNDS) * FACES)
 
+    # All tiles of a row go through their candidates together.
     most = candidates.counts.max(axis=0)
     for kind, body in enumerate((polyhedra, rounds, crowns)):
         best = jax.lax.fori_loop(0, most[kind], body, best)

@@ -80,6 +80,7 @@ def cast_shadows(
     above = _heights(solids, up, eye_m, cells=COVER_CELLS, tile=COVER_TILE, candidates=upward)
     # Only what stands low darkens its surroundings: cars and people, not roofs and crowns.
     covered = jnp.where((above > 0.15) & (above < 3.2), 1.0, 0.0)
+    # Blurred twice: what a car hides of the sky fades with the distance from it.
     for axis in (0, 1):
         for _ in range(2):
             covered = 0.5 * covered + 0.25 * (jnp.roll(covered, 1, axis) + jnp.roll(covered, -1, axis))
@@ -100,6 +101,7 @@ def _heights(
     x = jnp.asarray(0.5 * (x[1:] + x[:-1]), jnp.float32) + eye_m[0]
     y = jnp.asarray(0.5 * (y[1:] + y[:-1]), jnp.float32) + eye_m[1]
     ground = vector(*jnp.broadcast_arrays(x[None, :], y[:, None], jnp.zeros(cells, jnp.float32)))
+    # From above all that stands, back along the rays to the ground.
     climb = SKY_HEIGHT_M / towards[2]
     start = ground + (climb * towards)[:, None, None]
     down = jnp.broadcast_to(-towards[:, None, None], start.shape)
@@ -160,6 +162,7 @@ def _pixel_rays(
 def _footprints(hit: Hit, view: Float[Array, "3 h w"], length: Float[Array, "h w"], *, focal_px: Float[Array, ""]):
     """Distances, and the sizes of pixels on the surfaces: the geometric mean of their two extents."""
     facing = jnp.maximum(jnp.abs(dot(hit.normal, view)), 0.02)
+    # On a slanting surface a pixel is longer one way, by 1 / cosine: the mean of its extents has the root.
     return hit.distance * length, hit.distance / focal_px / jnp.sqrt(facing)
 
 
