@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jaxsim.discover.model.evidence import POSE_SD
-from jaxsim.discover.model.moved import same_surfaces, seen_from
+from jaxsim.discover.model.moved import seen_from
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import PARTS, Registration
 from jaxsim.discover.rules import RULES
@@ -56,8 +56,7 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
     if registered.early_or_late:
         # Frames' own places hold what the mounting is off by as well.
         moved = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
-        scan, measured = same_surfaces(moved, comparison.measured)
-        return Mounting((), replace(comparison, scan=scan, measured=measured), known)
+        return Mounting((), replace(comparison, scan=moved, other_moments=True), known)
     given = dict(known.effects)
     named = tuple(name for name in registered.sure if name in candidates)
     stated = tuple(name for name in registered.sure if name in given)

@@ -23,6 +23,7 @@ from jaxsim.discover.checks import (
 )
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
+from jaxsim.discover.model.moved import same_surfaces
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.register import register
@@ -52,6 +53,9 @@ class Comparison:
     """The sensor's motion from where the simulator has it."""
     speeds: dict[str, float] | None = None
     """Speed of each scene, m/s, where they are not given and the frames tell them."""
+    other_moments: bool = False
+    """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
+    side."""
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
@@ -147,6 +151,10 @@ class Division:
             intensity=measured.intensity,
             valid=measured.valid,
         )
+        if comparison.other_moments:
+            # Not before: a ray that counts on neither side would look like one that the simulator lost.
+            there, measured = jax.tree.map(jnp.asarray, same_surfaces(simulator.scan, measured))
+            simulator = replace(simulator, scan=there)
         given, ranges = simulator.scan, simulator.ranges
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)

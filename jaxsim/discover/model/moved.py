@@ -55,19 +55,20 @@ def _met(scan: Scan, index: RayIndex, effects: dict[str, dict[str, Array]]) -> d
 
 
 def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
-    """Both sides (host memory) without the rays whose ranges are of different surfaces: between two moments things move
-    and come out from behind others, which no effect of a sensor should explain. They count as seen by neither."""
-    both = scan.hit & measured.valid
-    apart = (both & ~np.asarray(near_enough(measured.range_m, scan.range_m))) | (scan.hit ^ measured.valid)
-    # A lost ray is the sensor's doing only amid rays of a surface that both sides see.
-    sure = _amid(both & ~apart)
-    apart = apart & ~(scan.hit & ~measured.valid & sure)
-    kept = scan.hit & ~apart
-    slopes = np.where(apart[..., None], 0, scan.slopes).astype(np.float32)
+    """Both sides (in host memory) without the rays whose ranges are of different surfaces: between two moments things
+    move and come out from behind others, which no effect of a sensor should explain. They count as seen by neither.
+
+    A ray is kept by what its neighbours say, not by whether it returned itself: where both sides see one surface to
+    both sides of it, a ray that did not return was lost, and the share of these is that of all rays there.
+    """
+    hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
+    agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
+    kept = hit & _amid(agree) & (agree | ~valid)
+    slopes = np.where(kept[..., None], scan.slopes, 0).astype(np.float32)
     zeros = {name: np.where(kept, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
     one = replace(scan, hit=kept, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
-    other = replace(measured, valid=measured.valid & ~apart)
-    return one, other
+    # Where neither hits anything there is nothing to be of another moment.
+    return one, replace(measured, valid=valid & kept)
 
 
 def _amid(agreed: np.ndarray) -> np.ndarray:

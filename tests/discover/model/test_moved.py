@@ -59,4 +59,17 @@ def test_what_moved_is_seen_by_neither_side_and_a_lost_ray_stays_lost():
     assert not other.valid[moving].any()
     assert one.hit[0, 15, 100]
     assert not other.valid[0, 15, 100]
-    assert one.hit[~moving].all()
+    # A ray in a corner of the image has no two neighbours.
+    assert (~one.hit[~moving]).sum() == 2 * 4
+
+
+def test_the_share_of_lost_rays_is_that_of_all():
+    scan = scan_of(GRID, [seen(room) for room in rooms(6)])
+    measured = measured_of([seen(room) for room in rooms(6)])
+    lost = np.random.default_rng(0).random(scan.hit.shape) < 0.1
+    measured.range_m[:, 4:12, 20:60] -= 2
+    measured.valid[lost] = False
+    one, other = same_surfaces(scan, measured)
+    kept = np.asarray(one.hit)
+    share = 1 - np.asarray(other.valid)[kept].mean()
+    assert abs(share - 0.1) < 3 * np.sqrt(0.09 / kept.sum())
