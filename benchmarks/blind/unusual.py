@@ -2,8 +2,8 @@
 
     python -m benchmarks.blind.unusual OUT --simulator ideal noisy
 
-Streets of the hidden world in which nothing of the catalogue is hidden in its usual form: mountings and moments that are
-off, arrays that are missing, laws in another form than the catalogue's, readings that have nothing to do with each
+Streets of the hidden world in which nothing of the catalogue is hidden in its usual form: mountings and moments that
+are off, arrays that are missing, laws in another form than the catalogue's, readings that have nothing to do with each
 other (KINDS). One JSON line a case goes to OUT/cases.jsonl; the same command again goes on where it stopped. `--table`
 runs nothing. Writes OUT/summary.md, also printed. Development seeds alone: nothing here is sealed.
 """
@@ -129,12 +129,13 @@ def _none(verdict: dict[str, Any]) -> bool:
 
 
 def _level(name: str, value: float) -> Callable[[dict[str, Any]], bool]:
-    """The missing level is told to within a fifth, and nothing else is named."""
+    """The missing level is told, and nothing else is named. The sensors of these streets have noise of their own, up to
+    1.5 cm, which an ideal simulator lacks too."""
 
     def right(verdict: dict[str, Any]) -> bool:
         [level] = [one for one in verdict["levels"] if one["name"] == name]
-        near = abs(level["missing"]["value"] - value) < 0.2 * value
-        return near and set(names(verdict)) <= {name}
+        most = 1.1 * np.hypot(value, 0.015)
+        return 0.9 * value < level["missing"]["value"] < most and set(names(verdict)) <= {name}
 
     return right
 

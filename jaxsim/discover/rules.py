@@ -191,6 +191,13 @@ class Rules:
     repeats_one_pattern: float = 0.5
     """Share of what scenes' maps have in common that one pattern must explain to be told in place of all."""
 
+    # Sensitivity: what the frames could show.
+    testable_share: float = 0.5
+    """Size at which effects are asked whether these frames could show them, over a clearly visible one
+    (`Parameter.scale`): severity 2 of `benchmarks/blind`, whose unit is a quarter of it or more."""
+    agreeing_scenes: int = 7
+    """Scenes that must each gain a nat or so for the test over scenes to pass at `agreement_level`: 2 x 2^-7."""
+
     # Regimes: whether an effect acts everywhere.
     regime_level: float = 0.05
     """Rate of false discoveries (Benjamini-Hochberg) over all questions that are asked of what divides effects."""

@@ -212,6 +212,35 @@ class Level:
 
 
 @dataclass(frozen=True)
+class Sensitivity:
+    """What the find scenes could show of an effect (`sensitivity`)."""
+
+    name: str
+    size: dict[str, float]
+    """That was asked, half of a clearly visible one: distance of each parameter from where it does nothing; of
+    vectors the root mean square."""
+    nats: float
+    """That naming could expect to gain at this size, nuisances free, all find scenes together ..."""
+    needed: float
+    """... and what it must, with the numbers that a fit chooses paid for."""
+    taken: float
+    """Share of what the effect does that nuisances take up."""
+    times: float | None
+    """Multiple of the size from which on these scenes would show it; None if never."""
+    testable: bool
+    """Whether they would show it at this size."""
+    why: str
+    """Why not; empty where they would."""
+    record: str
+    """What to record to tell; empty where it can be told."""
+
+    @property
+    def smallest(self) -> dict[str, float]:
+        """The size from which on these scenes would show it; empty if never."""
+        return {} if self.times is None else {name: self.times * value for name, value in self.size.items()}
+
+
+@dataclass(frozen=True)
 class Rank:
     """A candidate of the first step, for the report."""
 
@@ -318,6 +347,9 @@ class Verdict:
     """Whether the sides' intensities have no relation beyond chance, so that no effect on them was asked."""
     regimes: tuple[Regime, ...] = ()
     """Effects that act in a part of the recording alone."""
+    sensitivity: tuple[Sensitivity, ...] = ()
+    """What the find scenes could show of every candidate, least first; empty where frames are not compared one by one
+    (unpaired)."""
     notes: tuple[str, ...] = ()
     """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
 
@@ -330,6 +362,10 @@ class Verdict:
             gap[name]["not_worse"] = one.not_worse
         gap["closure"] = plain.pop("closure")
         splits = {name: plain.pop(name) for name in ("find", "judge", "sha256")}
+        hidden = [one for one in self.sensitivity if not one.testable]
+        plain["not_testable"] = [{"name": one.name, "why": one.why, "record": one.record} for one in hidden]
+        for shown, one in zip(plain["sensitivity"], self.sensitivity, strict=True):
+            shown["smallest"] = _plain(one.smallest)
         return plain | {"gap": gap, "splits": splits, "seconds": round(self.seconds, 2)}
 
     def save(self, folder: Path) -> Path:

@@ -26,6 +26,7 @@ from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.relation import correlations, of_ranges, unrelated
 from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
+from jaxsim.discover.sensitivity import sensitivities
 from jaxsim.discover.show import show_gap
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
@@ -116,6 +117,7 @@ def discover(
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=stranger is not None,
+        sensitivity=sensitivities(null, catalogue),
         notes=(
             *notes(comparison, parts, model.choice, held=held),
             *own_noise(division.simulator.noise),

@@ -18,6 +18,7 @@ from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
 from jaxsim.report.pictures import save_picture
 from jaxsim.report.regimes import regimes
 from jaxsim.report.registered import where_it_stood
+from jaxsim.report.sensitivity import could_show
 from jaxsim.report.words import number, verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"
@@ -68,6 +69,7 @@ def write_report(folder: Path, result: Result) -> Path:
             ranking(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
             "" if outside else unexplained(verdict.unexplained, draw),
+            could_show(verdict.sensitivity),
             levels(verdict.levels),
             moved(verdict),
             _scenes(verdict),

@@ -146,8 +146,16 @@ def verdict_sentence(verdict: Verdict) -> str:
         return f"{head} that is not in the catalogue{rest}." + _choice(verdict) + besides
     return (
         "No missing effect was found: nothing in the catalogue explains held-out scenes better than the null model "
-        f"by enough to be named, with {len(verdict.find)} scenes to find it in.{besides}"
+        f"by enough to be named, with {len(verdict.find)} scenes to find it in.{besides}{_unseen(verdict)}"
     )
+
+
+def _unseen(verdict: Verdict) -> str:
+    """What *none* does not rule out."""
+    hidden = [one.name for one in verdict.sensitivity if not one.testable]
+    if not hidden:
+        return ""
+    return f" These frames could not have shown {listed(hidden)}: what to record instead stands below."
 
 
 def _together(verdict: Verdict) -> str:

@@ -1,0 +1,53 @@
+"""A report's account of what the frames could show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from jaxsim.discover.verdict import Sensitivity
+from jaxsim.effects import EFFECTS
+from jaxsim.report.page import paragraph, section, table
+from jaxsim.report.words import number, title_of
+
+
+def could_show(asked: Sequence[Sensitivity]) -> str:
+    """Effects that these frames could not show, why, and what to record; then the size from which each other one
+    would be seen."""
+    if not asked:
+        return ""
+    hidden = [one for one in asked if not one.testable]
+    words = (
+        f"{len(asked)} effects were put on the rays that were compared, at half of a clearly visible size, and the "
+        "gain was computed that naming could expect, nuisances being free to take up what they can. "
+    )
+    if hidden:
+        words += "That none of the following is named says nothing about it:"
+    else:
+        words += "These scenes would show every one of them."
+    rows = [[_name(one), escape(one.why), escape(one.record)] for one in hidden]
+    parts = [paragraph(words)]
+    if rows:
+        parts.append(table(["effect", "why it cannot be told here", "what to record"], rows, text=3))
+    seen = [[_name(one), escape(_from(one))] for one in asked if one.testable]
+    if seen:
+        heads = ["effect", "these scenes would show it from about"]
+        parts.append(f"<details><summary>From which size the other {len(seen)} would be seen</summary>")
+        parts.append(f"{table(heads, seen, text=2)}</details>")
+    return section("What these frames could show", "".join(parts))
+
+
+def _name(one: Sensitivity) -> str:
+    return f"<code>{escape(one.name)}</code><br><small>{escape(title_of(one.name))}</small>"
+
+
+def _from(one: Sensitivity) -> str:
+    """The smallest size, parameter by parameter; those that only shape the effect stay as they are."""
+    known = EFFECTS.get(one.name)
+    words = []
+    for name, smallest in one.smallest.items():
+        of = known.parameters.get(name) if known else None
+        unit = f" {of.unit}" if of and of.unit else ""
+        many = " (root mean square)" if of and of.shape != "scalar" else ""
+        words.append(f"{name} {number(smallest)}{unit}{many}")
+    return ", ".join(words)
