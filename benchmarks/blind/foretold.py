@@ -4,8 +4,8 @@
 
 takes rows of `benchmarks.blind.effects` or `.worlds` that hide one effect, makes their cases again (a case follows from
 its row), fits the null alone, and puts the true effect on its rays (`jaxsim.discover.sensitivity`). A line a row: the
-gain that naming reached, if the row lists it, the expected one, and whether these frames could show the effect; then how
-often the two agree. About 6 processor seconds a row.
+gain that naming reached, if the row lists it, the expected one, whether these frames could show the effect, and whether
+it was in the set; then how often the two agree. About 6 processor seconds a row.
 """
 
 from __future__ import annotations

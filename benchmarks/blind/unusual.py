@@ -72,11 +72,12 @@ def _noise(sd_m: float) -> Edit:
 
 
 def _angles(measured: Frame, simulated: Frame, rng: np.random.Generator) -> None:
-    """Of two neighbouring rays the line between their ends stands at less than 10 degrees to the ray: an edge."""
+    """An edge is where the line between the ends of two neighbouring rays stands at less than 3 degrees to the ray."""
     r = np.where(simulated["range"] > 0, simulated["range"], 1e3)
     edge = np.zeros(r.shape, bool)
     for axis, step_rad in ((0, np.deg2rad(0.6)), (1, 2 * np.pi / r.shape[1])):
         beside = np.roll(r, 1, axis)
+        beside.swapaxes(0, axis)[0] = r.swapaxes(0, axis)[0]
         near, far = np.minimum(r, beside), np.maximum(r, beside)
         steep = np.arctan2(near * np.sin(step_rad), far - near * np.cos(step_rad)) < np.deg2rad(3)
         edge |= steep | np.roll(steep, -1, axis)
@@ -84,12 +85,15 @@ def _angles(measured: Frame, simulated: Frame, rng: np.random.Generator) -> None
 
 
 def _kernel(measured: Frame, simulated: Frame, rng: np.random.Generator) -> None:
-    """A ray is lost where the ranges of the nine rays about it scatter by more than a fifth of their median."""
+    """An edge is where the ranges of the nine rays about one differ by more than a fifth of its own."""
     r = np.where(simulated["range"] > 0, simulated["range"], np.nan)
-    around = np.stack([np.roll(r, (a, b), (0, 1)) for a in (-1, 0, 1) for b in (-1, 0, 1)])
-    with np.errstate(invalid="ignore"):
-        spread = np.nanmax(around, 0) - np.nanmin(around, 0) if np.isfinite(around).any() else np.zeros(r.shape)
-        lose(measured, (spread > 0.2 * r) & (rng.random(r.shape) < 0.6))
+    wide = np.pad(r, 1, mode="edge")
+    rows, columns = r.shape
+    around = np.stack([wide[a : a + rows, b : b + columns] for a in range(3) for b in range(3)])
+    spread = np.where(np.isfinite(around), around, -np.inf).max(0) - np.where(np.isfinite(around), around, np.inf).min(
+        0
+    )
+    lose(measured, (spread > 0.2 * np.nan_to_num(r, nan=np.inf)) & (rng.random(r.shape) < 0.6))
 
 
 def _photons(measured: Frame, simulated: Frame, rng: np.random.Generator) -> None:

@@ -29,6 +29,7 @@ from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.register import register
 from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
 from jaxsim.discover.scenes import Split, split
+from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
@@ -36,6 +37,11 @@ from jaxsim.frame import PolarImage
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
+
+
+UNKNOWN_BETWEEN = 0.03
+"""Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
+between the directions in which it was rendered, and how is in no frame."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,9 @@ class Comparison:
     """The sensor's motion from where the simulator has it."""
     speeds: dict[str, float] | None = None
     """Speed of each scene, m/s, where they are not given and the frames tell them."""
+    cast_again: bool = False
+    """Whether the simulated frames were cast again from elsewhere: what lies between the surfaces of two rays is not
+    known."""
     other_moments: bool = False
     """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
     side."""
@@ -140,6 +149,8 @@ class Division:
     rays: Cast
     """Rays of all blocks, traced once."""
     parts: Split
+    cast_again: bool = False
+    """As in `Comparison`."""
 
     @classmethod
     def of(cls, comparison: Comparison) -> Division:
@@ -159,7 +170,8 @@ class Division:
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
-        return cls(scan, given, simulator, measured, chosen, rays, split(chosen.scene))
+        parts = split(chosen.scene)
+        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again)
 
     def evidence(
         self, names: Sequence[str], known: SensorModel = NOTHING_YET
@@ -181,6 +193,9 @@ class Division:
             rays=self.rays.part(keep),
             simulator=self.simulator,
         )
+        if self.cast_again:
+            between = get_effect("mixed_pixels")
+            ev = replace(ev, rays=between.apply({"probability": jnp.float32(UNKNOWN_BETWEEN)}, ev.rays))
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
 
     def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:

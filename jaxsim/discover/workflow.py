@@ -18,7 +18,7 @@ from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import brought, named_mounting, registered_of
+from jaxsim.discover.mounting import brought, named_mounting, registered_of, settled
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
@@ -73,15 +73,18 @@ def discover(
 
     # Register: a mounting that is clearly off is put in place first, for nothing else can be asked across it.
     mounting = brought(comparison, [effect.name for effect in catalogue], known)
-    comparison = mounting.comparison
     catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
-    division = Division.of(comparison)
+    division = Division.of(mounting.comparison)
     parts = division.parts
     log(f"{len(parts.find)} scenes to find with, {len(parts.judge)} to judge on: split {parts.sha256}")
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, mounting.known)
-    null = dependences.null
+    finer = settled(comparison, mounting, dependences.null, known)
+    if finer is not mounting:
+        mounting, division = finer, Division.of(finer.comparison)
+        dependences = find_dependences(division, mounting.known)
+    comparison, null = mounting.comparison, dependences.null
     stranger = unrelated(correlations(null.ev, dependences.scene))
     if stranger:
         catalogue = [effect for effect in catalogue if of_ranges(effect)]

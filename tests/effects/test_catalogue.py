@@ -185,9 +185,10 @@ def focal(ray):
     return {"log_intensity": np.log(np.exp(ray["log_intensity"]) + more) - ray["log_intensity"]}
 
 
-def at_edge(ray):
-    apart = np.abs(ray["beside_m"] - ray["range_m"][:, None])
-    return ((apart > 0.3) & (apart > 0.05 * ray["range_m"][:, None])).any(1)
+def at_edge(ray, share):
+    apart = np.abs(np.minimum(ray["beside_m"], 1e6) - ray["range_m"][:, None]).max(1)
+    least = np.maximum(0.3, share * ray["range_m"])
+    return np.where(ray["hit"], 1 / (1 + (least / np.maximum(apart, 1e-3)) ** 20), 0)
 
 
 def hits(ray, error):
@@ -221,7 +222,7 @@ ORACLES = {
                     lambda r: {"log_keep": -np.log1p(np.exp(-(r["log_power"] + 5) / 0.7))}),
     "random_dropout": ({"probability": 0.3}, lambda r: keep(0.3)),
     "material_dropout": ({"probability": CLASS}, lambda r: keep(CLASS[r["semantic"]])),
-    "edge_dropout": ({"probability": 0.4}, lambda r: keep(np.where(at_edge(r), 0.4, 0))),
+    "edge_dropout": ({"probability": 0.4, "share": 0.2}, lambda r: keep(0.4 * at_edge(r, 0.2))),
     "range_gate": ({"minimum_m": 10.0, "maximum_m": 50.0},
                    lambda r: {"log_keep": np.where((r["range_m"] < 9.8) | (r["range_m"] > 51), -30, 0)}),
     "sector_occlusion": ({"azimuth_rad": 0.3, "width_rad": 0.6},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Bool
 
@@ -10,28 +11,38 @@ from jaxsim.effects.effect import Effect, Parameter
 from jaxsim.effects.rays import Array, Rays
 
 STEP_M, STEP_SHARE = 0.3, 0.05
+FAR_M = 1e6
+"""In place of what is infinitely far, which would have no derivative."""
+SHARPNESS = 20.0
+"""Of the border: a step that is a fifth larger than the least counts for 97 %."""
 
 
 def at_edge(rays: Rays) -> Bool[Array, "*n"]:
     """Whether a neighbour lies more than 0.3 m and 5 % of the range away, or hits nothing."""
-    # Infinite neighbours count; 1e6 m keeps derivatives finite.
-    beside_m = jnp.minimum(rays.beside_m, 1e6)
+    beside_m = jnp.minimum(rays.beside_m, FAR_M)
     apart = jnp.abs(beside_m - rays.range_m[..., None])
     least = jnp.maximum(STEP_SHARE * rays.range_m, STEP_M)
     return jnp.any(apart > least[..., None], axis=-1)
 
 
 def apply(p: dict[str, Array], rays: Rays) -> Rays:
-    """Loses echoes at depth steps with one probability."""
-    return lose(rays, jnp.where(at_edge(rays), p["probability"], jnp.zeros_like(rays.range_m)))
+    """Loses echoes at depth steps with one probability. Makers differ in what a step is, so that is a parameter; its
+    border is soft, for only then has it a derivative."""
+    apart = jnp.abs(jnp.minimum(rays.beside_m, FAR_M) - rays.range_m[..., None]).max(-1)
+    least = jnp.maximum(p["share"] * rays.range_m, STEP_M)
+    at = jax.nn.sigmoid(SHARPNESS * jnp.log(jnp.maximum(apart, 1e-3) / least))
+    return lose(rays, jnp.where(rays.hit, p["probability"] * at, jnp.zeros_like(at)))
 
 
 EFFECT = Effect(
     name="edge_dropout",
     stage="detection",
     title="returns are lost at depth steps",
-    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > 5 % of r away, or hits nothing",
-    parameters={"probability": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost at edges", scale=0.2)},
+    formula="keep *= 1 − probability where a neighbour is > 0.3 m and > share · r away, or hits nothing",
+    parameters={
+        "probability": Parameter(0.0, 0.0, 0.95, "", "share of echoes lost at edges", scale=0.2),
+        "share": Parameter(STEP_SHARE, 0.01, 0.8, "", "least step that is an edge, over the range", scale=0.1),
+    },
     channels=("drop",),
     signature="Returns are missing beside depth steps, and nowhere else.",
     covariates=("step",),
@@ -44,5 +55,5 @@ EFFECT = Effect(
     source="SICK LMS4000 operating instructions (8023198, 2018), Edge filter: readings are removed where the distance "
     "to a neighbour exceeds a limit",
     apply=apply,
-    starts=({"probability": 0.05},),
+    starts=({"probability": 0.05}, {"probability": 0.3, "share": 0.25}),
 )
