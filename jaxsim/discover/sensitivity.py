@@ -232,14 +232,15 @@ def _nats(weight: Float[Array, "b c r"], off: Float[Array, "b c r"]) -> Float[Ar
 
 def _of_spread(ev: Evidence, before: Rays, after: Rays, noise: Noise) -> Pair:
     usual = reading_variance(before, ev, noise)
-    more = jnp.where(ev.smooth, reading_variance(after, ev, noise) / usual, 1.0)
-
-    def nats(ratio: Float[Array, "b c r"]) -> Float[Array, " b"]:
-        divergence = OF_SCALE * 0.5 * (ratio - 1 - jnp.log(ratio))
-        return jnp.where(ev.smooth, jnp.minimum(divergence, MOST_NATS), 0).sum((1, 2))
-
-    mean = jnp.where(ev.smooth, more, 0).sum() / jnp.maximum(ev.smooth.sum(), 1)
-    return nats(more), nats(more / mean)
+    more = jnp.where(ev.smooth, jnp.log(reading_variance(after, ev, noise) / usual), 0)
+    # By the null's own scales the variance changes as their shares in it: of a direction, and of all ranges.
+    aim = jnp.exp(2 * noise.aim) * jnp.sum(ev.pose[..., 3:] ** 2, axis=-1) / usual
+    of_null = jnp.where(ev.smooth[..., None], jnp.stack([jnp.exp(2 * noise.range_) / usual, aim], axis=-1), 0)
+    gram = jnp.einsum("bcri,bcrj->ij", of_null, of_null) + 1e-6 * jnp.eye(2)
+    taken = of_null @ jnp.linalg.solve(gram, jnp.einsum("bcri,bcr->i", of_null, more))
+    # A normal of which ln variance is off by d loses d^2 / 4.
+    weight = jnp.full_like(more, OF_SCALE / 2)
+    return _nats(weight, more).sum((1, 2)), _nats(weight, more - taken).sum((1, 2))
 
 
 def _of_loss(ev: Evidence, before: Rays, after: Rays, noise: Noise) -> Pair:

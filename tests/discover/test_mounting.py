@@ -1,16 +1,21 @@
 """A mounting that is off by the same in all scenes, put in place and priced."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jaxsim.discover import mounting
 from jaxsim.discover.model.evidence import POSE_SD
-from jaxsim.discover.mounting import brought, gains, named_mounting, registered_of
-from jaxsim.discover.read import Comparison
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.mounting import LIFTED, brought, gains, named_mounting, registered_of, settled
+from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import PARTS
+from jaxsim.discover.register.sides import LIFT
 from jaxsim.discover.scenes import split
 from jaxsim.discover.verdict import Interval
+from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.scan import scan_of
 from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
@@ -62,6 +67,37 @@ def test_beams_that_all_point_higher_are_named_for_each_beam():
     assert len(beams) == 24
     # Rows of this room are 20 mrad apart.
     assert beams[5].value == pytest.approx(0.0087, abs=1.5e-3)
+
+
+def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
+    given = comparison(np.zeros(6), lift=0.0087)
+    coarse = replace(given.registration, motion=given.registration.motion + np.eye(8)[LIFT] * 3e-4)
+    given = replace(given, registration=coarse)
+    one = brought(given, PARTS)
+    asked = []
+
+    def fit(law, null, fitted):
+        asked.append(law.name)
+        return SimpleNamespace(z={"error_rad": np.float32(-3e-4 / 0.0014)})
+
+    monkeypatch.setattr(mounting, "fit", fit)
+    null = object.__new__(Problem)
+    object.__setattr__(null, "ev", SimpleNamespace(scene=np.arange(12)))
+    finer = settled(given, one, null, NOTHING_YET)
+    assert asked == ["lift"]
+    assert finer.effects == one.effects
+    assert finer.comparison.registration.motion[LIFT] == pytest.approx(coarse.motion[LIFT] - 3e-4, abs=1e-7)
+    assert finer.comparison.cast_again
+    turned = brought(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    assert settled(given, turned, null, NOTHING_YET) is turned
+
+
+def test_all_beams_are_lifted_alike():
+    scan = comparison(np.zeros(6)).scan
+    rays = all_rays(scan)
+    one = LIFTED.apply({"error_rad": np.float32(0.002)}, rays)
+    beams = EFFECTS["beam_elevation_error"].apply({"error_rad": np.full(24, 0.002, np.float32)}, rays)
+    np.testing.assert_allclose(one.turned_rad, beams.turned_rad, atol=1e-9)
 
 
 @pytest.mark.parametrize("candidates", [(), ("extrinsic_translation", "beam_gain")])

@@ -64,6 +64,18 @@ def test_what_is_lost_counts_by_its_divergence_from_the_most_that_is_usual(probl
     assert free.sum() == pytest.approx(expected, rel=0.02)
 
 
+def test_a_scatter_that_the_null_has_itself_is_no_effect(problem):
+    """Where all echoes are as strong, range_noise is the scale of ranges by another name."""
+    ev = problem.ev
+    even = replace(problem, ev=replace(ev, rays=replace(ev.rays, log_power=jnp.full_like(ev.rays.log_power, -2.0))),
+                   noise=replace(problem.noise, aim=np.float32(-20.0)))  # fmt: skip
+    held, free = expected_gains(even, EFFECTS["range_noise"], {"sd_m": 0.01})
+    assert held.sum() > 20
+    assert free.sum() < 0.05 * held.sum()
+    _, dark = expected_gains(problem, EFFECTS["range_noise"], {"sd_m": 0.01})
+    assert dark.sum() > free.sum()
+
+
 def test_gains_grow_as_the_square_of_a_size_which_the_multiple_undoes(problem):
     one = sensitivity(problem, EFFECTS["range_falloff"])
     values = {name: size * one.times for name, size in one.size.items()}
