@@ -10,14 +10,16 @@ import tyro
 from jaxsim.cli.discover import Discover
 from jaxsim.cli.export import Export
 from jaxsim.cli.source import Source
-from jaxsim.config import LoopConfig
+from jaxsim.config import LoopConfig, SegmentationConfig
 from jaxsim.files import working_in
 from jaxsim.simulate.trees import export_trees
 from jaxsim.studies.real2sim2real import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
+from jaxsim.studies.segmentation.worth import run_segmentation
 from jaxsim.train.experiments import load_loop
 
 DEFAULT = "real2sim2real"
+DETECTION, SEGMENTATION = "detection", "segmentation"
 
 
 def run(argv: Sequence[str]) -> None:
@@ -29,9 +31,15 @@ def run(argv: Sequence[str]) -> None:
     paper's, pictures and one page go to OUT. Any setting is a flag. The same command resumes a killed one.
 
     `--config` names one of configs/ (real2sim2real, the embedded world; real2sim2real_kitti), a file like them, or the
-    loop.json of an earlier one.
+    loop.json of an earlier one. `--task segmentation` asks the same of networks that tell classes apart in labelled
+    range images; it has flags of its own.
     """
-    name, flags = _config_of(argv)
+    task, flags = _value_of("--task", argv, DETECTION, "detection or segmentation")
+    if task == SEGMENTATION:
+        return segment(flags)
+    if task != DETECTION:
+        raise ValueError(f"real2sim2real: no task {task!r}; there are {DETECTION} and {SEGMENTATION}")
+    name, flags = _value_of("--config", flags, DEFAULT, "a name: real2sim2real, real2sim2real_kitti, or a loop.json")
     config, words = load_loop(name)
     intro = f"    jaxsim real2sim2real --config {name}\n\n{inspect.getdoc(run)}\n\n{name}: {words}"
     asked = tyro.cli(
@@ -42,15 +50,28 @@ def run(argv: Sequence[str]) -> None:
         Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
 
 
-def _config_of(argv: Sequence[str]) -> tuple[str, list[str]]:
-    """The name after --config, and the other flags."""
-    flags = [part for word in argv for part in (word.split("=", 1) if word.startswith("--config=") else [word])]
-    if "--config" not in flags:
-        return DEFAULT, flags
-    at = flags.index("--config")
-    if at + 1 == len(flags):
-        raise ValueError("real2sim2real: --config wants a name: real2sim2real, real2sim2real_kitti, or a loop.json")
-    return flags[at + 1], flags[:at] + flags[at + 2 :]
+def segment(argv: Sequence[str]) -> None:
+    """What simulated intensity is worth to the segmentation of labelled range images.
+
+    Learns each cell's class without intensity, with that of a sensor which never saw these frames, and with measured
+    intensity; judges all on measured frames of other parts; IoU of each class. The same command resumes a killed one.
+    """
+    example = "jaxsim real2sim2real --task segmentation"
+    intro = f"    {example} --root RANGE_IMAGES --seeds 0 1 2\n\n{inspect.getdoc(segment)}"
+    asked = tyro.cli(SegmentationConfig, args=list(argv), description=intro, prog=example)
+    with working_in(asked.out, doing="at work in"):
+        print(f"table: {run_segmentation(asked)}")
+
+
+def _value_of(flag: str, argv: Sequence[str], default: str, wanted: str) -> tuple[str, list[str]]:
+    """The word after a flag, and all other words."""
+    words = [part for word in argv for part in (word.split("=", 1) if word.startswith(f"{flag}=") else [word])]
+    if flag not in words:
+        return default, words
+    at = words.index(flag)
+    if at + 1 == len(words):
+        raise ValueError(f"real2sim2real: {flag} wants {wanted}")
+    return words[at + 1], words[:at] + words[at + 2 :]
 
 
 def discover_lacking(loop: Loop) -> None:

@@ -27,6 +27,7 @@ from jaxsim.config.intensity import (
     LossConfig,
     OptimConfig,
 )
+from jaxsim.config.segmentation import SegmentationConfig
 
 __all__ = [
     "LEVELS",
@@ -55,6 +56,7 @@ __all__ = [
     "ProposalConfig",
     "RoiConfig",
     "RunConfig",
+    "SegmentationConfig",
     "Stage",
     "VoxelConfig",
 ]

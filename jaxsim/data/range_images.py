@@ -1,0 +1,86 @@
+"""Labelled range images: one NAME.npz a scan, whose `scan` holds x, y, z, intensity, range and class of each cell.
+
+This is the form in which SqueezeSeg and its successors keep spherical projections of SemanticKITTI and nuScenes: rows
+are laser lines from the top down, columns azimuths, and a cell of range 0 has no return. Class 0 is unlabelled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.files import files_in, read_arrays
+
+CHANNELS = ("x", "y", "z", "intensity", "range", "label")
+EIGHT_BITS = 255.0
+MOST_CLASSES = 256
+
+
+@dataclass(frozen=True)
+class RangeImage:
+    """One scan."""
+
+    name: str
+    xyz_m: Float[np.ndarray, "rows columns 3"]
+    range_m: Float[np.ndarray, "rows columns"]
+    intensity: Float[np.ndarray, "rows columns"]
+    """0..1."""
+    label: Int[np.ndarray, "rows columns"]
+    """0 is unlabelled."""
+    valid: Bool[np.ndarray, "rows columns"]
+    """Something came back."""
+
+
+def read_range_images(folder: Path) -> list[RangeImage]:
+    """All scans of a folder, by name. Intensities beyond 1 anywhere are taken as 0..255 everywhere.
+
+    Raises ValueError where there is none, where sizes differ, and for values that cannot be.
+    """
+    files = files_in(folder, ".npz")
+    if not files:
+        raise ValueError(
+            f"range images: no NAME.npz in {folder}; expected files whose `scan` is (rows, columns, 6): "
+            f"{', '.join(CHANNELS)}"
+        )
+    scans = {path.stem: _scan(path) for path in files}
+    sizes = {scan.shape[:2] for scan in scans.values()}
+    if len(sizes) > 1:
+        raise ValueError(f"range images: {folder} holds images of {sorted(sizes)} cells; keep each sensor in a folder")
+    scale = EIGHT_BITS if max(float(scan[..., 3].max()) for scan in scans.values()) > 1 else 1.0
+    return [_image(name, scan, scale) for name, scan in scans.items()]
+
+
+def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:
+    arrays = read_arrays(path, ("scan",), by="range images")
+    if "scan" not in arrays:
+        raise ValueError(f"range images: {path} has no array `scan`: (rows, columns, 6): {', '.join(CHANNELS)}")
+    scan = np.asarray(arrays["scan"])
+    if scan.ndim != 3 or scan.shape[2] != len(CHANNELS) or scan.dtype.kind not in "fiu" or not scan.size:
+        raise ValueError(
+            f"range images: scan in {path} is {scan.dtype} of {scan.shape}; expected numbers of (rows, columns, 6): "
+            f"{', '.join(CHANNELS)}"
+        )
+    scan = scan.astype(np.float32)
+    if not np.isfinite(scan).all():
+        raise ValueError(f"range images: scan in {path} holds NaN or infinity; a cell without a return has range 0")
+    intensity, away, label = scan[..., 3], scan[..., 4], scan[..., 5]
+    if away.min() < 0 or intensity.min() < 0 or intensity.max() > EIGHT_BITS:
+        raise ValueError(f"range images: scan in {path} has negative ranges, or intensities outside 0..1 and 0..255")
+    if (label != np.round(label)).any() or label.min() < 0 or label.max() >= MOST_CLASSES:
+        raise ValueError(f"range images: scan in {path} has labels that are no classes 0..{MOST_CLASSES - 1}")
+    return scan
+
+
+def _image(name: str, scan: Float[np.ndarray, "rows columns 6"], scale: float) -> RangeImage:
+    valid = scan[..., 4] > 0
+    return RangeImage(
+        name=name,
+        xyz_m=np.where(valid[..., None], scan[..., :3], np.float32(0)),
+        range_m=np.where(valid, scan[..., 4], np.float32(0)),
+        intensity=np.where(valid, scan[..., 3] / np.float32(scale), np.float32(0)),
+        label=np.where(valid, scan[..., 5], np.float32(0)).astype(np.int32),
+        valid=valid,
+    )

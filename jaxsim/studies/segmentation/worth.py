@@ -1,0 +1,228 @@
+"""The loop: sensors of each part, networks of each kind of intensity, confusions, and the table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from pydantic import TypeAdapter
+from tqdm import tqdm
+
+from jaxsim.config import LEVELS, SegmentationConfig
+from jaxsim.data.range_images import RangeImage, read_range_images
+from jaxsim.files import claim, parse_json, parse_settings, read_entry, replacing, write_arrays
+from jaxsim.files.arrays import read_arrays
+from jaxsim.report.results import markdown_table, number_or_none, write_results
+from jaxsim.studies.segmentation import KINDS
+from jaxsim.studies.segmentation.networks import (
+    class_loss,
+    classify,
+    of_segmentation,
+    of_sensor,
+    sensor_loss,
+    simulate,
+    train,
+)
+
+Confusion = Int[np.ndarray, "classes classes"]
+"""Cells by true class (rows) and told class (columns), of all that returned and have a label."""
+
+
+def run_segmentation(config: SegmentationConfig) -> Path:
+    """Runs all that is missing, prints the table and gives its path.
+
+    Raises ValueError where there are no range images, or too few for the parts, and where OUT holds other settings.
+    """
+    if config.root is None:
+        raise ValueError("segmentation: name the folder of labelled range images with --root")
+    if not config.seeds or len({*config.seeds}) < len(config.seeds):
+        raise ValueError(f"segmentation: --seeds are {config.seeds}; give some, and each once")
+    images = read_range_images(config.root)
+    if config.parts < 3 or len(images) < config.parts:
+        raise ValueError(
+            f"segmentation: {len(images)} images in {config.parts} parts; a part is judged, and of two others each "
+            "simulates for the other: give 3 parts or more, and an image for each"
+        )
+    _settle(config)
+    study = Study(config, images)
+    for part in tqdm(range(config.parts), desc="parts", unit="part"):
+        for seed in config.seeds:
+            for kind in KINDS:
+                study.score(kind, part, seed)
+    text = study.text()
+    print(text)
+    return write_results(config.out, "segmentation", study.plain(), text=text)
+
+
+def _settle(config: SegmentationConfig) -> None:
+    adapter = TypeAdapter(SegmentationConfig)
+    claim(
+        config.out / "settings.json",
+        adapter.dump_python(config, mode="json"),
+        by="segmentation",
+        text=adapter.dump_json(config, indent=1),
+        read=lambda record: adapter.dump_python(parse_settings(SegmentationConfig, parse_json(record)), mode="json"),
+        free=("seeds", "out"),
+    )
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Mean IoU of a kind over the classes that are there: over seeds, and their standard deviation."""
+
+    mean: float
+    spread: float | None
+
+
+class Study:
+    """One folder's images, sensors and scores."""
+
+    def __init__(self, config: SegmentationConfig, images: Sequence[RangeImage]):
+        self.config, self.images = config, images
+        self.classes = 1 + max(int(image.label.max()) for image in images)
+        self.part = np.arange(len(images)) * config.parts // len(images)
+
+    def own(self, part: int) -> list[int]:
+        return [int(i) for i in np.flatnonzero(self.part == part)]
+
+    def others(self, *parts: int) -> list[int]:
+        return [int(i) for i in np.flatnonzero(~np.isin(self.part, parts))]
+
+    def simulated(self, part: int, judged: int) -> list[Float[np.ndarray, "rows columns"]]:
+        """Intensities of a part's images by a sensor that learned from neither it nor the judged part; kept."""
+        config = self.config
+        path = config.out / "intensity" / f"part{part}_without{judged}.npz"
+        if not path.is_file():
+            inputs = [of_sensor(image, self.classes) for image in self.images]
+            learned = self.others(part, judged)
+            targets = [
+                {"intensity": self.images[i].intensity, "weight": self.images[i].valid.astype(np.float32)}
+                for i in learned
+            ]
+            network = train(
+                [inputs[i] for i in learned],
+                targets,
+                sensor_loss,
+                out_channels=len(LEVELS) + 1,
+                steps=config.sensor_steps,
+                seed=0,
+                config=config,
+            )
+            own = self.own(part)
+            made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], seed=part)
+            write_arrays(path, {"intensity": np.stack(made)})
+        again = "delete it, and it is made anew"
+        return [*read_arrays(path, by="segmentation", again=again, summed=True)["intensity"]]
+
+    def intensities(self, kind: str, judged: int) -> dict[int, Float[np.ndarray, "rows columns"]]:
+        """Of each training image."""
+        if kind == "simulated":
+            parts = [part for part in range(self.config.parts) if part != judged]
+            return {i: x for p in parts for i, x in zip(self.own(p), self.simulated(p, judged), strict=True)}
+        return {i: self.images[i].intensity * (kind == "measured") for i in self.others(judged)}
+
+    def path(self, kind: str, part: int, seed: int) -> Path:
+        return self.config.out / "scores" / f"{kind}_part{part}_seed{seed}.json"
+
+    def score(self, kind: str, part: int, seed: int) -> None:
+        """Trains on all other parts with this kind of intensity and judges on the measured part, unless that is
+        done. A network without intensity is judged without."""
+        path = self.path(kind, part, seed)
+        if path.is_file():
+            return
+        chosen = self.intensities(kind, part)
+        count = np.bincount(np.concatenate([self.images[i].label.ravel() for i in chosen]), minlength=self.classes)
+        rarity = (1 / np.sqrt(np.maximum(count, 1) / max(count[1:].sum(), 1))).astype(np.float32)
+        rarity[0] = 0
+        inputs = [of_segmentation(self.images[i], x) for i, x in chosen.items()]
+        targets = [{"label": self.images[i].label, "weight": rarity[self.images[i].label]} for i in chosen]
+        network = train(
+            inputs,
+            targets,
+            class_loss,
+            out_channels=self.classes,
+            steps=self.config.steps,
+            seed=seed,
+            config=self.config,
+        )
+        judged = [self.images[i] for i in self.own(part)]
+        told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
+        found = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps({"confusion": np.asarray(found).tolist()}))
+
+    def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
+        """IoU of each class over all parts; NaN where a class has no cell. Class 0 is left out."""
+        found = []
+        for seed in self.config.seeds:
+            paths = [self.path(kind, part, seed) for part in range(self.config.parts)]
+            read = [read_entry(path, "confusion", list[list[int]], by="segmentation") for path in paths]
+            found.append(class_iou(np.sum(np.array(read), axis=0)))
+        return np.stack(found)
+
+    def plain(self) -> dict[str, object]:
+        """All figures for JSON."""
+        return {
+            "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in KINDS},
+            "mean": {kind: mean_iou(self.iou(kind)).mean for kind in KINDS},
+            "worth": number_or_none(worth({kind: self.iou(kind) for kind in KINDS})),
+        }
+
+    def text(self) -> str:
+        """Markdown: IoU a class and their mean, of each kind; what simulated intensity is worth."""
+        of = {kind: self.iou(kind) for kind in KINDS}
+        cells = np.bincount(np.concatenate([image.label.ravel() for image in self.images]), minlength=self.classes)
+        rows = [
+            [f"class {k + 1}", str(int(cells[k + 1])), *(_cell(of[kind][:, k]) for kind in KINDS)]
+            for k in range(self.classes - 1)
+            if cells[k + 1]
+        ]
+        rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in KINDS)])
+        heads = ["IoU", "cells", *(f"learned from {kind} intensity" for kind in KINDS)]
+        share = worth(of)
+        gain = mean_iou(of["measured"]).mean - mean_iou(of["none"]).mean
+        words = (
+            f"Measured intensity is worth {gain:+.3f} of mean IoU; simulated intensity {100 * share:.0f} % of that."
+            if np.isfinite(share)
+            else "Measured intensity is worth nothing here, so simulated intensity has nothing to be measured by."
+        )
+        seeds = len(self.config.seeds)
+        head = f"{len(self.images)} images, {self.config.parts} parts, each judged by what learned from the others; "
+        return f"{head}{seeds} seed{'s' * (seeds > 1)}.\n\n{markdown_table(heads, rows)}\n\n{words}"
+
+
+def confusion(label: Int[np.ndarray, "*n"], told: Int[np.ndarray, "*n"], classes: int) -> Confusion:
+    """Labelled cells (class above 0) by true and told class."""
+    known = label > 0
+    return np.bincount(classes * label[known] + told[known], minlength=classes**2).reshape(classes, classes)
+
+
+def class_iou(cells: Confusion) -> Float[np.ndarray, " known"]:
+    """Intersection over union of classes 1 on; NaN where a class is neither there nor told."""
+    hits = np.diag(cells)[1:].astype(float)
+    union = cells.sum(0)[1:] + cells.sum(1)[1:] - hits
+    return np.where(union > 0, hits / np.maximum(union, 1), np.nan)
+
+
+def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
+    """Over classes, then over seeds."""
+    values = np.nanmean(iou, axis=1)
+    return Worth(float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None)
+
+
+def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
+    """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
+    nothing."""
+    none, simulated, measured = (mean_iou(iou[kind]).mean for kind in KINDS)
+    return (simulated - none) / (measured - none) if measured > none else float("nan")
+
+
+def _cell(values: Float[np.ndarray, " seeds"]) -> str:
+    if not np.isfinite(values).any():
+        return "-"
+    spread = f" ± {np.nanstd(values, ddof=1):.3f}" if len(values) > 1 else ""
+    return f"{np.nanmean(values):.3f}{spread}"
