@@ -7,7 +7,9 @@ shared disk is needed and a checkpoint fits any number of devices.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import jax
 import numpy as np
@@ -20,6 +22,10 @@ DATA = "data"
 """The mesh's only axis: the batch is cut along it."""
 WHOLE = PartitionSpec()
 CUT = PartitionSpec(DATA)
+SILENT_S = 20
+"""Seconds without a sign of life after which a process counts as dead, and the others end."""
+_OF_ANOTHER = re.compile(r"gloo|nccl|heartbeat|barrier|coordination|connection|UNAVAILABLE|DEADLINE", re.IGNORECASE)
+"""What the layers between processes say when one of them is gone."""
 
 
 def connect() -> None:
@@ -35,14 +41,32 @@ def connect() -> None:
         raise ValueError(f"devices: {', '.join(missing)} not set, though others are; set all of {', '.join(given)}")
     try:
         if missing:
-            jax.distributed.initialize()
+            jax.distributed.initialize(heartbeat_timeout_seconds=SILENT_S)
         else:
             address, count, index = given.values()
-            jax.distributed.initialize(address, int(count or ""), int(index or ""))
+            place = int(count or ""), int(index or "")
+            jax.distributed.initialize(address, *place, heartbeat_timeout_seconds=SILENT_S)
     except ValueError as error:
         raise ValueError(
             f"devices: no launcher recognised ({error}); start under Slurm, Open MPI, Kubernetes or on a TPU pod, "
             f"set {', '.join(given)} in every process, or leave out --run.distributed"
+        ) from error
+
+
+@contextmanager
+def while_all_live() -> Iterator[None]:
+    """Raises ValueError with one line where another process ended in the block, for what the layers between them say.
+
+    A process that is silent and whose connections stay open (its machine hangs) ends the others from within JAX.
+    """
+    try:
+        yield
+    except jax.errors.JaxRuntimeError as error:
+        if jax.process_count() == 1 or not _OF_ANOTHER.search(str(error)):
+            raise
+        raise ValueError(
+            f"devices: process {jax.process_index()} of {jax.process_count()} stops, for another one ended; its own "
+            "output says why. Start all of them again: the same command goes on from the last checkpoint"
         ) from error
 
 

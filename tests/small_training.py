@@ -39,6 +39,7 @@ class Pairs:
         return {"inputs": draw(CHANNELS), "target": np.tanh(draw(1)), "weight": weight}
 
 
+@devices.while_all_live()
 def main(folder: Path, steps: int, save_at: int) -> None:
     if "--distributed" in sys.argv:
         devices.connect()

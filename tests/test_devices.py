@@ -5,6 +5,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jax
@@ -105,6 +106,34 @@ def test_two_processes_go_on_from_the_checkpoint_of_four_devices(one_device, two
         assert [(line["step"], line["devices"]) for line in process] == [(3, 2), (4, 2)]
         for ours, alone in zip(process, one_device[2:], strict=True):
             agree(ours, alone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [0, 1])
+def test_a_process_that_is_killed_ends_the_other_with_one_line(work, killed):
+    processes = start_two([work / f"killed{killed}", work / "nowhere"], 100_000, 100_000)
+    for process in processes:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["step"] == 1
+    processes[killed].kill()
+    begun = time.monotonic()
+    _, errors = processes[1 - killed].communicate(timeout=60)
+    assert time.monotonic() - begun < 30
+    processes[killed].communicate()
+    assert processes[1 - killed].returncode != 0
+    (line,) = (line for line in errors.splitlines() if line.startswith("ValueError: devices: "))
+    assert f"process {1 - killed} of 2 stops, for another one ended" in line
+
+
+def test_an_error_of_ones_own_is_not_anothers(monkeypatch):
+    monkeypatch.setattr(jax, "process_count", lambda: 2)
+    with pytest.raises(jax.errors.JaxRuntimeError, match="EXHAUSTED"), devices.while_all_live():
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: out of memory")
+    with pytest.raises(ValueError, match="process 0 of 2 stops, for another one ended"), devices.while_all_live():
+        raise jax.errors.JaxRuntimeError("INTERNAL: Gloo all-reduce failed: Connection closed by peer")
+    monkeypatch.setattr(jax, "process_count", lambda: 1)
+    with pytest.raises(jax.errors.JaxRuntimeError, match="Gloo"), devices.while_all_live():
+        raise jax.errors.JaxRuntimeError("INTERNAL: Gloo")
 
 
 def test_only_the_first_process_writes(work, two_processes):

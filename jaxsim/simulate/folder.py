@@ -10,8 +10,11 @@ from __future__ import annotations
 
 import json
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -24,7 +27,7 @@ from jaxsim.data.polar_frames import write_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in
-from jaxsim.frame import Cloud, Painted, PolarImage
+from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.simulate.announced import Announced
 from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
@@ -62,6 +65,8 @@ class Speed:
         return self.batch * (len(self.batches_s) - 1) / sum(self.batches_s[1:])
 
 
+Simulated = tuple[PolarImage, Painted, float]
+"""Of a batch, and the seconds that it took."""
 OF_NETWORK = 1
 """Tells a frame's draws by the network from those of its effects."""
 
@@ -103,12 +108,26 @@ class FrameMaker:
     draw: Draw | None = None
 
     def __call__(self, chosen: Batch) -> Made:
-        frames = [self.dataset[position] for position in chosen.positions]
-        keys = [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
-        of_network = [jax.random.fold_in(key, OF_NETWORK) for key in keys] if self.draws else []
-        images, painted, seconds = simulate_batch(
-            self.learned, frames, self.batch, projection=self.projection, keys=of_network
-        )
+        frames = self.read(chosen)
+        return self.write(chosen, frames, self.simulate(chosen, frames))
+
+    def read(self, chosen: Batch) -> list[Frame]:
+        """The frames of a batch."""
+        return [self.dataset[position] for position in chosen.positions]
+
+    def simulate(self, chosen: Batch, frames: Sequence[Frame]) -> Simulated:
+        """What the network says of them."""
+        of_network = [jax.random.fold_in(key, OF_NETWORK) for key in self.keys(chosen)] if self.draws else []
+        return simulate_batch(self.learned, frames, self.batch, projection=self.projection, keys=of_network)
+
+    def keys(self, chosen: Batch) -> list[Array]:
+        """What leaves a frame to chance, one a frame."""
+        return [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
+
+    def write(self, chosen: Batch, frames: Sequence[Frame], simulated: Simulated) -> Made:
+        """Puts the effects on them, and writes their files."""
+        images, painted, seconds = simulated
+        keys = self.keys(chosen)
         grid, _ = self.learned.window
         for k, (frame, position) in enumerate(zip(frames, chosen.positions, strict=True)):
             image, under = take((images, painted), k)
@@ -173,11 +192,27 @@ def simulate_folder(
     ]
     batches_s = []
     with announced, tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
-        for made in spread(batches) if spread else map(maker, batches):
+        for made in (spread or partial(_overlapped, maker))(batches):
             announced.add(made.about)
             batches_s.append(made.seconds)
             bar.update(len(made.about))
     return Speed(len(missing), already, maker.batch, tuple(batches_s), time.monotonic() - begun)
+
+
+def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:
+    """What became of each batch, in their order: while one is simulated the next is read, and the last is written."""
+    with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
+        reading = deque(reader.submit(maker.read, batch) for batch in batches[:1])
+        writing: deque[Future[Made]] = deque()
+        for batch, following in zip(batches, [*batches[1:], None], strict=True):
+            frames = reading.popleft().result()
+            if following:
+                reading.append(reader.submit(maker.read, following))
+            simulated = maker.simulate(batch, frames)
+            if writing:
+                yield writing.popleft().result()
+            writing.append(writer.submit(maker.write, batch, frames, simulated))
+        yield from (last.result() for last in writing)
 
 
 def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:

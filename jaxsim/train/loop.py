@@ -26,6 +26,7 @@ TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
 """The program that trains, of this very package."""
 
 
+@devices.while_all_live()
 def train(experiment: AnyExperiment, description: str = "") -> None:
     """Trains to the last step in the run's folder; the same experiment again resumes it.
 

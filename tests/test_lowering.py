@@ -1,0 +1,165 @@
+"""Programs for accelerators, made where there is none: what a GPU or a TPU would run lowers for both.
+
+A program is traced from the shapes of small inputs; nothing is computed, and nothing is compiled.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.config import PenetConfig, Stage
+from jaxsim.data.synthetic import kitti_camera
+from jaxsim.detect import make_train_step as make_detector_step
+from jaxsim.detect import state as detector
+from jaxsim.detect.steps import make_detect
+from jaxsim.discover.model.gradients import effect_with_gradient
+from jaxsim.discover.model.parameters import to_z
+from jaxsim.effects import EFFECTS, all_rays
+from jaxsim.frame import CameraFrame, Cloud, DepthFrame
+from jaxsim.geometry import points_to_polar, polar_to_points, preset
+from jaxsim.geometry.boxes import nms_bev
+from jaxsim.metrics import bev
+from jaxsim.pix2pix import make_train_step, state_shapes
+from jaxsim.prepare import input_channels
+from jaxsim.prepare.denoise.lidia import Variant, apply, from_published, published_shapes
+from jaxsim.prepare.depth.penet.training import create_state as create_penet
+from jaxsim.prepare.depth.penet.training import train_step as train_penet
+from jaxsim.runs.run import describe
+from jaxsim.simulate.sensor import LearnedSensor
+from jaxsim.train.experiments import load_experiment
+from tests.detect import tiny
+from tests.discover.toy import toy
+from tests.prepare.lidia_oracle import random_state
+from tests.small_training import CHANNELS, EXPERIMENT, SIZE
+
+ACCELERATORS = ("cuda", "tpu")
+Program = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function, and the shapes of its arguments."""
+
+
+def f32(*shape: int, dtype: Any = jnp.float32) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(shape, dtype)
+
+
+def shapes(tree: Any) -> Any:
+    return jax.tree.map(lambda leaf: f32(*np.shape(leaf), dtype=jnp.asarray(leaf).dtype), tree)
+
+
+def simulation() -> Program:
+    """From a camera's view to what the LiDAR reports."""
+    base, _ = load_experiment("synthetic")
+    experiment = replace(
+        base,
+        prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+        generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    crop = experiment.prepare.image_crop
+    run = describe(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
+    sensor = LearnedSensor(run, state_shapes(experiment, input_channels(experiment.prepare)).ema)
+    grid, row = sensor.window
+    raster = partial(f32, 1, *crop)
+    view = CameraFrame(
+        raster(3, dtype=jnp.uint8),
+        jax.tree.map(lambda leaf: f32(1, *leaf.shape), run.camera),
+        depth_m=raster(),
+        depth_valid=raster(dtype=jnp.bool_),
+        semantic=raster(dtype=jnp.int32),
+        instance=raster(dtype=jnp.int32),
+    )
+    return partial(sensor._simulate["lidar"], grid=grid, row=row), (sensor.params, view)
+
+
+def intensity_training() -> Program:
+    batch = {"inputs": f32(2, *SIZE, CHANNELS), "target": f32(2, *SIZE, 1), "weight": f32(2, *SIZE)}
+    return make_train_step(EXPERIMENT, CHANNELS), (state_shapes(EXPERIMENT, CHANNELS), batch)
+
+
+def detector_training() -> Program:
+    state = jax.eval_shape(lambda: detector._create(tiny.EXPERIMENT, 10, jax.random.key(0)))
+    return make_detector_step(tiny.EXPERIMENT, 10), (state, shapes(tiny.scene_batch([0, 1])))
+
+
+def detection() -> Program:
+    batch = shapes(tiny.scene_batch([0]))
+    return make_detect(tiny.EXPERIMENT), (detector.network_shapes(tiny.EXPERIMENT), batch["points"], batch["valid"])
+
+
+def depth_training() -> Program:
+    config = PenetConfig(width=2, stages=(Stage("joint", 1, 2, (32, 64), ()),))
+    raster = partial(f32, 2, 32, 64)
+    batch = DepthFrame(
+        raster(3, dtype=jnp.uint8),
+        raster(),
+        raster(dtype=jnp.bool_),
+        raster(),
+        raster(dtype=jnp.bool_),
+        intrinsics=f32(2, 3, 3),
+    )
+    state = jax.eval_shape(lambda: create_penet(config, 0))
+    step = partial(train_penet, config=config, part="joint")
+    return lambda state, batch, lr, weight: step(state, batch, lr, weight=weight), (state, batch, f32(), f32())
+
+
+def denoising() -> Program:
+    variant = Variant()
+    _, values = from_published(random_state(published_shapes(variant), seed=0))
+    measured = f32(1, 24, 40, dtype=jnp.bool_)
+    denoise = partial(apply, variant=variant, statistics="image")
+    return denoise, (shapes(values), f32(1, 24, 40, 1), measured)
+
+
+def discovery() -> Program:
+    """An effect of geometry on rays that are cast again, with its derivatives."""
+    scan, _ = toy(frames=2)
+    rays = jax.eval_shape(all_rays, scan)
+    effect = EFFECTS["extrinsic_rotation"]
+    z = to_z(effect, {"yaw_rad": 0.02, "pitch_rad": -0.01, "roll_rad": 0.01}, 16)
+    found = lambda z, rays, scan: effect_with_gradient(effect, z, rays, scan=scan)[:2]  # noqa: E731
+    return found, (shapes(z), rays, shapes(scan))
+
+
+def clouds() -> Program:
+    """Points to a polar image and back, thinned, and as histograms."""
+    experiment, _ = load_experiment("synthetic")
+    run = describe(experiment, preset("hdl64e"), CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera()))
+    grid, _ = LearnedSensor(run, {}).window
+
+    def there_and_back(cloud: Cloud) -> tuple[Any, ...]:
+        image, _ = points_to_polar(cloud, grid)
+        return polar_to_points(image, grid), bev.lidargen_counts(cloud.xyz_m[None], cloud.valid[None])
+
+    return there_and_back, (Cloud(f32(500, 3), f32(500), f32(500, dtype=jnp.bool_), row=f32(500, dtype=jnp.int32)),)
+
+
+def boxes() -> Program:
+    return partial(nms_bev, keep=8, consider=16), (f32(40, 7), f32(40), f32())
+
+
+PROGRAMS = (
+    simulation,
+    intensity_training,
+    detector_training,
+    detection,
+    depth_training,
+    denoising,
+    discovery,
+    clouds,
+    boxes,
+)
+
+
+@pytest.mark.usefixtures("standard_promotion")
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.__name__)
+def test_it_lowers_for_a_gpu_and_a_tpu(program: Callable[[], Program], monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "cuda")  # by which jaxsim chooses among forms
+    function, arguments = program()
+    lowered = jax.jit(function).trace(*arguments).lower(lowering_platforms=ACCELERATORS)
+    text = lowered.as_text()
+    assert "mhlo.num_partitions" in text
+    assert "__cpu$" not in text  # custom calls that only XLA's CPU knows
