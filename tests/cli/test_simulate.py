@@ -44,6 +44,7 @@ def files_of(out: Path) -> dict[str, bytes]:
     return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_clusters_workers_write_the_files_of_the_plain_command(run, tmp_path, scheduler, monkeypatch):
     monkeypatch.chdir(run.parent)
     command = ["simulate", "tiny", "--batch", "2", "--formats", "bin", "--previews", "1", "--out"]
