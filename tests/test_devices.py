@@ -117,12 +117,13 @@ def test_a_process_that_is_killed_ends_the_other_with_one_line(work, killed):
         assert any(line.startswith("{") for line in process.stdout), "no step was made"
     processes[killed].kill()
     begun = time.monotonic()
-    _, errors = processes[1 - killed].communicate(timeout=60)
-    assert time.monotonic() - begun < 30
+    _, errors = processes[1 - killed].communicate(timeout=600)
+    took_s = time.monotonic() - begun
     processes[killed].communicate()
     assert processes[1 - killed].returncode != 0
     (line,) = (line for line in errors.splitlines() if line.startswith("ValueError: devices: "))
     assert f"process {1 - killed} of 2 stops, for another one ended" in line
+    assert took_s < 30
 
 
 def test_an_error_of_ones_own_is_not_anothers(monkeypatch):
