@@ -1,6 +1,6 @@
 import pytest
 
-from jaxsim.simulate.folder import claim_frames
+from jaxsim.simulate.folder import Batch, FrameMaker, Made, _overlapped, claim_frames
 
 MADE = {"sensor": "4f2a", "data": "synthetic", "seed": 0}
 
@@ -47,3 +47,48 @@ def test_a_damaged_note_says_so(out):
     (out / "simulation.json").write_text("{")
     with pytest.raises(ValueError, match="cannot be read"):
         claim_frames(out, **MADE)
+
+
+class Noting(FrameMaker):
+    """Notes what is done, and fails where it is told to."""
+
+    def __init__(self, fails_at=None):
+        object.__setattr__(self, "done", [])
+        object.__setattr__(self, "fails_at", fails_at)
+
+    def note(self, what, chosen):
+        if (what, chosen.positions[0]) == self.fails_at:
+            raise ValueError(f"{what} failed")
+        self.done.append((what, chosen.positions[0]))
+
+    def read(self, chosen):
+        self.note("read", chosen)
+        return []
+
+    def simulate(self, chosen, frames):
+        self.note("simulate", chosen)
+        return None, None, 0.5
+
+    def write(self, chosen, frames, simulated):
+        self.note("write", chosen)
+        return Made({str(chosen.positions[0]): {}}, simulated[2])
+
+
+BATCHES = [Batch((k,), frozenset(), 0.0) for k in range(4)]
+
+
+def test_batches_come_in_their_order_each_read_once_and_written_once():
+    maker = Noting()
+    assert [[*made.about] for made in _overlapped(maker, BATCHES)] == [["0"], ["1"], ["2"], ["3"]]
+    assert sorted(maker.done) == [(what, k) for what in ("read", "simulate", "write") for k in range(4)]
+    assert [k for what, k in maker.done if what == "write"] == [0, 1, 2, 3]
+    assert list(_overlapped(Noting(), [])) == []
+
+
+@pytest.mark.parametrize("what", ["read", "simulate", "write"])
+def test_what_fails_ends_the_command_and_what_was_written_before_is_told(what):
+    told = []
+    with pytest.raises(ValueError, match=f"{what} failed"):
+        told.extend(made.about for made in _overlapped(Noting((what, 2)), BATCHES))
+    assert {"0": {}} in told
+    assert len(told) <= 2
