@@ -141,21 +141,16 @@ def boxes() -> Program:
     return partial(nms_bev, keep=8, consider=16), (f32(40, 7), f32(40), f32())
 
 
-PROGRAMS = (
-    simulation,
-    intensity_training,
-    detector_training,
-    detection,
-    depth_training,
-    denoising,
-    discovery,
-    clouds,
-    boxes,
-)
+PROGRAMS = (simulation, intensity_training, detection, denoising, discovery, clouds, boxes)
+LONG = (detector_training, depth_training)
 
 
 @pytest.mark.usefixtures("standard_promotion")
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.__name__)
+@pytest.mark.parametrize(
+    "program",
+    [*PROGRAMS, *(pytest.param(program, marks=pytest.mark.slow) for program in LONG)],
+    ids=lambda program: program.__name__,
+)
 def test_it_lowers_for_a_gpu_and_a_tpu(program: Callable[[], Program], monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "cuda")  # by which jaxsim chooses among forms
     function, arguments = program()
