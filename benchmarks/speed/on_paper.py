@@ -2,7 +2,7 @@
 
     python benchmarks/speed/on_paper.py [kitti_raw | kitti_step_combined | voxel_rcnn_car ...] [--memory]
 
-No step runs. Operations and the bytes that they touch are those of the lowered program (`Lowered.cost_analysis`, before
+No step runs. Operations and the bytes touched are those of the lowered program (`Lowered.cost_analysis`, before
 fusion: an upper bound of the memory's traffic). The body of a loop counts once, whatever its rounds: of a detector's
 sparse convolutions, which go through a kernel's 27 cells in turn, one cell. With --memory it is compiled, and
 `memory_analysis` tells what it holds on a CPU. Devices exchange the mean of all gradients once a step: a ring of n sends
