@@ -204,7 +204,7 @@ def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
         reading = deque(reader.submit(maker.read, batch) for batch in batches[:1])
         writing: deque[Future[Made]] = deque()
-        for batch, following in zip(batches, [*batches[1:], None], strict=True):
+        for batch, following in zip(batches, [*batches[1:], None], strict=False):
             frames = reading.popleft().result()
             if following:
                 reading.append(reader.submit(maker.read, following))
