@@ -41,6 +41,8 @@ def run_segmentation(config: SegmentationConfig) -> Path:
         raise ValueError("segmentation: name the folder of labelled range images with --root")
     if not config.seeds or len({*config.seeds}) < len(config.seeds):
         raise ValueError(f"segmentation: --seeds are {config.seeds}; give some, and each once")
+    if config.network.form != "unet":
+        raise ValueError(f"segmentation: --network.form is {config.network.form}; both networks are a unet")
     images = read_range_images(config.root)
     if config.parts < 3 or len(images) < config.parts:
         raise ValueError(

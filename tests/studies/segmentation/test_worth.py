@@ -117,6 +117,7 @@ def test_wrong_settings_are_told(folder, tmp_path):
     for words, change in (
         ("name the folder", {"root": None}),
         ("give some, and each once", {"seeds": (1, 1)}),
+        ("both networks are a unet", {"network": GeneratorConfig()}),
         ("6 images in 2 parts", {"parts": 2}),
         ("6 images in 7 parts", {"parts": 7}),
     ):
