@@ -1,11 +1,10 @@
 """What a training step costs, from the program itself: operations, memory, and what devices say to one another.
 
-    python benchmarks/speed/on_paper.py [kitti_raw | kitti_step_combined | voxel_rcnn_car ...] [--memory]
+    python benchmarks/speed/on_paper.py [kitti_raw | kitti_step_combined | voxel_rcnn_car ...] [--batch 8]
 
 No step runs. Operations and the bytes touched are those of the lowered program (`Lowered.cost_analysis`, before
 fusion: an upper bound of the memory's traffic). The body of a loop counts once, whatever its rounds: of a detector's
-sparse convolutions, which go through a kernel's 27 cells in turn, one cell. With --memory it is compiled, and
-`memory_analysis` tells what it holds on a CPU. Devices exchange the mean of all gradients once a step: in a ring of n
+sparse convolutions, which go through a kernel's 27 cells in turn, one cell. Devices exchange the mean of all gradients once a step: in a ring of n
 each sends 2 (n - 1) / n times their bytes. Times stand for a device and links of the given speed at the given share of
 its peak; they leave out that the exchange runs beside the backward pass, so the share of communication is an upper
 bound. Perceptual losses, whose weights are not part of jaxsim, are left out.
@@ -48,8 +47,6 @@ class Args:
     """Share of it that a step reaches."""
     link: float = 50e9
     """Bytes a second that a device sends: of a 400 Gb/s network, a card each."""
-    memory: bool = False
-    """Compile, and tell what the program holds."""
 
 
 def intensity_step(experiment: Experiment, batch: int) -> tuple[Any, tuple[Any, ...], Any]:
@@ -108,13 +105,6 @@ def main(args: Args) -> None:
                 f"  {n} devices: {1e3 * compute_s:.1f} ms of operations, {sent / 2**20:.0f} MiB sent by each in "
                 f"{1e3 * exchange_s:.1f} ms: {share:.0%}, {n * batch / (compute_s + exchange_s):.0f} items/s"
             )
-        if args.memory:
-            # LLVM's work changes no buffer.
-            options = {"xla_backend_optimization_level": 0}
-            told = lowered.compile(compiler_options=options).memory_analysis()
-            kept, within = told.argument_size_in_bytes / 2**30, told.temp_size_in_bytes / 2**30
-            more = (told.output_size_in_bytes - told.alias_size_in_bytes) / 2**30
-            print(f"  memory: {kept:.2f} GiB state and batch, {within:.2f} GiB within the step, {more:.2f} GiB results")
 
 
 if __name__ == "__main__":
