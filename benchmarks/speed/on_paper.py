@@ -1,13 +1,13 @@
-"""What a training step costs, from the program itself: operations, memory, and what devices say to one another.
+"""What a training step costs, from the program itself: operations, and what devices send one another.
 
     python benchmarks/speed/on_paper.py [kitti_raw | kitti_step_combined | voxel_rcnn_car ...] [--batch 8]
 
 No step runs. Operations and the bytes touched are those of the lowered program (`Lowered.cost_analysis`, before
 fusion: an upper bound of the memory's traffic). The body of a loop counts once, whatever its rounds: of a detector's
-sparse convolutions, which go through a kernel's 27 cells in turn, one cell. Devices exchange the mean of all gradients once a step: in a ring of n
-each sends 2 (n - 1) / n times their bytes. Times stand for a device and links of the given speed at the given share of
-its peak; they leave out that the exchange runs beside the backward pass, so the share of communication is an upper
-bound. Perceptual losses, whose weights are not part of jaxsim, are left out.
+sparse convolutions, which go through a kernel's 27 cells in turn, one cell. Devices exchange the mean of all gradients
+once a step: in a ring of n each sends 2 (n - 1) / n times their bytes. Times stand for a device and links of the given
+speed at the given share of its peak; they leave out that the exchange runs beside the backward pass, so the share of
+communication is an upper bound. Perceptual losses, whose weights are not part of jaxsim, are left out.
 """
 
 from __future__ import annotations
