@@ -1,4 +1,5 @@
-"""Ranges of numbers, beside the fields that they are of: a value outside is refused wherever it comes from.
+"""Types of settings and ranges of numbers, beside the fields that they are of: what is outside is refused wherever it
+comes from.
 
 @dataclass(frozen=True)
 class Oven(Checked):
@@ -8,9 +9,12 @@ class Oven(Checked):
 from __future__ import annotations
 
 import math
+from dataclasses import is_dataclass
 from functools import cache
-from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+from numbers import Integral, Real
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le
 
@@ -26,14 +30,20 @@ MOST = 1e12
 
 
 class Checked:
-    """A dataclass whose numbers are finite and in the ranges of their types: ValueError names the field if not."""
+    """A dataclass whose values are of their types, its numbers finite and in the ranges of these; a path may be text.
+
+    ValueError names the field if not.
+    """
 
     def __post_init__(self) -> None:
         for name, hint in _hints(type(self)).items():
             value = getattr(self, name)
+            if isinstance(value, str) and Path in (hint, *get_args(hint)):
+                value = Path(value)
+                object.__setattr__(self, name, value)  # of a frozen dataclass
             if wrong := _wrong(value, hint):
                 flag = name.replace("_", "-")
-                raise ValueError(f"{flag} ({type(self).__name__}) is {value}; it must be {wrong}")
+                raise ValueError(f"{flag} ({type(self).__name__}) is {value!r:.200}; it must be {wrong}")
 
 
 @cache
@@ -41,23 +51,42 @@ def _hints(kind: type) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 
+_PLAIN: dict[Any, tuple[type, str]] = {
+    int: (Integral, "a whole number"),
+    float: (Real, "a number"),
+    bool: (bool, "True or False"),
+    str: (str, "a text"),
+    Path: (Path, "a path"),
+    NoneType: (NoneType, "None"),
+}
+"""Types of settings that hold no others: of what a value must be, and how a user is told."""
+
+
 def _wrong(value: Any, hint: Any) -> str:
-    """What a value must be and is not; empty where it is right. Looks into tuples and optional values."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return "a finite number"
-    if isinstance(value, int | float) and abs(value) > MOST:
-        return f"within {MOST:g}"
+    """What a value must be and is not; empty where it is right. Looks into tuples and alternatives."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         limits = [limit for limit in hint.__metadata__ if isinstance(limit, Ge | Gt | Le)]
-        broken = isinstance(value, int | float) and not all(_within(value, limit) for limit in limits)
-        return " and ".join(map(_told, limits)) if broken else _wrong(value, arguments[0])
-    if origin in (Union, UnionType) and value is not None:
-        return next((wrong for one in arguments if (wrong := _wrong(value, one))), "")
+        broken = not all(_within(value, limit) for limit in limits) if isinstance(value, Real) else False
+        return _wrong(value, arguments[0]) or (" and ".join(map(_told, limits)) if broken else "")
+    if origin in (Union, UnionType):
+        wrongs = [_wrong(value, one) for one in arguments]
+        return "" if "" in wrongs else wrongs[0]
+    if origin is Literal:
+        return "" if value in arguments else f"one of {', '.join(map(str, arguments))}"
     if origin is tuple and isinstance(value, tuple):
         own = arguments[:1] * len(value) if arguments[1:] == (...,) else arguments
-        wrongs = (_wrong(one, of) for one, of in zip(value, own, strict=False))
+        if len(own) != len(value):
+            return f"{len(own)} values"
+        wrongs = [_wrong(one, of) for one, of in zip(value, own, strict=True)]
         return next((f"{wrong}, each" for wrong in wrongs if wrong), "")
+    if is_dataclass(hint) and isinstance(hint, type):
+        return "" if isinstance(value, hint) else f"a {hint.__name__}"
+    kind, told = _PLAIN.get(hint, (object, ""))
+    if not isinstance(value, kind) or (isinstance(value, bool) and hint in (int, float)):
+        return told
+    if isinstance(value, Real):
+        return "a finite number" if not math.isfinite(value) else f"within {MOST:g}" if abs(value) > MOST else ""
     return ""
 
 

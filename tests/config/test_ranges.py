@@ -2,11 +2,12 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.config import Experiment, OptimConfig, PrepareConfig, RunConfig
+from jaxsim.config import DataConfig, Experiment, OptimConfig, PrepareConfig, RunConfig
 
 
 @pytest.mark.parametrize(
@@ -41,8 +42,20 @@ def test_a_flag_out_of_its_range_is_refused_by_its_name(tmp_path, monkeypatch, c
         lambda: RunConfig(save_every=-1),
         lambda: PrepareConfig(image_crop=(352, -1)),
         lambda: replace(Experiment().generator, filters=0),
+        lambda: PrepareConfig(image_crop=(352,)),
+        lambda: OptimConfig(steps="9"),
+        lambda: OptimConfig(batch=True),
+        lambda: OptimConfig(flip=1),
+        lambda: DataConfig(kind="kitty"),
+        lambda: DataConfig(root=3),
+        lambda: Experiment(data={"kind": "synthetic"}),
     ],
 )
 def test_so_is_a_value_in_python(make):
     with pytest.raises(ValueError, match="it must be"):
         make()
+
+
+def test_a_path_may_be_text():
+    data = DataConfig(root="drives", cache="kept")
+    assert (data.root, data.cache) == (Path("drives"), Path("kept"))
