@@ -16,9 +16,9 @@ from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, describe, start_run
 
 
-def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0) -> Path:
-    """Makes the folder; its camera is KITTI's."""
-    view = CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
+def untrained_run(folder: Path, experiment: Experiment, *, seed: int = 0, view: CameraFrame | None = None) -> Path:
+    """Makes the folder; without another `view`, its camera is KITTI's."""
+    view = view or CameraFrame(np.zeros((375, 1242, 3), np.uint8), kitti_camera())
     start_run(folder, describe(experiment, preset("hdl64e"), view))
     shapes = state_shapes(experiment, input_channels(experiment.prepare)).ema
     rng = np.random.default_rng(seed)

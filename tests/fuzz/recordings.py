@@ -78,31 +78,33 @@ def _indexed(size: tuple[int, int] = (12, 20)) -> bytes:
     return out.getvalue()
 
 
-def _drive(root: Path) -> None:
-    """A raw drive of one frame, with its clock and its motion."""
+def small_drive(root: Path, frames: int = 1) -> None:
+    """A raw drive in 12 x 40 pixels, with its clock and its motion."""
     date = root / "2011_09_26"
     drive = date / "2011_09_26_drive_0001_sync"
     for name, content in {
         date / "calib_cam_to_cam.txt": f"calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 40 12\n"
         f"R_rect_00: {R0}\nP_rect_02: {_SMALL_P2}\n",
         date / "calib_velo_to_cam.txt": f"calib_time: 15-Mar-2012\nR: {VELO_R}\nT: {VELO_T}\n",
-        drive / "velodyne_points/timestamps.txt": "2011-09-26 13:02:25.594360375\n",
-        drive / "oxts/data/0000000000.txt": _OXTS,
+        drive / "velodyne_points/timestamps.txt": "2011-09-26 13:02:25.594360375\n" * frames,
     }.items():
         one(name.name, content)(name.parent)
-    one("0000000000.bin", _points().tobytes())(drive / "velodyne_points/data")
-    one("0000000000.png", _png(_RGB))(drive / "image_02/data")
+    for k in range(frames):
+        one(f"{k:010d}.txt", _OXTS)(drive / "oxts/data")
+        one(f"{k:010d}.bin", _points().tobytes())(drive / "velodyne_points/data")
+        one(f"{k:010d}.png", _png(_RGB))(drive / "image_02/data")
 
 
-def _object(root: Path) -> None:
-    """One frame of the object benchmark, with its lists and its road plane."""
+def small_object(root: Path, frames: int = 1) -> None:
+    """Frames of the object benchmark in 12 x 40 pixels, with lists and road planes."""
     folder = root / "training"
-    one("velodyne/000000.bin", _points().tobytes())(folder)
-    one("image_2/000000.png", _png(_RGB))(folder)
-    one("calib/000000.txt", _CALIB.replace(P2, _SMALL_P2))(folder)
-    one("label_2/000000.txt", f"{CAR}\n{DONT_CARE}\n")(folder)
-    one("planes/000000.txt", _PLANE)(folder)
-    one("ImageSets/val.txt", "000000\n")(root)
+    for k in range(frames):
+        one(f"velodyne/{k:06d}.bin", _points().tobytes())(folder)
+        one(f"image_2/{k:06d}.png", _png(_RGB))(folder)
+        one(f"calib/{k:06d}.txt", _CALIB.replace(P2, _SMALL_P2))(folder)
+        one(f"label_2/{k:06d}.txt", f"{CAR}\n{DONT_CARE}\n")(folder)
+        one(f"planes/{k:06d}.txt", _PLANE)(folder)
+    one("ImageSets/val.txt", "".join(f"{k:06d}\n" for k in range(frames)))(root)
 
 
 def _object_frame(root: Path) -> object:
@@ -187,12 +189,12 @@ RECORDINGS: dict[str, Reader] = {
     ),
     "kitti tracking rect": Reader(one("c.txt", _TRACKING), lambda f: tracking_rect_from_velo(f / "c.txt"), largest=20),
     "kitti raw camera": Reader(
-        _drive, lambda f: raw_camera(f / "2011_09_26", (12, 40)), ("*/calib*.txt",), within=_NEAR
+        small_drive, lambda f: raw_camera(f / "2011_09_26", (12, 40)), ("*/calib*.txt",), within=_NEAR
     ),
     "kitti raw drive": Reader(
-        _drive, lambda f: KittiRaw(f, rows="elevation")[0], within={**_CLOUD, **_NEAR}, largest=1e10
+        small_drive, lambda f: KittiRaw(f, rows="elevation")[0], within={**_CLOUD, **_NEAR}, largest=1e10
     ),
-    "kitti object frame": Reader(_object, _object_frame, within={**_CLOUD, **_NEAR, **_LABEL}),
+    "kitti object frame": Reader(small_object, _object_frame, within={**_CLOUD, **_NEAR, **_LABEL}),
     "kitti labels": Reader(
         one("l.txt", f"{CAR}\n{CAR}\n{DONT_CARE}\n"), lambda f: read_labels(f / "l.txt"), within=_LABEL
     ),

@@ -1,127 +1,116 @@
-"""`python -m tests.kills N SEED`: N kills over all commands, each resumed; exit code 1 where a result differs.
+"""`python -m tests.kills N SEED`: N attacks over all commands, each resumed; exit code 1 where a result differs.
 
-A third of the kills are full disks instead: files beyond a random size cannot be written, the command must end with one
-line and a status of 1, and go on once they can.
+Of each command the first attack is a second process on the same folder at the same time, and then in turn: killed
+(SIGKILL, with all its processes), killed, stopped (SIGTERM), a full disk (files beyond a random size cannot be
+written; the command must end with one line and a status of 1, and go on once they can). With `--kept FOLDER` an attack
+that was itself ended goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import resource
-import signal
-import subprocess
+import json
 import sys
 import tempfile
-import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
 from tests.kills.commands import COMMANDS, Command, digests, fresh
-from tests.programs import environment
+from tests.kills.process import Running
 
-OUTCOMES = ("same bytes", "ended before", "differs", "does not resume", "traceback")
-GOOD = OUTCOMES[:2]
-
-
-def start(command: Command, work: Path, cache: Path, *, largest: int | None = None) -> subprocess.Popen[bytes]:
-    """The command at work in its own group of processes; `largest` is the size of a file that it may write."""
-
-    def limited() -> None:
-        os.setsid()
-        if largest is not None:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
-
-    return subprocess.Popen(
-        [sys.executable, "-m", "jaxsim.cli", *command.words],
-        cwd=work,
-        env=environment(cache, JAX_COMPILATION_CACHE_DIR=str(cache / "xla"), JAX_DISABLE_MOST_OPTIMIZATIONS="1"),
-        stdout=(work / "said").open("ab"),
-        stderr=subprocess.STDOUT,
-        preexec_fn=limited,
-    )
+GOOD = ("same bytes", "ended before")
+"""Outcomes as they should be: the second, where the command ended before it was reached, and rightly."""
+KINDS = ("two at once", "killed", "killed", "stopped", "full disk")
 
 
 def run_whole(command: Command, work: Path, cache: Path) -> float:
-    """Runs it to its end, and gives the seconds that it took. Raises RuntimeError where it fails."""
-    begun = time.monotonic()
-    if start(command, work, cache).wait():
-        raise RuntimeError(f"{' '.join(command.words)}\n{(work / 'said').read_text()[-3000:]}")
-    return time.monotonic() - begun
+    """Runs it to its end, and gives the processor time that it took. Raises RuntimeError where it fails."""
+    running = Running(command.words, work, cache)
+    if running.wait():
+        raise RuntimeError(f"{' '.join(command.words)}\n{running.said[-3000:]}")
+    return running.took_s
 
 
-def kill(command: Command, work: Path, cache: Path, *, after_s: float) -> bool:
-    """Kills it and all its processes after so many seconds; whether that was before its end."""
-    process = start(command, work, cache)
-    try:
-        process.wait(timeout=after_s)
-        return False
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        return True
-
-
-def fill(command: Command, work: Path, cache: Path, *, largest: int) -> str:
-    """Runs it where larger files cannot be written; an outcome, empty where it ended as it should."""
-    ended = start(command, work, cache, largest=largest).wait()
-    said = (work / "said").read_text()
-    if "Traceback" in said:
-        return "traceback"
-    return "" if ended == 1 else "ended before" if ended == 0 else f"status {ended}"
+def broken(command: Command, kind: str, work: Path, cache: Path, *, share: float, took_s: float, largest: int) -> str:
+    """Lets one attack happen to a fresh command; what is wrong with how it ended, or `ended before`, or nothing."""
+    if kind == "two at once":
+        both = [Running(command.words, work, cache, log=f"said{k}") for k in range(2)]
+        ended = [(one.wait(), one.said) for one in both]
+        wrong = [said for code, said in ended if code and (code != 1 or "another process" not in said)]
+        return f"ends otherwise: {wrong[0][-400:]}" if wrong else "" if any(code for code, _ in ended) else GOOD[1]
+    running = Running(command.words, work, cache, largest=int(largest * share) if kind == "full disk" else None)
+    if kind == "full disk":
+        right = running.wait() == 1
+    elif not running.reach((0.1 + 0.9 * share) * took_s):
+        right = False
+    else:
+        right = running.end(hard=kind == "killed") in (-9, 143)
+    if "Traceback" in running.said:
+        return f"traceback: {running.said[-400:]}"
+    return "" if right else GOOD[1] if running.code == 0 else f"ends otherwise: {running.code}, {running.said[-400:]}"
 
 
 def attack(name: str, count: int, seed: int, base: Path) -> Counter[str]:
-    """What came of so many kills of one command; the same for a seed, whichever others are asked for."""
-    command, place, found = COMMANDS[name], base / name.replace(" ", "_"), Counter[str]()
+    """What came of so many attacks on one command; the same for a seed, whichever others are asked for."""
+    command, place = COMMANDS[name], base / name.replace(" ", "_")
     rng = np.random.default_rng([seed, list(COMMANDS).index(name)])
-    (place / "inputs").mkdir(parents=True)
-    command.inputs(place / "inputs")
-    # Twice: the second one finds compiled programs, as the killed ones will.
-    for _ in range(2):
-        took = run_whole(command, fresh(place / "inputs", place / "work"), base)
-    wanted = digests(place / "work" / command.results)
-    files = (place / "work" / command.results).rglob("*")
-    largest_file = max(path.stat().st_size for path in files if path.is_file())
-    print(f"{name}: {took:.0f} s, {len(wanted)} results", flush=True)
-    for k in range(count):
-        work = fresh(place / "inputs", place / "work")
-        if k % 3 == 2:
-            largest = int(largest_file * rng.uniform(0.05, 0.95))
-            how, outcome = f"no file above {largest} bytes", fill(command, work, base, largest=largest)
-        else:
-            after_s = float(rng.uniform(0.2, 1.0)) * took
-            how = f"killed after {after_s:.1f} s"
-            outcome = "" if kill(command, work, base, after_s=after_s) else "ended before"
-        if outcome in ("", "ended before"):
-            try:
-                run_whole(command, work, base)
-                now = digests(work / command.results)
-                changed = [file for file in {*now, *wanted} if now.get(file) != wanted.get(file)]
-                outcome = f"differs: {', '.join(sorted(changed)[:5])}" if changed else outcome or "same bytes"
-            except RuntimeError as error:
-                outcome = f"does not resume: {str(error)[-400:]}"
-        print(f"{name}, {how}: {outcome}", flush=True)
-        found[outcome.partition(":")[0]] += 1
-    return found
+    shares = rng.uniform(0.05, 0.95, count)
+    about, log = place / "whole.json", place / "outcomes.jsonl"
+    if not about.exists():
+        fresh(place / "inputs", make=command.inputs)
+        # Twice: the second one finds compiled programs, as the attacked ones will.
+        for _ in range(2):
+            took_s = run_whole(command, fresh(place / "work", like=place / "inputs"), base)
+        files = [path for path in (place / "work" / command.results).rglob("*") if path.is_file()]
+        whole = {"took_s": took_s, "largest": max(path.stat().st_size for path in files)}
+        about.write_text(json.dumps(whole | {"digests": digests(place / "work" / command.results)}))
+        log.touch()
+    whole = json.loads(about.read_text())
+    print(f"{name}: {whole['took_s']:.0f} s of processor time, {len(whole['digests'])} results", flush=True)
+    found = [json.loads(line) for line in log.read_text().splitlines()]
+    for k in range(len(found), count):
+        work, kind = fresh(place / "work", like=place / "inputs"), KINDS[k % len(KINDS)]
+        outcome = broken(
+            command, kind, work, base, share=shares[k], took_s=whole["took_s"], largest=whole["largest"]
+        )
+        if outcome in ("", GOOD[1]):
+            outcome = resumed(command, work, base, whole["digests"]) or outcome or GOOD[0]
+        print(f"{name}, {kind}, {shares[k]:.2f}: {outcome}", flush=True)
+        found.append([kind, outcome.partition(":")[0]])
+        with log.open("a") as file:
+            file.write(json.dumps(found[-1]) + "\n")
+    return Counter(f"{kind}: {outcome}" for kind, outcome in found)
+
+
+def resumed(command: Command, work: Path, cache: Path, wanted: dict[str, str]) -> str:
+    """Gives the command again; what is wrong with the results then, or nothing."""
+    try:
+        run_whole(command, work, cache)
+    except RuntimeError as error:
+        return f"does not resume: {str(error)[-600:]}"
+    now = digests(work / command.results)
+    changed = sorted(file for file in {*now, *wanted} if now.get(file) != wanted.get(file))
+    return f"differs: {', '.join(changed[:5])}" if changed else ""
 
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
-    parser.add_argument("count", type=int, help="kills")
+    parser.add_argument("count", type=int, help="attacks")
     parser.add_argument("seed", type=int)
     parser.add_argument("--only", nargs="*", default=list(COMMANDS), choices=list(COMMANDS))
+    parser.add_argument("--kept", type=Path, help="a folder for what was done, to go on from")
     given = parser.parse_args(argv)
     total = Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
+        base = (given.kept / f"{given.seed}").absolute() if given.kept else Path(folder)
         for k, name in enumerate(given.only):
-            counts = attack(name, len(range(k, given.count, len(given.only))), given.seed, Path(folder))
+            counts = attack(name, len(range(k, given.count, len(given.only))), given.seed, base)
             print(f"{name:<16}{told(counts)}", flush=True)
             total += counts
-    print(f"seed {given.seed}, {len(given.only)} commands, {total.total()} kills: {told(total)}")
-    return int(any(outcome not in GOOD for outcome in total))
+    print(f"seed {given.seed}, {len(given.only)} commands, {total.total()} attacks: {told(total)}")
+    return int(any(outcome.partition(": ")[2] not in GOOD for outcome in total))
 
 
 def told(counts: Counter[str]) -> str:

@@ -11,12 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxsim.config import Experiment
+from jaxsim.data.kitti import KittiRaw
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarImage
+from jaxsim.train.experiments import load_experiment
 from tests.detect.tiny import EXPERIMENT as DETECTOR
 from tests.detect.tiny import scene
 from tests.discover.toy import toy
-from tests.untrained import untrained_detector
+from tests.fuzz.recordings import small_drive, small_object
+from tests.untrained import untrained_detector, untrained_run
 
 INTENSITY = """
 from dataclasses import replace
@@ -24,8 +28,15 @@ from configs.synthetic import experiment as base
 
 experiment = replace(
     base,
-    data=replace(base.data, train="0,4", validation="8", cache="cache"),
-    prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+    data=replace(base.data, kind="kitti_raw", root="raw", train="0-4", validation="5", rows="elevation", cache="cache"),
+    prepare=replace(
+        base.prepare,
+        inputs=("rgb", "depth"),
+        depth="ip_basic_fast",
+        columns=64,
+        image_crop=(12, 40),
+        network_size=(64, 128),
+    ),
     generator=replace(base.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
     discriminator=replace(base.discriminator, filters=4, max_filters=8),
     optim=replace(base.optim, steps=9, batch=2),
@@ -88,6 +99,24 @@ def _text(name: str, content: str) -> Callable[[Path], None]:
     return lambda work: (work / name).write_text(content) and None
 
 
+def _drive(work: Path) -> None:
+    """A drive of small pictures, and settings of a small network that learns from it."""
+    (work / "tiny.py").write_text(INTENSITY)
+    small_drive(work / "raw", 6)
+
+
+def _objects(work: Path) -> None:
+    small_object(work / "object", 6)
+
+
+def _sensor(work: Path) -> None:
+    """A drive, and a learned sensor that never learned."""
+    _drive(work)
+    experiment = load_experiment(str(work / "tiny.py"))[0]
+    assert isinstance(experiment, Experiment)
+    untrained_run(work / "sensor", experiment, view=KittiRaw(work / "raw", rows="elevation")[0].camera)
+
+
 def _clouds(work: Path) -> None:
     """A detector that never learned, and clouds for it."""
     untrained_detector(work / "detector", replace(DETECTOR, run=replace(DETECTOR.run, name="detector")))
@@ -117,17 +146,31 @@ def _toy_folders(work: Path) -> None:
 
 
 COMMANDS: dict[str, Command] = {
-    "train": Command(("train", "tiny.py"), "runs", _text("tiny.py", INTENSITY)),
+    "train": Command(("train", "tiny.py"), "runs", _drive),
     "train depth": Command(("train", "depth.py"), "runs", _text("depth.py", DEPTH)),
     "train detector": Command(("train", "voxel_rcnn_small", *_DETECTOR_FLAGS), "runs"),
     "prepare": Command(
-        ("prepare", "synthetic", "--train", "0-12:4", "--out", "out", "--pairs-a-file", "1", "--workers", "2"), "out"
+        (
+            *("prepare", "kitti_raw", "--data.root", "raw", "--data.rows", "elevation", "--train", "0-5"),
+            *("--out", "out", "--prepare.depth", "ip_basic_fast", "--prepare.inputs", "rgb", "depth"),
+            *("--prepare.image-crop", "12", "40", "--prepare.columns", "64"),
+            *("--pairs-a-file", "1", "--workers", "2"),
+        ),
+        "out",
+        _drive,
     ),
     "simulate": Command(
-        ("simulate", "embedded", "--data.kind", "synthetic", "--frames", "0-3", "--out", "out", "--batch", "1"), "out"
+        ("simulate", "sensor", "--frames", "0-5", "--out", "out", "--batch", "1"),
+        "out",
+        _sensor,
     ),
     "export": Command(
-        ("export", "--data.kind", "synthetic", "--frames", "0-3", "--validation", "3", "--out", "out"), "out"
+        (
+            *("export", "--data.kind", "kitti_object", "--data.root", "object", "--data.rows", "elevation"),
+            *("--recipe.source", "measured", "--validation", "3", "--out", "out"),
+        ),
+        "out",
+        _objects,
     ),
     "detect": Command(("detect", "detector", "--clouds", "clouds", "--out", "out"), "out", _clouds),
     "discover": Command(
@@ -136,7 +179,7 @@ COMMANDS: dict[str, Command] = {
     "ablation": Command(
         ("eval", "ablation", "--train", "tiny.py", "--out", "runs", "--", "--optim.steps", "3"),
         "runs",
-        _text("tiny.py", INTENSITY),
+        _drive,
     ),
     "real2sim2real": Command(("real2sim2real", "--config", "loop.py", "--out", "loop"), "loop", _loop),
 }
@@ -163,7 +206,12 @@ def _timeless(value: object) -> object:
     return [_timeless(one) for one in value] if isinstance(value, list) else value
 
 
-def fresh(inputs: Path, work: Path) -> Path:
-    """A copy of a command's inputs."""
-    shutil.rmtree(work, ignore_errors=True)
-    return Path(shutil.copytree(inputs, work))
+def fresh(place: Path, *, like: Path | None = None, make: Callable[[Path], None] | None = None) -> Path:
+    """A new folder in place of an old one: a copy of `like`, or what `make` makes in it."""
+    shutil.rmtree(place, ignore_errors=True)
+    if like:
+        shutil.copytree(like, place)
+    elif make:
+        place.mkdir(parents=True)
+        make(place)
+    return place
