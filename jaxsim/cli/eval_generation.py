@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxsim.evaluate.generation import generation_scores, open_folder
+from jaxsim.config.ranges import Checked, Count
+from jaxsim.evaluate.generation import COMPARED, generation_scores, open_folder
 from jaxsim.metrics.rangenet import load_rangenet
 from jaxsim.report import list_scores, write_list
 
 
 @dataclass(frozen=True)
-class Generation:
+class Generation(Checked):
     """LiDAR generation metrics between two folders of polar frames, or of clouds; lower is nearer in all of them.
 
     Jensen-Shannon divergence and MMD of counts seen from above, each as its publisher's program defines it (lidargen_,
@@ -25,6 +26,9 @@ class Generation:
     """Folder of the sensor's."""
     rangenet: Path | None = None
     """Converted RangeNet++ (`jaxsim convert rangenet53`): also the Fréchet distance over its features."""
+    compared: Count = COMPARED
+    """Frames of each folder, evenly spaced, that MMD, sliced Wasserstein and Fréchet distances are taken of: their time
+    and memory grow faster than the folder. All else is taken of all frames."""
     out: Path | None = None
     """Folder for generation.json and generation.md."""
 
@@ -35,9 +39,11 @@ class Generation:
 
     def __call__(self) -> None:
         simulated, measured = open_folder(self.simulated), open_folder(self.measured)
-        scores = generation_scores(simulated, measured, rangenet=self.rangenet and load_rangenet(self.rangenet))
+        rangenet = self.rangenet and load_rangenet(self.rangenet)
+        scores = generation_scores(simulated, measured, rangenet=rangenet, compared=self.compared)
         frames = [len(simulated.names), len(measured.names)]
         print(f"{frames[0]} simulated and {frames[1]} measured frames\n\n{list_scores(scores)}")
         if self.out:
             about = {"simulated": str(self.simulated), "measured": str(self.measured), "frames": frames}
+            about |= {"compared": min(self.compared, *frames)}
             write_list(self.out, "generation", scores, about=about)

@@ -183,14 +183,23 @@ def serialized(example: Example) -> bytes:
 
 
 def write_records(path: Path, records: Iterable[bytes]) -> None:
-    """One file of records, whole or not at all."""
+    """One file of records, whole or not at all. Raises OSError where the disk does not take it."""
     with replacing(path) as part:
         writer = ArrayRecordWriter(str(part), "group_size:1")
         try:
             for record in records:
-                writer.write(record)
+                _written(writer.write, record)
         finally:
-            writer.close()
+            _written(writer.close)
+
+
+def _written(write: Callable[..., None], *what: bytes) -> None:
+    try:
+        write(*what)
+    except RuntimeError as error:  # what ArrayRecord makes of every error of the system
+        raise OSError(
+            f"prepared: a file of records cannot be written ({error}); make room, and the same command goes on"
+        ) from error
 
 
 class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):

@@ -1,17 +1,20 @@
 """LiDAR generation metrics between two folders: polar frames, or clouds (.bin as KITTI has them, .npz as ours).
 
-One pass a folder keeps histograms and images, no cloud; frames of the same name are then compared as pairs.
+No cloud is kept. What adds up over frames (Jensen-Shannon divergences, tables of intensity, Chamfer distances of frames
+of the same name) is taken of all. What holds each frame against each other, or sorts all at once (MMD, sliced
+Wasserstein and Fréchet distances), grows faster than the folder, and is taken of COMPARED frames of it, evenly spaced.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from tqdm import tqdm
 
 from jaxsim.cloud import points_of
 from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
@@ -20,7 +23,7 @@ from jaxsim.files import files_in
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
-from jaxsim.metrics.bev import COUNTS, jensen_shannon, lidm_occupancy, mmd
+from jaxsim.metrics.bev import BINS, COUNTS, jensen_shannon, lidm_occupancy, mmd
 from jaxsim.metrics.chamfer import chamfer
 from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
@@ -29,6 +32,8 @@ from jaxsim.metrics.sliced_wasserstein import sliced_wasserstein
 
 BATCH, POINTS = 8, 2**14
 """Clouds of a batch, and the multiple that they are padded to."""
+COMPARED = 1000
+"""Frames of a folder that are held against each other: 80 MB of histograms."""
 
 
 @dataclass(frozen=True)
@@ -74,45 +79,81 @@ def open_folder(path: Path) -> Folder:
     return Folder(path, tuple(names), None)
 
 
-def _batches(folder: Folder) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """(b, n, 4) points and (b, n) which of them are real."""
-    for first in range(0, len(folder.names), BATCH):
-        clouds = [folder.points(name) for name in folder.names[first : first + BATCH]]
+def spaced(names: Sequence[str], most: int) -> list[str]:
+    """At most so many of the names, evenly spaced, the first and the last among them."""
+    places = np.linspace(0, len(names) - 1, min(most, len(names)))
+    return [names[round(place)] for place in places]
+
+
+def _batches(folder: Folder, names: Sequence[str]) -> Iterator[tuple[Sequence[str], np.ndarray, np.ndarray]]:
+    """Names, (b, n, 4) points and (b, n) which of them are real."""
+    for first in range(0, len(names), BATCH):
+        chosen = names[first : first + BATCH]
+        clouds = [folder.points(name) for name in chosen]
         room = room_for(max(map(len, clouds)), POINTS)
         padded = [pad_points(cloud, room) for cloud in clouds]
-        yield np.stack([points for points, _ in padded]), np.stack([real for _, real in padded])
+        yield chosen, np.stack([points for points, _ in padded]), np.stack([real for _, real in padded])
 
 
-def _histograms(folder: Folder) -> dict[str, np.ndarray]:
-    """BEV histograms of every frame (n, 100, 100) by definition, and `lidm`: the occupancy of all."""
-    histograms: dict[str, list[np.ndarray]] = {name: [] for name in COUNTS}
-    occupancy = np.zeros((1, 1), np.float32)
-    for points, valid in _batches(folder):
-        for name, count in COUNTS.items():
-            histograms[name].append(np.asarray(count(points[..., :3], valid)))
-        occupancy = occupancy + lidm_occupancy(cloud[kept, :3] for cloud, kept in zip(points, valid, strict=True))
-    return {name: np.concatenate(parts) for name, parts in histograms.items()} | {"lidm": occupancy}
+class _Histograms(NamedTuple):
+    """Of a folder's frames, seen from above, by definition."""
+
+    each: dict[str, np.ndarray]
+    """(n, 100, 100), of the frames that are compared."""
+    total: dict[str, np.ndarray]
+    """(100, 100), of all frames."""
+    occupied: np.ndarray
+    """(2000, 2000), of all frames: how many have a point in each of LiDAR-Diffusion's cells."""
 
 
-def _bev(a: Folder, b: Folder) -> dict[str, Score]:
-    first, second = _histograms(a), _histograms(b)
+def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
+    each: dict[str, list[np.ndarray]] = {name: [] for name in COUNTS}
+    total = {name: np.zeros((BINS, BINS)) for name in COUNTS}
+    occupied = lidm_occupancy([])
+    with tqdm(total=len(folder.names), desc=folder.path.name, unit="frame") as bar:
+        for names, points, valid in _batches(folder, folder.names):
+            kept = [name in compared for name in names]
+            for definition, count in COUNTS.items():
+                histograms = np.asarray(count(points[..., :3], valid))
+                each[definition].append(histograms[kept])
+                total[definition] += histograms.sum(0, dtype=np.float64)
+            occupied += lidm_occupancy(cloud[real, :3] for cloud, real in zip(points, valid, strict=True))
+            bar.update(len(names))
+    return _Histograms({name: np.concatenate(parts) for name, parts in each.items()}, total, occupied)
+
+
+def _bev(a: Folder, b: Folder, compared: int) -> dict[str, Score]:
+    first, second = (_histograms(folder, {*spaced(folder.names, compared)}) for folder in (a, b))
     count = min(len(a.names), len(b.names))
     scores = {}
     for name in COUNTS:
-        scores[f"{name}_jsd"] = Score(jensen_shannon(first[name].sum(0), second[name].sum(0)), "1", count)
-        scores[f"{name}_mmd"] = Score(mmd(first[name], second[name], definition=name), "1", count)
-    return scores | {"lidm_jsd": Score(jensen_shannon(first["lidm"], second["lidm"]), "1", count)}
+        scores[f"{name}_jsd"] = Score(jensen_shannon(first.total[name], second.total[name]), "1", count)
+        value = mmd(first.each[name], second.each[name], definition=name)
+        scores[f"{name}_mmd"] = Score(value, "1", min(count, compared))
+    return scores | {"lidm_jsd": Score(jensen_shannon(first.occupied, second.occupied), "1", count)}
 
 
-def _pictures(folder: Folder, names: Sequence[str]) -> np.ndarray:
-    """Range (logarithmic, 0..1 at 63 m; 0 where nothing returned) and intensity of every frame."""
-    pictures = []
-    for name in names:
-        image, _ = folder.image(name)
-        # log2(63 + 1) = 6: the scale ends at 63 m, and near ranges take most of it.
-        log = np.clip(np.log2(image.range_m + 1) / 6, 0, 1)
-        pictures.append(np.where(image.valid[..., None], np.stack([log, image.intensity], -1), 0))
-    return np.stack(pictures).astype(np.float32)
+@dataclass(frozen=True)
+class _Pictures:
+    """Range (logarithmic, 0..1 at 63 m; 0 where nothing returned) and intensity of frames, read when asked for."""
+
+    folder: Folder
+    names: Sequence[str]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        grid = self.folder.grid
+        assert grid is not None
+        return len(self.names), len(grid.elevation_rad), len(grid.azimuth_rad), 2
+
+    def __getitem__(self, chosen: slice) -> np.ndarray:
+        pictures = []
+        for name in self.names[chosen]:
+            image, _ = self.folder.image(name)
+            # log2(63 + 1) = 6: the scale ends at 63 m, and near ranges take most of it.
+            log = np.clip(np.log2(image.range_m + 1) / 6, 0, 1)
+            pictures.append(np.where(image.valid[..., None], np.stack([log, image.intensity], -1), 0))
+        return np.stack(pictures).astype(np.float32)
 
 
 def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -124,7 +165,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     tables, classes = [], True
     for folder, other in ((a, b), (b, a)):
         assert folder.grid is not None
-        table = jnp.zeros((), jnp.int32)
+        table = np.zeros((), np.int64)
         for name in folder.names:
             image, more = folder.image(name)
             semantic = more.get("semantic")
@@ -133,20 +174,24 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
             classes = classes and semantic is not None
             label = np.zeros(image.valid.shape, np.int32) if semantic is None else np.asarray(semantic, np.int32)
             angle, known = incidence(image.range_m, image.valid, folder.grid)
-            table = table + intensity_table(
+            counted = intensity_table(
                 image.intensity, image.range_m, angle, incidence_known=known, semantic=label, valid=image.valid
             )
-        tables.append(np.asarray(table))
+            table = table + np.asarray(counted)
+        tables.append(table)
     return tables[0], tables[1], classes
 
 
-def generation_scores(a: Folder, b: Folder, *, rangenet: Values | None = None) -> dict[str, Score]:
+def generation_scores(
+    a: Folder, b: Folder, *, rangenet: Values | None = None, compared: int = COMPARED
+) -> dict[str, Score]:
     """Every metric that these folders allow (`a` simulated, `b` measured): name -> value, unit, frames or rays.
 
     Polar frames on one grid have all; clouds have the bird's-eye-view and Chamfer distances. Chamfer distances are
-    of frames of the same name. With RangeNet's values also the Fréchet distance over range images.
+    of frames of the same name. With RangeNet's values also the Fréchet distance over range images. MMD, sliced
+    Wasserstein and Fréchet distances are taken of at most `compared` frames of each folder, evenly spaced.
     """
-    scores = _bev(a, b)
+    scores = _bev(a, b, compared)
     shared = sorted({*a.names} & {*b.names})
     if shared:
         pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in shared]
@@ -154,15 +199,17 @@ def generation_scores(a: Folder, b: Folder, *, rangenet: Values | None = None) -
             value = float(np.mean([getattr(pair, name) for pair in pairs]))
             scores[f"chamfer_{name}"] = Score(value, unit, len(pairs))
     if rangenet is not None:
-        clouds = [((points[..., :3], points[..., 3], valid) for points, valid in _batches(f)) for f in (a, b)]
-        value = frechet_distance_of(*(range_features(rangenet, of) for of in clouds))
-        scores["frechet_rangenet53"] = Score(value, "1", min(len(a.names), len(b.names)))
+        features = []
+        for folder in (a, b):
+            batches = _batches(folder, spaced(folder.names, compared))
+            features.append(range_features(rangenet, ((p[..., :3], p[..., 3], valid) for _, p, valid in batches)))
+        scores["frechet_rangenet53"] = Score(frechet_distance_of(*features), "1", min(map(len, features)))
     if a.grid is None or b.grid is None:
         return scores
     if same_grid(a.grid, b.grid) and min(len(a.grid.elevation_rad), len(a.grid.azimuth_rad)) >= 16:
-        count = min(len(a.names), len(b.names))
-        names = (shared, shared) if len(shared) == count else (a.names[:count], b.names[:count])
-        swd = sliced_wasserstein(*(_pictures(f, n) for f, n in zip((a, b), names, strict=True)))
+        count = min(len(a.names), len(b.names), compared)
+        both = (shared, shared) if len(shared) >= count else (a.names, b.names)
+        swd = sliced_wasserstein(*(_Pictures(f, spaced(n, count)) for f, n in zip((a, b), both, strict=True)))
         scores |= {name: Score(value, "1", count) for name, value in swd.items()}
     first, second, classes = _tables(a, b)
     for name, score in conditional_intensity(first, second, classes=classes).items():

@@ -8,6 +8,7 @@ image, each channel standardised over its set, 4 x 128 random directions, each d
 from __future__ import annotations
 
 from functools import partial
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -86,11 +87,21 @@ def sliced(a: Float[Array, "m d"], b: Float[Array, "m d"], directions: Float[Arr
     return jnp.abs(jnp.sort(product(a, directions), axis=0) - jnp.sort(product(b, directions), axis=0)).mean()
 
 
-def sliced_wasserstein(a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray, "_m _i _j _d"]) -> dict[str, float]:
+@runtime_checkable
+class Images(Protocol):
+    """Images (n, h, w, c): an array, or what reads them when a batch is asked for."""
+
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    def __getitem__(self, chosen: slice, /) -> np.ndarray: ...
+
+
+def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
     """`swd_16`, `swd_32`, ... from the finest level on, and `swd_mean`; usually given times 1000.
 
-    Sets must hold equally many images of one size, at least 16 x 16. The places of the patches are those of a batch
-    and the same in both sets. Raises ValueError otherwise.
+    Of the images patches alone are kept. Sets must hold equally many images of one size, at least 16 x 16. The places
+    of the patches are those of a batch and the same in both sets. Raises ValueError otherwise.
     """
     if a.shape != b.shape:
         raise ValueError(f"swd: sets are {a.shape} and {b.shape}; give equally many images of one size")
@@ -100,11 +111,10 @@ def sliced_wasserstein(a: Float[np.ndarray, "_n _h _w _c"], b: Float[np.ndarray,
     levels, key = levels_of(rows, columns), jax.random.key(0)
     # Halving and doubling must give the same size: what is left over at the lower right is cut.
     multiple = 2 ** (levels - 1)
-    a = a[:, : rows // multiple * multiple, : columns // multiple * multiple]
-    b = b[:, : rows // multiple * multiple, : columns // multiple * multiple]
+    height, width = rows // multiple * multiple, columns // multiple * multiple
     found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
     for first in range(0, n, BATCH):
-        parts = [jnp.asarray(images[first : first + BATCH], jnp.float32) for images in (a, b)]
+        parts = [jnp.asarray(images[first : first + BATCH][:, :height, :width], jnp.float32) for images in (a, b)]
         pyramids = [laplacian_pyramid(part, levels=levels) for part in parts]
         for level, pair in enumerate(zip(*pyramids, strict=True)):
             rows, columns = pair[0].shape[1:3]

@@ -5,6 +5,7 @@ Everything that is needed to use the trained network again lies in it, without t
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
@@ -165,11 +166,24 @@ class Checkpoints:
         return sorted(self.manager.all_steps()) if self.folder.is_dir() else []
 
     def save(self, step: int, **items: Any) -> None:
-        """Keeps trees of arrays by name; one of them is `state`."""
+        """Keeps trees of arrays by name; one of them is `state`. Raises OSError where the disk does not take them."""
         plain = {name: jax.tree.map(np.asarray, tree) for name, tree in items.items()}
         saved: dict[str, Any] = {name: ocp.args.StandardSave(tree) for name, tree in plain.items()}
         saved[SUMS] = ocp.args.JsonSave({name: _digest(tree) for name, tree in plain.items()})
-        self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
+        logger = logging.getLogger("absl")
+        before = logger.level
+        logger.setLevel(logging.CRITICAL)  # Orbax prints a traceback for each of its threads; the error comes anyway
+        try:
+            self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
+        except (OSError, ValueError, RuntimeError) as error:
+            # What the system says ends tensorstore's long words.
+            why = str(error).strip().rpartition(": ")[2]
+            raise OSError(
+                f"run: step {step} cannot be saved in {self.folder} ({why}); make room, or mend what is said; the same "
+                "command then goes on from the step before"
+            ) from error
+        finally:
+            logger.setLevel(before)
 
     def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
         """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes).

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
-from jaxsim.evaluate.generation import generation_scores, open_folder
+from jaxsim.evaluate.generation import generation_scores, open_folder, spaced
 from jaxsim.frame import PolarGrid, PolarImage
 
 ROWS, COLUMNS = 20, 48
@@ -70,6 +70,24 @@ def test_clouds_have_the_distances_that_clouds_allow(tmp_path):
     assert scores["chamfer_distance_m"].count == 2
     assert scores["r2dm_jsd"].value > 0.3
     assert not any(name.startswith(("swd", "intensity")) for name in scores)
+
+
+def test_what_adds_up_is_of_all_frames_and_what_is_compared_of_some_evenly_spaced(tmp_path):
+    a = open_folder(write_polar(tmp_path / "a", 0, names="abcdefghi"))
+    b = open_folder(write_polar(tmp_path / "b", 1, names="abcdefghi"))
+    few_a = open_folder(write_polar(tmp_path / "c", 0, names="abcdefghi"))
+    few_b = open_folder(write_polar(tmp_path / "d", 1, names="abcdefghi"))
+    for name in "bcdfgh":
+        for folder in (few_a, few_b):
+            (folder.path / f"{name}.npz").unlink()
+    assert spaced(a.names, 3) == ["a", "e", "i"]
+    whole, some = generation_scores(a, b), generation_scores(a, b, compared=3)
+    alone = generation_scores(open_folder(few_a.path), open_folder(few_b.path))
+    for name, score in some.items():
+        compared = name.endswith("_mmd") or name.startswith("swd")
+        assert score.value == pytest.approx((alone if compared else whole)[name].value, nan_ok=True), name
+        assert score.count == (3 if compared else whole[name].count), name
+    assert whole["r2dm_mmd"].count == 9
 
 
 def test_a_folder_without_frames_is_an_error(tmp_path):

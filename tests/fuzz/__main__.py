@@ -19,10 +19,11 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from tests.fuzz.judge import BAD, COLUMNS
-from tests.fuzz.worker import Outcome, run, table
+from tests.fuzz.worker import LIMIT_S, Outcome, run, table
+from tests.programs import processor_s
 
 PATIENCE_S = 180.0
-"""Until a worker that says nothing is ended: one that waits for ever takes no processor time."""
+"""Until a worker is ended that takes no processor time: it waits for ever. A busy machine makes nobody late."""
 
 
 class Worker:
@@ -34,9 +35,24 @@ class Worker:
         self.process = context.Process(target=run, args=(theirs, work, seed, only), daemon=True)
         work.mkdir(parents=True, exist_ok=True)
         self.process.start()
+        self.begun_s = self.spent_s = self.seen = 0.0
         theirs.close()
         if (said := self.pipe.recv()) != "ready":
             raise RuntimeError(f"a valid tree cannot be made or read:\n{said}")
+
+    def send(self, number: int) -> None:
+        self.pipe.send(number)
+        self.begun_s = self.spent_s = self._spent_s()
+        self.seen = time.monotonic()
+
+    def is_late(self) -> bool:
+        """Whether it waits for ever, or works without an end."""
+        if (spent_s := self._spent_s()) != self.spent_s:
+            self.spent_s, self.seen = spent_s, time.monotonic()
+        return time.monotonic() - self.seen > PATIENCE_S or self.spent_s - self.begun_s > 3 * LIMIT_S
+
+    def _spent_s(self) -> float:
+        return processor_s(self.process.pid or 0)
 
     def end(self) -> None:
         self.process.kill()
@@ -49,7 +65,7 @@ def outcomes(numbers: Iterator[int], seed: int, *, workers: int, only: str, work
     names = [name for name in table() if only in name]
     place = iter(range(10**9))
     idle = [Worker(work / str(next(place)), seed, only) for _ in range(workers)]
-    busy: dict[Connection, tuple[Worker, int, float]] = {}
+    busy: dict[Connection, tuple[Worker, int]] = {}
     again: list[int] = []
     todo = True
     while todo or busy or again:
@@ -58,12 +74,12 @@ def outcomes(numbers: Iterator[int], seed: int, *, workers: int, only: str, work
             todo = todo and number is not None
             if number is not None:
                 worker = idle.pop()
-                worker.pipe.send(number)
-                busy[worker.pipe] = worker, number, time.monotonic()
+                worker.send(number)
+                busy[worker.pipe] = worker, number
         ready = wait(list(busy), timeout=1.0) if busy else []
-        late = [pipe for pipe, (*_, begun) in busy.items() if time.monotonic() - begun > PATIENCE_S]
+        late = [pipe for pipe, (worker, _) in busy.items() if pipe not in ready and worker.is_late()]
         for pipe in {*ready, *late}:
-            worker, number, _ = busy.pop(pipe)  # type: ignore[index]
+            worker, number = busy.pop(pipe)  # type: ignore[index]
             try:
                 answer = worker.pipe.recv() if pipe in ready else "late"
             except (EOFError, OSError):

@@ -72,9 +72,7 @@ def attack(name: str, count: int, seed: int, base: Path) -> Counter[str]:
     found = [json.loads(line) for line in log.read_text().splitlines()]
     for k in range(len(found), count):
         work, kind = fresh(place / "work", like=place / "inputs"), KINDS[k % len(KINDS)]
-        outcome = broken(
-            command, kind, work, base, share=shares[k], took_s=whole["took_s"], largest=whole["largest"]
-        )
+        outcome = broken(command, kind, work, base, share=shares[k], took_s=whole["took_s"], largest=whole["largest"])
         if outcome in ("", GOOD[1]):
             outcome = resumed(command, work, base, whole["digests"]) or outcome or GOOD[0]
         print(f"{name}, {kind}, {shares[k]:.2f}: {outcome}", flush=True)

@@ -10,7 +10,7 @@ import sys
 import time
 from pathlib import Path
 
-from tests.programs import environment
+from tests.programs import environment, processor_s
 
 PATIENCE_S = 20.0
 """Processor time that a command which was asked to stop may still take: a step, and the saving of its state."""
@@ -78,13 +78,12 @@ class Running:
         return self._process.wait()
 
     def _spent_s(self) -> float:
-        """Seconds of the group's processes, and of those that they have waited for. Source: proc(5)."""
-        ticks = 0
-        for about in Path("/proc").glob("[0-9]*/stat"):
+        """Seconds of the group's processes."""
+        found = 0.0
+        for place in Path("/proc").glob("[0-9]*"):
             try:
-                fields = about.read_text().rpartition(")")[2].split()
+                if os.getpgid(int(place.name)) == self._process.pid:
+                    found += processor_s(int(place.name))
             except OSError:  # it has ended meanwhile
                 continue
-            if int(fields[2]) == self._process.pid:
-                ticks += sum(map(int, fields[11:15]))
-        return ticks / os.sysconf("SC_CLK_TCK")
+        return found

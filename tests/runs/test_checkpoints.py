@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.runs.run import SUMS, Checkpoints
+from tests.full_disk import no_file_above
 
 TREE = {"kernel": np.random.default_rng(0).normal(size=(40, 50)).astype(np.float32), "step": np.int32(7)}
 
@@ -87,3 +88,13 @@ def test_orbaxs_own_json_that_is_too_deep_names_the_folder(tmp_path):
     (saved(tmp_path).parent / "_CHECKPOINT_METADATA").write_text("[" * 100_000)
     with pytest.raises(ValueError, match=f"run: .*{tmp_path}.* damaged"):
         restored(tmp_path)
+
+
+def test_a_disk_without_room_is_one_line_and_the_step_can_be_saved_later(tmp_path, capfd):
+    Checkpoints(tmp_path).save(6, state=TREE)
+    with no_file_above(1000), pytest.raises(OSError, match=r"step 7 cannot be saved .*File too large.*make room"):
+        Checkpoints(tmp_path).save(7, state=TREE)
+    assert "Traceback" not in capfd.readouterr().err
+    assert Checkpoints(tmp_path).steps == [6]
+    saved(tmp_path)
+    assert same(restored(tmp_path))
