@@ -86,7 +86,10 @@ def _wrong(value: Any, hint: Any) -> str:
     if not isinstance(value, kind) or (isinstance(value, bool) and hint in (int, float)):
         return told
     if isinstance(value, Real):
-        return "a finite number" if not math.isfinite(value) else f"within {MOST:g}" if abs(value) > MOST else ""
+        size = abs(int(value)) if isinstance(value, Integral) else abs(float(value))
+        if isinstance(size, float) and not math.isfinite(size):
+            return "a finite number"
+        return f"within {MOST:g}" if size > MOST else ""
     return ""
 
 

@@ -82,7 +82,7 @@ def open_folder(path: Path) -> Folder:
 def spaced(names: Sequence[str], most: int) -> list[str]:
     """At most so many of the names, evenly spaced, the first and the last among them."""
     places = np.linspace(0, len(names) - 1, min(most, len(names)))
-    return [names[round(place)] for place in places]
+    return [names[int(place.round())] for place in places]
 
 
 def _batches(folder: Folder, names: Sequence[str]) -> Iterator[tuple[Sequence[str], np.ndarray, np.ndarray]]:

@@ -43,6 +43,7 @@ def test_a_flag_out_of_its_range_is_refused_by_its_name(tmp_path, monkeypatch, c
         lambda: PrepareConfig(image_crop=(352, -1)),
         lambda: replace(Experiment().generator, filters=0),
         lambda: PrepareConfig(image_crop=(352,)),
+        lambda: OptimConfig(steps=10**400),
         lambda: OptimConfig(steps="9"),
         lambda: OptimConfig(batch=True),
         lambda: OptimConfig(flip=1),
