@@ -184,7 +184,7 @@ class Study:
             if cells[k + 1]
         ]
         rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in KINDS)])
-        heads = ["IoU", "cells", *(f"learned from {kind} intensity" for kind in KINDS)]
+        heads = ["IoU", "cells", "no intensity", "simulated", "measured"]
         share = worth(of)
         gain = mean_iou(of["measured"]).mean - mean_iou(of["none"]).mean
         words = (
@@ -193,6 +193,7 @@ class Study:
             else "Measured intensity is worth nothing here, so simulated intensity has nothing to be measured by."
         )
         seeds = len(self.config.seeds)
+        words += " One seed: the spread is not known." if seeds == 1 else ""
         head = f"{len(self.images)} images, {self.config.parts} parts, each judged by what learned from the others; "
         return f"{head}{seeds} seed{'s' * (seeds > 1)}.\n\n{markdown_table(heads, rows)}\n\n{words}"
 
