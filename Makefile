@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test test-slow check install
+.PHONY: demo test test-slow check docs dist install
 .DEFAULT_GOAL := demo
 
 install: $(INSTALLED)
@@ -36,3 +36,14 @@ check: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports
+
+docs: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/build/html
+	@echo "docs/build/html/index.html"
+
+# The same bytes from the same commit, whoever builds: times of files are those of the commit.
+dist: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt build hatchling
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(BIN)/python -m build --no-isolation --outdir dist
+	cd dist && sha256sum *

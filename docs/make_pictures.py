@@ -1,5 +1,6 @@
 """Makes the pictures of the README and the pages: `python docs/make_pictures.py` (after `python train.py`)."""
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -75,9 +76,9 @@ def ablation() -> None:
 def real2sim2real() -> None:
     """What detectors find, AP by checkpoint, and intensities (after `jaxsim real2sim2real`)."""
     pictures = Path("runs/real2sim2real/pictures")
-    for file, width in (("found.jpg", 1400), ("epochs.png", 1420), ("intensity.png", 1240)):
-        picture = cv2.imread(str(pictures / f"{Path(file).stem}.png"))[..., ::-1]
-        save_picture(PICTURES / f"real2sim2real_{file}", shrunk(picture, width))
+    save_picture(PICTURES / "real2sim2real_found.jpg", shrunk(cv2.imread(str(pictures / "found.png"))[..., ::-1], 1400))
+    for name in ("epochs", "intensity"):
+        shutil.copyfile(pictures / f"{name}.svg", PICTURES / f"real2sim2real_{name}.svg")
 
 
 def detections() -> None:

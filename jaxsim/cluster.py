@@ -8,6 +8,7 @@ harm.
 
 from __future__ import annotations
 
+import logging
 import pickle
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,8 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+_log = logging.getLogger(__name__)
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -113,7 +116,7 @@ def _connect(address: str, by: str) -> Any:
             "tcp://HOST:8786 --nthreads 1), and give its address: --cluster tcp://HOST:8786"
         ) from error
     if not client.nthreads():
-        print(f"{by}: no worker has joined {address} yet; start some: dask worker {address} --nthreads 1", flush=True)
+        _log.info(f"{by}: no worker has joined {address} yet; start some: dask worker {address} --nthreads 1")
     return client
 
 

@@ -6,6 +6,7 @@ shared disk is needed and a checkpoint fits any number of devices.
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import PyTree
 from threadpoolctl import threadpool_limits
+
+_log = logging.getLogger(__name__)
 
 DATA = "data"
 """The mesh's only axis: the batch is cut along it."""
@@ -87,7 +90,7 @@ def data_mesh(batch: int) -> Mesh | None:
     else:
         used = max(n for n in range(1, count + 1) if batch % n == 0)
         if used < count:
-            print(f"devices: a batch of {batch} divides among {used} of {count} devices; the others stay idle")
+            _log.info(f"devices: a batch of {batch} divides among {used} of {count} devices; the others stay idle")
         count = used
     if count == 1:
         return None

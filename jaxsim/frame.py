@@ -12,6 +12,7 @@ Azimuth is `atan2(y, x)` in `velo`: 0 forward, growing to the left, so it falls 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 from flax import struct
@@ -22,6 +23,12 @@ Array = Any
 no protocol that both satisfy has the arithmetic that kernels use; shapes and types are checked by jaxtyping at run time
 in the tests, for which `Float[Array, ...]` with `Any` accepts both. Where only one may come, write jax.Array or
 np.ndarray."""
+
+
+def in_notebook(value: Any) -> str:
+    """HTML of a cloud, a frame or a result. Its maker, the report, stands above all that it shows, so it is looked up
+    when a notebook asks."""
+    return import_module("jaxsim.report.notebook").html_of(value)
 
 
 @struct.dataclass
@@ -63,6 +70,9 @@ class Cloud:
     row: Int[Array, "*b n"] | None = None
     """Laser line of each point, 0 = top; None where it is not known."""
 
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
+
 
 @struct.dataclass
 class PolarGrid:
@@ -85,6 +95,9 @@ class PolarImage:
     intensity: Float[Array, "*b rows columns"]
     valid: Bool[Array, "*b rows columns"]
     """The beam came back."""
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
 
 
 @struct.dataclass

@@ -33,6 +33,8 @@ install_import_hook(
 import jax
 import pytest
 
+from jaxsim.cli.telling import tell_on_console
+
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
@@ -46,6 +48,12 @@ def samples() -> Path:
     if not SAMPLES.is_dir():
         pytest.skip(f"no sample data at {SAMPLES}; set JAXSIM_SAMPLE_DATA to the folder that holds kitti_raw/")
     return SAMPLES
+
+
+@pytest.fixture(scope="session", autouse=True)
+def console():
+    """Commands tell on the console what the library logs, also where a test calls them directly."""
+    tell_on_console()
 
 
 @pytest.fixture(scope="session")

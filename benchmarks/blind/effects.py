@@ -7,7 +7,7 @@ place in the plan. `--table` computes nothing and shows what is there.
 
 Development cases have seeds below 10000; `--sealed` ones, on which nothing may be tuned, from 10000 on.
 
-Writes OUT/summary.md (also printed), OUT/confusion.png and OUT/power.png.
+Writes OUT/summary.md (also printed), OUT/confusion.svg and OUT/power.svg.
 """
 
 from __future__ import annotations

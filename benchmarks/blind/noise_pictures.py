@@ -3,8 +3,8 @@
     python -m benchmarks.blind.noise_pictures docs/pictures
 
 makes a null of the hidden world with a noisy simulator (development seed) and holds it against the sensor twice: as the
-simulator wrote its frames, and as it means them (`jaxsim.discover.model.simulator`). Writes noisy_slope.png, measured
-against simulated detail within surfaces, and noisy_gains.png, what effects on intensities gain on held-out scenes where
+simulator wrote its frames, and as it means them (`jaxsim.discover.model.simulator`). Writes noisy_slope.svg, measured
+against simulated detail within surfaces, and noisy_gains.svg, what effects on intensities gain on held-out scenes where
 nothing is missing; prints slopes and gains.
 """
 
@@ -31,9 +31,8 @@ from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
-from jaxsim.report.pictures import save_picture
 
 ASKED = ("gamma_response", "intensity_offset", "incidence_cosine", "oren_nayar", "range_falloff", "beam_gain")
 REACH = 0.45
@@ -60,8 +59,8 @@ def main(argv: list[str] | None = None) -> None:
     gains = {name: gains_of(one) for name, one in problems.items()}
     for name in ASKED:
         print(f"{name}: {gains['as written'][name]:.0f} nats as written, {gains['as meant'][name]:.0f} as meant")
-    save_picture(args.out / "noisy_slope.png", slopes(details).pixels())
-    save_picture(args.out / "noisy_gains.png", bars(gains).pixels())
+    save_figure(args.out, "noisy_slope", slopes(details), words="Measured against simulated detail within surfaces")
+    save_figure(args.out, "noisy_gains", bars(gains), words="What effects gain where nothing is missing")
 
 
 def as_meant(comparison: Comparison) -> Problem:

@@ -11,8 +11,7 @@ import numpy as np
 
 from benchmarks.blind.tables import of_kind, separable, wilson
 from jaxsim.effects import EFFECTS
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas
-from jaxsim.report.pictures import save_picture
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, save_figure
 
 Row = dict[str, Any]
 
@@ -23,10 +22,10 @@ DARK = 0.55
 
 
 def save_pictures(out: Path, rows: Sequence[Row]) -> None:
-    """confusion.png and power.png; the second only where a single effect was hidden."""
-    save_picture(out / "confusion.png", confusion(rows).pixels())
+    """confusion.svg and power.svg; the second only where a single effect was hidden."""
+    save_figure(out, "confusion", confusion(rows), words="What was named for what was hidden")
     if of_kind(rows, "single"):
-        save_picture(out / "power.png", power(rows).pixels())
+        save_figure(out, "power", power(rows), words="Rates against severity")
 
 
 def confusion(rows: Sequence[Row]) -> Canvas:

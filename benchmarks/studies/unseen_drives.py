@@ -7,7 +7,7 @@ ROOT holds `2011_09_26/`. For each fold of `configs.kitti_drives.FOLDS` a networ
 baselines are fitted to the same frames, and all are scored on the cells of the fold's drives: every drive is judged
 once, by what has not seen it. What is there, trainings and scores, is not made again.
 
-Writes OUT/unseen_drives.md and .json (scores with intervals over drives, errors by drive), .png (each drive's error
+Writes OUT/unseen_drives.md and .json (scores with intervals over drives, errors by drive), .svg (each drive's error
 beside that of boosted trees), and pictures of a frame of each drive: OUT/pictures.
 """
 
@@ -37,7 +37,7 @@ from jaxsim.metrics.intervals import ratio_interval
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import prepared
 from jaxsim.report import difference_table, pair_picture, save_picture, score_table
-from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas
+from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.predict import STEP, make_predict
@@ -215,7 +215,8 @@ def main(
         path.write_text("\n\n".join(text) + "\n")
     with replacing(out / "unseen_drives.json") as path:
         path.write_text(json.dumps(content | {"coverage": covers}, indent=2))
-    save_picture(out / "unseen_drives.png", scatter(errors["network"], errors[BAR], frames).pixels())
+    drawn = scatter(errors["network"], errors[BAR], frames)
+    save_figure(out, "unseen_drives", drawn, words="Each drive's error, the network's beside the bar's")
     print("\n\n".join(text))
 
 

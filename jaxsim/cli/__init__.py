@@ -11,6 +11,7 @@ from importlib.metadata import version
 
 from jaxsim.cli.commands import Command, call, choose, enable_compilation_cache, overview
 from jaxsim.cli.endings import stop_on_error
+from jaxsim.cli.telling import tell_on_console, without_quiet
 
 __all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
 
@@ -61,6 +62,10 @@ COMMANDS = {
         "published weights to files that jaxsim reads",
         "jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out vgg19.npz",
     ),
+    "completion": Command(
+        "completion:Completion", "a script with which a shell completes these words", "jaxsim completion bash"
+    ),
+    "doctor": Command("doctor:Doctor", "versions, devices, cache and a sample run, for bug reports", "jaxsim doctor"),
 }
 """Every command by its name."""
 MODES = {
@@ -92,8 +97,9 @@ other second word is an effect's name, or a run's folder."""
 
 def main(argv: list[str] | None = None) -> None:
     """Runs the command that `argv` (by default the console's words) names; the console script enters here."""
-    words = sys.argv[1:] if argv is None else argv
+    words = without_quiet(sys.argv[1:] if argv is None else argv)
     with stop_on_error():
+        tell_on_console()
         if not words or words[0] in ("-h", "--help"):
             print(overview(COMMANDS))
         elif words[0] == "--version":

@@ -40,7 +40,8 @@ Learn an automotive LiDAR from drives, simulate it, find what the simulation lac
 
 {lines}
 
-jaxsim COMMAND --help begins with an example; jaxsim --version tells the version."""
+jaxsim COMMAND --help begins with an example; jaxsim --version tells the version. --quiet, with any command, leaves out
+what tells how far it is."""
 
 
 def choose(name: str, commands: Mapping[str, Command]) -> Command:

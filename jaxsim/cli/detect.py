@@ -15,7 +15,8 @@ from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import seen_by
 from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
-from jaxsim.report import draw_above, draw_on_image, save_picture
+from jaxsim.report import cloud_with_boxes, draw_above, draw_on_image, save_picture, write_clouds
+from jaxsim.report.scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,9 @@ class Detect(Checked):
     """Finds objects in every cloud of a folder.
 
     Writes KITTI result files (results/NAME.txt) and pictures (pictures/NAME_above.png, and NAME_image.png where there
-    is an image) to OUT. A cloud that has a result file is not looked at again, so that a killed command resumes; OUT's
-    detect.json says what made the results, and another detector, cap or folder of clouds is refused there.
+    is an image) to OUT, and clouds.html, a page that turns the drawn clouds in 3D. A cloud that has a result file is
+    not looked at again, so that a killed command resumes; OUT's detect.json says what made the results, and another
+    detector, cap or folder of clouds is refused there.
     """
 
     detector: Annotated[Path, tyro.conf.Positional]
@@ -74,13 +76,16 @@ class Detect(Checked):
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
         found = 0
+        scenes: list[Scene] = []
         finder = make_find(experiment)
         detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
         for k, (name, boxes) in enumerate(detections):
             found += len(boxes.score)
             if k < self.pictures:
-                self.draw(name, read_points(todo[name]), boxes, learned=learned)
+                scenes.append(self.draw(name, read_points(todo[name]), boxes, learned=learned))
             write_detections(results[name], boxes, kind, view=views[name])
+        if scenes:
+            self.write_page(scenes, kind)
         kept = f"{len(files) - len(todo)} clouds were there"
         print(f"{found} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
         if todo and not self.calib:
@@ -93,8 +98,8 @@ class Detect(Checked):
         """The clouds, and what stands beside them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
 
-    def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> None:
-        """Writes a cloud's pictures."""
+    def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> Scene:
+        """Writes a cloud's pictures; gives it for the page."""
         view = self.folder.view(name)
         labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
         drawn = {"found": found.boxes, "score": found.score, "labelled": labelled, "title": name}
@@ -103,3 +108,14 @@ class Detect(Checked):
             pictures["image"] = draw_on_image(self.folder.image(name), view, **drawn)
         for kind, picture in pictures.items():
             save_picture(self.out / "pictures" / f"{name}_{kind}.png", picture)
+        return cloud_with_boxes(name, points, found=found.boxes, labelled=labelled)
+
+    def write_page(self, scenes: list[Scene], kind: str) -> None:
+        """Writes clouds.html, which turns the drawn clouds."""
+        write_clouds(
+            self.out / "clouds.html",
+            scenes,
+            title="jaxsim detect",
+            sentence=f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}.",
+            words="Found boxes are orange, labelled ones green; the crossed side is the front.",
+        )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +19,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
 
-say = partial(print, flush=True)
+say = logging.getLogger(__name__).info
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tqdm import tqdm
-
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.evaluate.detector import mean_curves
@@ -15,6 +13,7 @@ from jaxsim.evaluate.runs import score_checkpoints
 from jaxsim.files import file_of
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules, evaluate
 from jaxsim.metrics.detection.files import found_frames, frame_list, read_detections, read_truth
+from jaxsim.progress import Progress
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import load_run
@@ -58,7 +57,7 @@ class Detection:
         truth = read_truth(self.labels, names)
         detections = read_detections(self.detections, names)
         passes = len(self.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
-        with tqdm(total=passes, desc="matching", unit="pass") as bar:
+        with Progress(total=passes, desc="matching", unit="pass") as bar:
             curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
         omitted = "" if self.frames else f" of {len(found_frames(self.labels))} labelled (--frames FILE fixes the list)"
         print(f"{len(names)} frames{omitted}, {self.rules} rules\n\n{detection_table(curves)}\n")

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import tyro
 from tyro.conf import UseAppendAction
 
@@ -15,12 +16,14 @@ from jaxsim.cli.source import SAME, Source
 from jaxsim.cloud import points_of
 from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.config.ranges import Checked, Count, Whole
-from jaxsim.data import open_dataset
+from jaxsim.data import Dataset, open_dataset
+from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.files import file_of
 from jaxsim.frame import Cloud, Painted, PolarImage
-from jaxsim.report import draw_cloud, save_picture, simulated_picture
+from jaxsim.geometry import polar_to_points
+from jaxsim.report import compared_clouds, draw_cloud, save_picture, simulated_picture, write_clouds
 from jaxsim.simulate.folder import Batch, FrameMaker, Made, Speed, simulate_folder
 from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 
@@ -29,8 +32,9 @@ from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 class Simulate(Checked):
     """Simulates the learned sensor of a run over a data set's camera frames.
 
-    Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...) and pictures to OUT. What
-    is already there is not made again, so that a killed command resumes.
+    Writes polar frames (polar/grid.json and NAME.npz), clouds (clouds/NAME.bin ...), pictures and clouds.html, a page
+    that turns the drawn frames beside what was measured, to OUT. What is already there is not made again, so that a
+    killed command resumes.
     """
 
     run: Annotated[Path, tyro.conf.Positional]
@@ -87,6 +91,7 @@ class Simulate(Checked):
             previews=self.previews,
             spread=partial(self.on_cluster, self.cluster) if self.cluster else None,
         )
+        self.write_page(dataset, positions[: self.previews])
         print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
         if speed.simulated:
             print(told(speed, workers=bool(self.cluster)))
@@ -119,6 +124,25 @@ class Simulate(Checked):
         save_picture(file_of(self.out / "previews", name, "_cloud.png", by="simulate"), view)
         picture = simulated_picture(image, painted, title=name)
         save_picture(file_of(self.out / "previews", name, ".png", by="simulate"), picture)
+
+    def write_page(self, dataset: Dataset, positions: Sequence[int]) -> None:
+        """Writes clouds.html, which turns these frames beside their measured clouds."""
+        if not positions:
+            return
+        frames = open_polar_frames(self.out / "polar")
+        scenes = []
+        for position in positions:
+            frame = dataset[position]
+            simulated = points_of(polar_to_points(frames.read(frame.name)[0], frames.grid))
+            measured = np.zeros((0, 4), np.float32) if frame.cloud is None else points_of(frame.cloud)
+            scenes.append(compared_clouds(frame.name, simulated, measured))
+        write_clouds(
+            self.out / "clouds.html",
+            scenes,
+            title="jaxsim simulate",
+            sentence=f"The sensor of {self.run.name}, simulated beside what was measured.",
+            words="Left of the slider the simulated cloud, in the camera's view; right of it the measured one.",
+        )
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from tqdm import tqdm
 
 from jaxsim.files import check_name, read_arrays, write_arrays
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
+from jaxsim.progress import Progress
 
 LEVELS = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
 """Height in pixels (and more), occlusion and truncation (and less) of an easy, a moderate and a hard object."""
@@ -143,7 +143,7 @@ def kept_scenes(
     folder = cache / f"scenes-{hashlib.sha256(about + _code()).hexdigest()[:16]}"
     files = [folder / f"{i:06d}.npz" for i in positions]
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
-    for i, file in tqdm(missing, desc="scenes", unit="frame", disable=not missing):
+    for i, file in Progress(missing, desc="scenes", unit="frame", disable=not missing):
         write_scene(file, scene_of(dataset[i], kind, in_image=in_image))
     return Scenes(files)
 

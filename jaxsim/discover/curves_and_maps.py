@@ -64,11 +64,14 @@ def residual_curves(
             continue
         sides = [[part[judged][counts] for part in side[channel][:2]] for side in (old, new)]
         means = [off for off, _ in sides]
-        lines.append(CurveLine(channel, covariate, RESIDUAL_UNITS[channel], bins.centre, *bins.curve(*means)))
+        unit = RESIDUAL_UNITS[channel]
+        lines.append(CurveLine(channel, covariate, unit, bins.centre, *bins.curve(*means), edges=bins.edges))
         if scatters and channel == "range":
             squares = [z**2 for _, z in sides]
             spread = bins.curve(*squares, shown=lambda mean: np.sqrt(mean) - 1)
-            lines.append(CurveLine(channel, covariate, SPREAD_UNIT, bins.centre, *spread, spread=True))
+            lines.append(
+                CurveLine(channel, covariate, SPREAD_UNIT, bins.centre, *spread, spread=True, edges=bins.edges)
+            )
     return tuple(lines)
 
 
@@ -80,6 +83,7 @@ class Bins:
     """The group of each ray."""
     scene: Int[np.ndarray, " n"]
     centre: Float[np.ndarray, " k"]
+    edges: Float[np.ndarray, " k+1"]
 
     @classmethod
     def of(cls, x: Float[np.ndarray, " n"], covariate: str, scene: Int[np.ndarray, " n"]) -> Bins | None:
@@ -93,7 +97,8 @@ class Bins:
             return None
         size = len(edges) - 1
         index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, size - 1)
-        return cls(index, scene, np.bincount(index, x, size) / np.maximum(np.bincount(index, minlength=size), 1))
+        centre = np.bincount(index, x, size) / np.maximum(np.bincount(index, minlength=size), 1)
+        return cls(index, scene, centre, edges)
 
     def mean(self, values: Float[np.ndarray, " n"], *, of: slice | np.ndarray = slice(None)) -> Float[np.ndarray, " k"]:
         """Mean of each group, of some rays; NaN where there is none."""

@@ -151,6 +151,8 @@ class Division:
     parts: Split
     cast_again: bool = False
     """As in `Comparison`."""
+    names: tuple[str, ...] = ()
+    """Of the frames."""
 
     @classmethod
     def of(cls, comparison: Comparison) -> Division:
@@ -171,7 +173,7 @@ class Division:
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
         parts = split(chosen.scene)
-        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again)
+        return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again, comparison.names)
 
     def evidence(
         self, names: Sequence[str], known: SensorModel = NOTHING_YET

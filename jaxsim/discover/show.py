@@ -7,12 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, Chain, in_place, refit
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.curves_and_maps import residual_curves, residual_maps
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
+from jaxsim.discover.judge_frames import joined, rays_of, whole_frames
+from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
@@ -21,7 +24,7 @@ from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, refitted, runner_up
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
-from jaxsim.discover.verdict import Gap, Interval, Judged
+from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame
 from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 
@@ -49,8 +52,7 @@ def judge(
     fitted = (~judged).astype(np.float32)
 
     def with_effects(effects: Chain, noise: Noise) -> Problem:
-        problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
-        return with_own_weights(in_place(problem, effects, simulated=True), fitted)
+        return _on(division, ev, null, effects, noise=noise, fitted=fitted)
 
     # Effects leave less noise than the null has: each side is judged with its own.
     before = with_effects([], null.noise)
@@ -69,13 +71,44 @@ def judge(
     was = away(before)
     now = away(after)
     floor = away(free)
+    curves_shown = residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain])
     return Judged(
         gaps(was, now, placebo=away(instead), floor=floor),
         closure(was, now, floor=floor, channels={name for effect, _ in chain for name in effect.channels}),
         residual_maps(before, fitted=fitted),
         residual_maps(after, fitted=fitted),
-        residual_curves(before, after, fitted=fitted, scene=scene, effects=[effect for effect, _ in chain]),
+        curves_shown,
+        _frames(division, null, chain, noise=noise, known=known, curves=curves_shown),
     )
+
+
+def _on(
+    division: Division, ev: Evidence, null: Problem, effects: Chain, *, noise: Noise, fitted: Float[np.ndarray, " b"]
+) -> Problem:
+    """The null model's problem on other evidence, with effects in place and the noise that they leave."""
+    problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
+    return with_own_weights(in_place(problem, effects, simulated=True), fitted)
+
+
+def _frames(
+    division: Division,
+    null: Problem,
+    chain: Chain,
+    *,
+    noise: Noise,
+    known: SensorModel,
+    curves: tuple[CurveLine, ...],
+) -> tuple[JudgeFrame, ...]:
+    """A few judge frames with nearly all their rays, before the effects and with them."""
+    parts: dict[str, list[JudgeFrame]] = {}
+    for chunk in whole_frames(division):
+        ev, scene = chunk.division.all_evidence(known)
+        fitted = (scene < len(division.parts.find)).astype(np.float32)
+        before = _on(division, ev, null, [], noise=null.noise, fitted=fitted)
+        after = _on(division, ev, null, chain, noise=noise, fitted=fitted)
+        for part in rays_of(before, after, fitted=fitted, chunk=chunk, curves=curves):
+            parts.setdefault(part.name, []).append(part)
+    return tuple(map(joined, parts.values()))
 
 
 def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
@@ -19,7 +19,7 @@ from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import LookAlike
 from jaxsim.effects.region import Region
 from jaxsim.files import write_text
-from jaxsim.frame import PolarGrid
+from jaxsim.frame import PolarGrid, in_notebook
 
 
 @dataclass(frozen=True)
@@ -407,6 +407,34 @@ class CurveLine:
     value."""
     spread: bool = False
     """Whether it is not the mean of the residuals but their spread over the expected one, less 1."""
+    edges: Float[np.ndarray, " k+1"] | None = None
+    """Of the groups of rays that the points are means of: each holds what lies from one to below the next. None where
+    it is not kept (unpaired)."""
+
+    def group_of(self, values: Float[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
+        """The group of each value of the covariate; -1 for all where the edges are not kept."""
+        if self.edges is None:
+            return np.full(np.shape(values), -1)
+        return np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.x) - 1)
+
+
+@dataclass(frozen=True)
+class JudgeFrame:
+    """One frame of a judge scene, ray by ray (n rays)."""
+
+    name: str
+    scene: str
+    """Empty where it holds several: sectors of one drive."""
+    row: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+    range_m: Float[np.ndarray, " n"]
+    """As measured; of rays that were lost, as simulated."""
+    returned: Bool[np.ndarray, " n"]
+    before: dict[str, Float[np.ndarray, " n"]]
+    """Residuals of each channel in its own unit, NaN where it is not compared."""
+    after: dict[str, Float[np.ndarray, " n"]]
+    groups: tuple[Int[np.ndarray, " n"], ...] = ()
+    """For each curve of the result, the group of each ray, -1 where it is in none."""
 
 
 @dataclass(frozen=True)
@@ -418,6 +446,7 @@ class Judged:
     maps_before: dict[str, Float[np.ndarray, "r c"]]
     maps_after: dict[str, Float[np.ndarray, "r c"]]
     curves: tuple[CurveLine, ...]
+    frames: tuple[JudgeFrame, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -434,3 +463,8 @@ class Result:
     curves: tuple[CurveLine, ...]
     candidates: tuple[Any, ...] = ()
     """The whole first ranking (`name.candidates.Candidate`) with its fits, for who wants to choose by another rule."""
+    frames: tuple[JudgeFrame, ...] = ()
+    """A few judge frames ray by ray; empty where frames are not compared one by one (unpaired)."""
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)

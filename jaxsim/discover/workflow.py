@@ -132,7 +132,8 @@ def discover(
     verdict = with_mounting(confirmed(verdict), *named_mounting(mounting, parts, rows=rows))
     sensor = replace(sensor_of(verdict, model.added.sensor, known), levels=missing(levels))
     ranked = model.choice.first_ranking
-    return Result(verdict, sensor, comparison.scan.grid, shown.maps_before, shown.maps_after, shown.curves, ranked)
+    maps = shown.maps_before, shown.maps_after
+    return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
 
 
 @dataclass(frozen=True)

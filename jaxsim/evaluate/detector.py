@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from pydantic import TypeAdapter
-from tqdm import tqdm
 
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.detect.batches import in_range, inside
@@ -27,8 +27,11 @@ from jaxsim.geometry import pad_points, room_for
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics import Score
 from jaxsim.metrics.detection import Curve, evaluate, read_detections, read_truth
+from jaxsim.progress import Progress
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
+
+_log = logging.getLogger(__name__)
 
 STEP_POINTS = 8192
 """Clouds are filled up to multiples of this, so that few sizes are compiled."""
@@ -53,7 +56,7 @@ def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: Detect
     if not labelled:
         raise ValueError(f"detect: none of the {len(scenes)} frames has labels; choose labelled frames")
     if len(labelled) < len(scenes):
-        print(f"detect: {len(scenes) - len(labelled)} of {len(scenes)} frames have no labels and are left out")
+        _log.info(f"detect: {len(scenes) - len(labelled)} of {len(scenes)} frames have no labels and are left out")
     return Scenes(labelled)
 
 
@@ -88,7 +91,7 @@ def find_all(
 ) -> Iterator[tuple[str, Found]]:
     """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
     left_out: dict[str, dict[str, int]] = {}
-    for name, points in tqdm(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
+    for name, points in Progress(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
         found, dropped = find(network, points)
         if dropped:
             left_out[name] = dropped
@@ -96,7 +99,7 @@ def find_all(
     if left_out:
         name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
         worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
-        print(
+        _log.info(
             f"detect: {len(left_out)} of {total} clouds had more voxels or sites than there is room for; worst {name}: "
             f"{worst} left out; {more_room}"
         )

@@ -29,6 +29,7 @@ from jaxsim.metrics.conditional import conditional_intensity, intensity_table
 from jaxsim.metrics.frechet import frechet_distance_of
 from jaxsim.metrics.rangenet import Values, range_features
 from jaxsim.metrics.sliced_wasserstein import sliced_wasserstein
+from jaxsim.progress import Progress
 
 BATCH, POINTS = 8, 2**14
 """Clouds of a batch, and the multiple that they are padded to."""
@@ -87,7 +88,8 @@ def spaced(names: Sequence[str], most: int) -> list[str]:
 
 def _batches(folder: Folder, names: Sequence[str]) -> Iterator[tuple[Sequence[str], np.ndarray, np.ndarray]]:
     """Names, (b, n, 4) points and (b, n) which of them are real."""
-    for first in range(0, len(names), BATCH):
+    told = {"desc": "comparing", "unit": "batch", "leave": False}
+    for first in Progress(range(0, len(names), BATCH), **told):
         chosen = names[first : first + BATCH]
         clouds = [folder.points(name) for name in chosen]
         room = room_for(max(map(len, clouds)), POINTS)

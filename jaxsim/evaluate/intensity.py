@@ -30,6 +30,7 @@ from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import DROP_BELOW, frame_sums, total_scores
 from jaxsim.pairs.prepared import PreparedPairs
 from jaxsim.prepare import network_inputs
+from jaxsim.progress import Progress
 from jaxsim.simulate.predict import STEP, Generate, Prediction
 
 Predict = Callable[[Any, Pair], Prediction]
@@ -46,7 +47,8 @@ def _sums(intensity: Array, drops: Array, pair: Pair) -> dict[str, float]:
 
 def network_sums(predict: Predict, params: Any, pairs: Sequence[Pair]) -> Sums:
     """What a generator makes of each pair."""
-    predictions = ((predict(params, pair), pair) for pair in pairs)
+    told = {"desc": "scoring", "unit": "frame", "leave": False}
+    predictions = ((predict(params, pair), pair) for pair in Progress(pairs, **told))
     return [_sums(x.intensity, x.drops, pair) for x, pair in predictions]
 
 

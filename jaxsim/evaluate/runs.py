@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tqdm import tqdm
-
 from jaxsim.config import DataConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PreparedPairs
@@ -30,6 +28,7 @@ from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.metrics.inception import Extractor
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores
 from jaxsim.pairs.prepared import pairs_before, prepared
+from jaxsim.progress import Progress
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.predict import make_predict
@@ -150,7 +149,7 @@ def score_checkpoints(
     find = make_find(experiment)
     per_step: list[list[Curve]] = []
     detections: list[Found] = []
-    for step in tqdm(steps, desc="checkpoints", unit="checkpoint"):
+    for step in Progress(steps, desc="checkpoints", unit="checkpoint"):
         curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, experiment=experiment)
         per_step.append(curves)
     return DetectorScores(scenes, steps, per_step, detections)

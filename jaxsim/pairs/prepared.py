@@ -11,7 +11,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data.records import (
@@ -29,6 +28,7 @@ from jaxsim.files import check_name, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
+from jaxsim.progress import Progress
 
 NAMES = (*ARRAYS, "name", "scene", "position")
 """Names of the arrays of a kept pair."""
@@ -111,7 +111,7 @@ def _make(dataset: Any, positions: Sequence[int], folder: Path, *, kind: str, pr
     missing = [i for i in positions if not (folder / f"{i:06d}.npz").is_file()]
     if missing:
         check_networks(prepare)
-    for i in tqdm(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
+    for i in Progress(missing, desc=f"preparing {kind}", unit="frame", disable=not missing):
         record = make_record(dataset[i], i, dataset.spec, prepare=prepare)
         write_arrays(folder / f"{i:06d}.npz", example_of(record))
 

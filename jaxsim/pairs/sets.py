@@ -11,8 +11,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
@@ -21,6 +19,7 @@ from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
 from jaxsim.pairs.prepared import fingerprint
 from jaxsim.pairs.shards import Job, make_all, make_by_beam, make_on_cluster, read_note, write_shard
 from jaxsim.prepare import check_networks
+from jaxsim.progress import Progress
 
 
 def make_set(
@@ -86,7 +85,7 @@ def _make(
     missing = [shard for shard in shards if read_note(shard, making) is None]
     positions = [position for shard in missing for position in shard.positions]
     total = sum(map(len, splits.values()))
-    with tqdm(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
+    with Progress(total=total, initial=total - len(positions), desc=f"preparing {job.data.kind}", unit="pair") as bar:
         if beam is not None:
             make_by_beam(job, missing, making, options=beam, bar=bar)
         elif cluster is not None and missing:

@@ -26,7 +26,6 @@ from typing import Any
 
 import cv2
 import jax
-from tqdm import tqdm
 
 from jaxsim.cluster import spread, with_absolute_paths
 from jaxsim.config import DataConfig, PrepareConfig
@@ -37,6 +36,7 @@ from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
 from jaxsim.interrupts import unheard_by_children
 from jaxsim.pairs.prepared import make_record
+from jaxsim.progress import Progress
 
 AHEAD = 4
 """Pairs a worker may be ahead of the one that is written next."""
@@ -115,7 +115,7 @@ def _is_note(about: Any, count: int) -> bool:
     return all(type(size) is int and 0 < size < MOST_CELLS for size in sizes)
 
 
-def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: tqdm[Any] | None = None) -> None:
+def write_shard(shard: Shard, folder: Path, made: Iterable[Made], *, bar: Progress | None = None) -> None:
     """Writes the file of these pairs, then its note; tells `bar` of each pair."""
     about: dict[str, list[Any]] = {"names": [], "scenes": [], "windows": [], "labelled": []}
 
@@ -193,7 +193,7 @@ class Shards:
         return partial(_make_on_worker, folder=self.folder, job=self.job)
 
 
-def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address: str, bar: tqdm[Any]) -> None:
+def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address: str, bar: Progress) -> None:
     """Makes these files on the cluster of Dask whose scheduler is at `address`, and shows them on `bar`.
 
     Workers need jaxsim, the data set's root and the output folder under the same paths. Where a frame cannot be
@@ -207,7 +207,7 @@ def make_on_cluster(job: Job, shards: Sequence[Shard], folder: Path, *, address:
         bar.update(done.result)
 
 
-def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: tqdm[Any]) -> None:
+def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Sequence[str], bar: Progress) -> None:
     """Makes these files by Apache Beam; `options` are Beam's, such as `runner=FlinkRunner`. Shows the finished ones'
     pairs on `bar`.
 
@@ -265,7 +265,7 @@ def _make_on_worker(shard: Shard, folder: Path, job: Job) -> int:
     return len(shard.positions)
 
 
-def _show(shards: Sequence[Shard], folder: Path, *, bar: tqdm[Any], ended: threading.Event) -> None:
+def _show(shards: Sequence[Shard], folder: Path, *, bar: Progress, ended: threading.Event) -> None:
     waiting = list(shards)
     last = False
     while waiting and not last:

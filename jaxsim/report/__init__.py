@@ -3,11 +3,14 @@
 results                              JSON, Markdown and scores as files
 pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
+scenes, clouds_page                  clouds that a page turns in 3D
 detection                            KITTI's scores of a detector
-discovery, answer, evidence, words   the report of a discovery
+discovery, answer, evidence, judged, words   the report of a discovery
+notebook                             what notebooks show of results, frames and clouds
 """
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
+from jaxsim.report.clouds_page import cloud_with_boxes, compared_clouds, write_clouds
 from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.pictures import (
@@ -31,6 +34,8 @@ from jaxsim.report.words import verdict_sentence
 
 __all__ = [
     "beside",
+    "cloud_with_boxes",
+    "compared_clouds",
     "depth_picture",
     "detection_picture",
     "detection_table",
@@ -46,6 +51,7 @@ __all__ = [
     "simulated_picture",
     "strip",
     "verdict_sentence",
+    "write_clouds",
     "write_detection",
     "write_frechet",
     "write_list",

@@ -3,32 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.verdict import Interval, Named, Rank, Repeat, Unexplained
-from jaxsim.effects import EFFECTS, Parameter
+from jaxsim.effects import EFFECTS, Effect, Parameter
 from jaxsim.report.canvas import BEFORE
 from jaxsim.report.charts import curve_chart, interval_chart
-from jaxsim.report.page import Draw, bar_cell, file_name, paragraph, section, table
+from jaxsim.report.page import (
+    NOTHING,
+    Draw,
+    bar_cell,
+    code,
+    file_name,
+    formula,
+    paragraph,
+    section,
+    table,
+    together,
+)
 from jaxsim.report.words import AXES, CHANNELS, Axis, dependence, number, probability, span, title_of
 
 
-def named_effects(effects: Sequence[Named], draw: Draw) -> str:
-    """Each named effect with its formula, gain, parameters and look-alikes."""
+def named_effects(effects: Sequence[Named], draw: Draw, *, shown: Sequence[tuple[str, str]] = ()) -> Markup:
+    """Each named effect with its formula, gain, parameters and look-alikes. `shown` are (channel, covariate) of the
+    curves that the page has."""
     if not effects:
-        return ""
-    return section("What the simulation lacks", "".join(_effect(effect, draw) for effect in effects))
+        return NOTHING
+    return section("What the simulation lacks", together(_effect(effect, draw, shown) for effect in effects))
 
 
-def _effect(named: Named, draw: Draw) -> str:
+def _effect(named: Named, draw: Draw, shown: Sequence[tuple[str, str]]) -> Markup:
     """An effect: what it is, how sure it is, its parameters, and what it could be taken for."""
-    parts = [f"<h3><code>{escape(named.name)}</code> {escape(title_of(named.name))}</h3>"]
+    parts = [Markup("<h3>{} {}</h3>").format(code(named.name), title_of(named.name))]
     known = EFFECTS.get(named.name)
     if known:
-        parts.append(f"<pre>{escape(known.formula)}</pre>")
+        parts.append(formula(known.formula))
     parts.append(
         paragraph(
             f"Changes {', '.join(named.channels)}. On held-out scenes it gains {number(named.gain.value)} "
@@ -36,11 +48,12 @@ def _effect(named: Named, draw: Draw) -> str:
         )
     )
     rows, charts = [], []
+    parts.append(_links(named, known, shown))
     for name, value in named.parameters.items():
         of = known.parameters.get(name) if known else None
         if isinstance(value, Interval):
-            cells = number(value.value), span(value), escape(value.unit), number(of.neutral) if of else "–"
-            rows.append([f"<code>{escape(name)}</code>", escape(of.meaning if of else ""), *cells])
+            cells = number(value.value), span(value), value.unit, number(of.neutral) if of else "–"
+            rows.append([code(name), of.meaning if of else "", *cells])
         else:
             charts.append(_vector(named.name, name, of, values=value, draw=draw))
     if rows:
@@ -48,9 +61,27 @@ def _effect(named: Named, draw: Draw) -> str:
     parts += charts
     for other in named.look_alikes:
         apart = named.tell_apart.get(other) or "no measurement is known"
-        head = f"<b>Could also be <code>{escape(other)}</code>.</b> To tell them apart: "
-        parts.append(f'<p class="alike">{head}{escape(apart)}.</p>')
-    return "".join(parts)
+        words = Markup('<p class="alike"><b>Could also be {}.</b> To tell them apart: {}.</p>')
+        parts.append(words.format(code(other), apart))
+    return together(parts)
+
+
+def _links(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> Markup:
+    """Where the page shows what the effect does: its curves, its maps, its parameters."""
+    covariates = known.covariates if known else ()
+    places = [
+        (f"{channel} along {covariate}", file_name("curve", channel, covariate))
+        for channel, covariate in shown
+        if channel in named.channels and covariate in covariates
+    ]
+    places += [(f"map of {channel}", file_name("map", channel)) for channel in named.channels]
+    places += [
+        (f"parameter {name}", file_name("parameter", named.name, name))
+        for name, value in named.parameters.items()
+        if not isinstance(value, Interval)
+    ]
+    links = (Markup('<a href="#{}">{}</a>').format(name, words) for words, name in places)
+    return Markup('<p class="links">Its evidence: {}.</p>').format(Markup(", ").join(links))
 
 
 def _p(p: float) -> str:
@@ -58,7 +89,7 @@ def _p(p: float) -> str:
     return text if text.startswith("<") else f"= {text}"
 
 
-def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: Draw) -> str:
+def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence[Interval], draw: Draw) -> Markup:
     """One interval a beam or class, as a chart."""
     unit = values[0].unit if values else ""
     neutral = known.neutral if known else 0.0
@@ -69,6 +100,7 @@ def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence
         neutral=neutral,
         x_label=AXES["class" if what == "class" else "row"].label,
         y_label=f"{name}, {unit}" if unit else name,
+        name="row" if what == "beam" else "",
     )
     return draw(
         file_name("parameter", effect, name),
@@ -78,19 +110,19 @@ def _vector(effect: str, name: str, known: Parameter | None, *, values: Sequence
     )
 
 
-def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> str:
+def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     """The candidates of the first step as bars, with the bar that they had to pass."""
     if not ranks:
-        return ""
+        return NOTHING
     named = {effect.name for effect in effects}
     reach = max([1.5 * ranks[0].bar, *(r.gain for r in ranks if np.isfinite(r.gain))]) or 1.0
     rows = [
         [
-            f"<b><code>{escape(r.name)}</code></b>" if r.name in named else f"<code>{escape(r.name)}</code>",
+            Markup("<b>{}</b>").format(code(r.name)) if r.name in named else code(r.name),
             bar_cell(r.gain / reach, r.bar / reach, strong=r.name in named),
             number(r.gain),
-            escape(probability(r.p_value)),
-            escape(r.why_not) or "named",
+            probability(r.p_value),
+            r.why_not or "named",
         ]
         for r in ranks
     ]
@@ -101,28 +133,28 @@ def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> str:
     heads = ["effect", "gain, and the bar", "nats", "p", "why not"]
     alike = {other for effect in effects for other in effect.look_alikes}
     others = [r for r in ranks if r.name not in named | alike]
-    loser = ""
+    loser = NOTHING
     if effects and others:
         why = others[0].why_not or "no reason was recorded"
         loser = paragraph(f"Runner-up, look-alikes left out: {others[0].name}. Why it lost: {why}.")
     return section("Why this answer", paragraph(words) + table(heads, rows, text=2, last_text=True) + loser)
 
 
-def repeats(found: Sequence[Repeat]) -> str:
+def repeats(found: Sequence[Repeat]) -> Markup:
     """What comes back at the same rows and columns in every scene, the named effects in place."""
     if not found:
-        return ""
+        return NOTHING
     rows = [
         [
-            escape(one.channel),
-            escape(one.place),
-            f"<code>{escape(one.formula)}</code>",
+            one.channel,
+            one.place,
+            code(one.formula),
             number(one.period),
             number(one.size.value),
             span(one.size),
-            escape(one.size.unit),
-            escape(probability(one.p_value)),
-            escape(probability(one.p_judge)),
+            one.size.unit,
+            probability(one.p_value),
+            probability(one.p_judge),
         ]
         for one in found
     ]
@@ -136,7 +168,7 @@ def repeats(found: Sequence[Repeat]) -> str:
     return section("What repeats in every scene", paragraph(words) + table(heads, rows, text=3))
 
 
-def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) -> str:
+def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) -> Markup:
     """A dependence outside the catalogue: what the simulation lacks if `missing`, else what remains."""
     title = "What the simulation lacks" if missing else "What stays unexplained"
     if left is None:
@@ -145,7 +177,7 @@ def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) 
     axis = AXES.get(left.covariate, Axis(left.covariate))
     meaning = f"; x is {axis.x or axis.label}"
     words = paragraph(f"A {dependence(left)} that no effect of the catalogue accounts for.")
-    words += f"<p><code>{escape(left.formula)}</code>{escape(meaning)}</p>"
+    words += Markup("<p>{}{}</p>").format(code(left.formula), meaning)
     if not left.x:
         return section(title, words)
     x, y = axis.shown(np.array(left.x, float)), np.array(left.y, float)

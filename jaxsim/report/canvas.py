@@ -1,17 +1,24 @@
-"""A drawing that becomes SVG inside a page and pixels in a file, from the same strokes."""
+"""A drawing as SVG, for a page and for a file.
+
+Drawn here rather than by a plotting library: what a chart's points stand for must answer to a click, its colours follow
+the page's, light or dark, and a chart is a few dozen elements. matplotlib would
+bring 137 MB and would not be less code.
+"""
 
 from __future__ import annotations
 
 import base64
 from dataclasses import dataclass, field
-from html import escape
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import Float
+from markupsafe import Markup
 
-from jaxsim.report.pictures import Rgb
+from jaxsim.files import write_text
+from jaxsim.report.pictures import Rgb, save_picture
 
 Points = Float[np.ndarray, "n 2"]
 Length = float | int
@@ -20,69 +27,48 @@ Length = float | int
 INK = "#222222"
 FAINT = "#6b6b6b"
 RULE = "#c9c9c9"
+HAIR = "#e6e6e6"
+PAPER = "#ffffff"
 BEFORE = "#d55e00"
 AFTER = "#0072b2"
 """Vermilion and blue of Okabe and Ito: told apart by any eye, and in grey."""
-_PLAIN = {"−": "-", "°": " deg", "·": "*", "–": "-", "±": "+-", "θ": "theta", "≤": "<=", "≥": ">="}
+OF_PAGE = {
+    INK: "ink", FAINT: "faint", RULE: "rule", HAIR: "hair", PAPER: "paper", BEFORE: "before", AFTER: "after"
+}  # fmt: skip
+"""Colours that a page sets by these names of its style, light and dark."""
+FONT = "system-ui, 'Helvetica Neue', Arial, sans-serif"
 
 
-class _Stroke(NamedTuple):
-    points: Points
-    colour: str
-    width: Length
+class Target(NamedTuple):
+    """What a part of a chart stands for: a click on it lights rays (viewer.js)."""
 
-
-class _Area(NamedTuple):
-    points: Points
-    colour: str
-    opacity: Length
-
-
-class _Dot(NamedTuple):
-    x: Length
-    y: Length
-    radius: Length
-    colour: str
-    filled: bool
-
-
-class _Text(NamedTuple):
-    x: Length
-    y: Length
-    text: str
-    anchor: str
-    colour: str
-    size: Length
-    turned: bool
-
-
-class _Raster(NamedTuple):
-    x: Length
-    y: Length
-    width: Length
-    height: Length
-    rgb: Rgb
-
-
-_Mark = _Stroke | _Area | _Dot | _Text | _Raster
+    chart: str
+    """Name of what is picked: `row`, or of a curve."""
+    index: int
 
 
 @dataclass
 class Canvas:
-    """Strokes in the order they are drawn; lengths in pixels at 96 a inch, y down."""
+    """Elements in the order they are drawn; lengths in pixels at 96 a inch, y down."""
 
     width: int
     height: int
-    strokes: list[_Mark] = field(default_factory=list)
+    elements: list[Markup] = field(default_factory=list)
+    rows: list[tuple[str, ...]] = field(default_factory=list)
+    """What it shows as a table, its heads first, for who cannot see it; empty where the page says it already."""
+
+    def _add(self, element: str, *values: object, **named: object) -> None:
+        self.elements.append(Markup(element).format(*values, **named))
 
     def line(self, points: object, *, colour: str = INK, width: Length = 1.0) -> None:
-        self.strokes.append(_Stroke(np.asarray(points, float).reshape(-1, 2), colour, width))
+        self._add('<polyline points="{}" fill="none" stroke="{}" stroke-width="{:g}"/>', _path(points), colour, width)
 
     def area(self, points: object, *, colour: str, opacity: Length = 1.0) -> None:
-        self.strokes.append(_Area(np.asarray(points, float).reshape(-1, 2), colour, opacity))
+        self._add('<polygon points="{}" fill="{}" fill-opacity="{:g}"/>', _path(points), colour, opacity)
 
     def dot(self, x: Length, y: Length, *, colour: str = INK, radius: Length = 2.5, hollow: bool = False) -> None:
-        self.strokes.append(_Dot(x, y, radius, colour, not hollow))
+        fill = PAPER if hollow else colour
+        self._add('<circle cx="{:.1f}" cy="{:.1f}" r="{:g}" fill="{}" stroke="{}"/>', x, y, radius, fill, colour)
 
     def text(
         self,
@@ -96,48 +82,56 @@ class Canvas:
         turned: bool = False,
     ) -> None:
         """`y` is the baseline; `anchor` start, middle or end; `turned` reads upwards."""
-        self.strokes.append(_Text(x, y, text, anchor, colour, size, turned))
+        turn = Markup(' transform="rotate(-90 {:.1f} {:.1f})"').format(x, y) if turned else ""
+        self._add(
+            '<text x="{:.1f}" y="{:.1f}" text-anchor="{}" fill="{}" font-size="{:g}"{}>{}</text>',
+            *(x, y, anchor, colour, size, turn, text),
+        )
 
-    def raster(self, rgb: Rgb, *, x: Length, y: Length, width: Length, height: Length) -> None:
-        """A picture stretched over a rectangle, its cells kept square-edged."""
-        self.strokes.append(_Raster(x, y, width, height, rgb))
+    def raster(self, rgb: Rgb, *, x: Length, y: Length, width: Length, height: Length, name: str = "") -> None:
+        """A picture stretched over a rectangle, its cells kept square-edged; `name` is what the viewer finds it by."""
+        self._add(
+            '<image x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}" preserveAspectRatio="none" '
+            'style="image-rendering:pixelated"{} href="{}"/>',
+            *(x, y, width, height, Markup(' data-map="{}"').format(name) if name else "", data_uri(rgb)),
+        )
 
-    def svg(self, label: str) -> str:
-        """An <svg> element for a page; `label` says what it shows to who cannot see it."""
-        body = "".join(_as_svg(stroke) for stroke in self.strokes)
-        size = f'viewBox="0 0 {self.width} {self.height}" style="max-width:{self.width}px"'
-        return f'<svg {size} role="img" aria-label="{escape(label)}">{body}</svg>'
+    def target(self, target: Target, words: str, *, x: Length, y: Length, width: Length, height: Length) -> None:
+        """A rectangle that answers to a click and to the keyboard; `words` say what it stands for."""
+        self._add(
+            '<rect class="target" fill="none" data-chart="{}" data-index="{}" aria-label="{}" '
+            'x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"/>',
+            *(target.chart, target.index, words, x, y, width, height),
+        )
 
-    def pixels(self, scale: int = 2) -> Rgb:
-        """The drawing on white, `scale` pixels a unit."""
-        image = np.full((self.height * scale, self.width * scale, 3), 255, np.uint8)
-        for stroke in self.strokes:
-            _paint(image, stroke, scale)
-        return image
+    def svg(self, label: str) -> Markup:
+        """An <svg> element for a page, in the page's colours; `label` says what it shows to who cannot see it."""
+        body = "".join(self.elements)
+        for colour, name in OF_PAGE.items():
+            body = body.replace(f'"{colour}"', f'"var(--{name})"')
+        # A group keeps its parts, which answer to the keyboard; an image would hide them.
+        role = "group" if 'class="target"' in body else "img"
+        size = Markup('viewBox="0 0 {0} {1}" style="max-width:{0}px"').format(self.width, self.height)
+        return Markup('<svg {} role="{}" aria-label="{}">{}</svg>').format(size, role, label, Markup(body))
+
+    def file(self, label: str) -> str:
+        """The text of an SVG file, on white."""
+        head = Markup(
+            '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {0} {1}" width="{0}" height="{1}" font-family="{2}">'
+            '<title>{3}</title><rect width="{0}" height="{1}" fill="{4}"/>'
+        ).format(self.width, self.height, FONT, label, PAPER)
+        return f"{head}{''.join(self.elements)}</svg>\n"
 
 
-def _path(points: Points) -> str:
-    return " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+def save_figure(folder: Path, name: str, drawn: Canvas | Rgb, *, words: str) -> Path:
+    """Writes a drawing as NAME.svg, pixels as NAME.png, whole or not at all; `words` say what it shows."""
+    if not isinstance(drawn, Canvas):
+        return save_picture(folder / f"{name}.png", drawn)
+    return write_text(folder / f"{name}.svg", drawn.file(words))
 
 
-def _as_svg(stroke: _Mark) -> str:
-    match stroke:
-        case _Stroke(points, colour, width):
-            return f'<polyline points="{_path(points)}" fill="none" stroke="{colour}" stroke-width="{width:g}"/>'
-        case _Area(points, colour, opacity):
-            return f'<polygon points="{_path(points)}" fill="{colour}" fill-opacity="{opacity:g}"/>'
-        case _Dot(x, y, radius, colour, filled):
-            fill = colour if filled else "#ffffff"
-            return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}" fill="{fill}" stroke="{colour}"/>'
-        case _Text(x, y, text, anchor, colour, size, turned):
-            turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else ""
-            style = f'text-anchor="{anchor}" fill="{colour}" font-size="{size:g}"{turn}'
-            return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'
-        case _Raster(x, y, width, height, rgb):
-            return (
-                f'<image x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" '
-                f'preserveAspectRatio="none" style="image-rendering:pixelated" href="{data_uri(rgb)}"/>'
-            )
+def _path(points: object) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in np.asarray(points, float).reshape(-1, 2))
 
 
 def data_uri(rgb: Rgb) -> str:
@@ -146,53 +140,3 @@ def data_uri(rgb: Rgb) -> str:
     if not good:
         raise OSError(f"canvas: a picture of {rgb.shape} could not be written as PNG")
     return f"data:image/png;base64,{base64.b64encode(code.tobytes()).decode()}"
-
-
-def _colour(name: str) -> tuple[int, int, int]:
-    return int(name[1:3], 16), int(name[3:5], 16), int(name[5:7], 16)
-
-
-def _fixed(points: Points, scale: int) -> np.ndarray:
-    """Coordinates in sixteenths of a pixel, as OpenCV's drawing takes them."""
-    return np.round(points * scale * 16).astype(np.int32).reshape(-1, 1, 2)
-
-
-def _paint(image: Rgb, stroke: _Mark, scale: int) -> None:
-    match stroke:
-        case _Stroke(points, colour, width):
-            thick = max(1, round(width * scale))
-            cv2.polylines(image, [_fixed(points, scale)], False, _colour(colour), thick, cv2.LINE_AA, 4)
-        case _Area(points, colour, opacity):
-            over = image.copy()
-            cv2.fillPoly(over, [_fixed(points, scale)], _colour(colour), cv2.LINE_AA, 4)
-            image[:] = cv2.addWeighted(over, opacity, image, 1 - opacity, 0)
-        case _Dot(x, y, radius, colour, filled):
-            at, wide = (round(x * scale * 16), round(y * scale * 16)), round(radius * scale * 16)
-            if not filled:
-                cv2.circle(image, at, wide, (255, 255, 255), -1, cv2.LINE_AA, 4)
-            thick = -1 if filled else max(1, scale // 2)
-            cv2.circle(image, at, wide, _colour(colour), thick, cv2.LINE_AA, 4)
-        case _Text():
-            _write(image, stroke, scale)
-        case _Raster(x, y, width, height, rgb):
-            left, top = round(x * scale), round(y * scale)
-            size = (round(width * scale), round(height * scale))
-            how = cv2.INTER_NEAREST if size[0] >= rgb.shape[1] else cv2.INTER_AREA
-            image[top : top + size[1], left : left + size[0]] = cv2.resize(rgb, size, interpolation=how)
-
-
-def _write(image: Rgb, t: _Text, scale: int) -> None:
-    """OpenCV has one plain typeface, without signs beyond ASCII."""
-    words = "".join(_PLAIN.get(c, c) for c in t.text).encode("ascii", "replace").decode()
-    face, size = cv2.FONT_HERSHEY_SIMPLEX, t.size * scale / 30
-    (width, height), below = cv2.getTextSize(words, face, size, 1)
-    patch = np.full((height + 2 * below, max(width, 1), 3), 255, np.uint8)
-    cv2.putText(patch, words, (0, height + below // 2), face, size, _colour(t.colour), 1, cv2.LINE_AA)
-    shift = {"start": 0.0, "middle": width / 2, "end": float(width)}[t.anchor]
-    left, top = t.x * scale - shift, t.y * scale - height - below // 2
-    if t.turned:
-        patch = np.rot90(patch)
-        left, top = t.x * scale - height - below // 2, t.y * scale - width + shift
-    x, y = max(round(left), 0), max(round(top), 0)
-    part = image[y : y + patch.shape[0], x : x + patch.shape[1]]
-    np.minimum(part, patch[: part.shape[0], : part.shape[1]], out=part)

@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, INK, RULE, Canvas, Length, Rgb
+from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, Length, Rgb, Target
+from jaxsim.report.words import number
 
 Map = Float[np.ndarray, "r c"]
 Line = Float[np.ndarray, " k"]
@@ -22,6 +23,8 @@ ANCHORS = np.array(
 """Blue - white - red, of even steps in lightness: ColorBrewer's RdBu, safe for colour-blind eyes."""
 NOTHING = (176, 176, 176)
 MAP_WIDTH = 400
+MOST_LINES = 200
+"""Points of a chart that are told as a table, too."""
 SHARE_SHOWN = 98
 """Percentile of the residuals' size that the colours reach, if their root mean square does not reach farther."""
 
@@ -51,8 +54,9 @@ def label(value: Length) -> str:
     return f"{value:.6g}".replace("-", "−")
 
 
-def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str) -> Canvas | None:
-    """Titled maps beside each other, one colour scale with its bar; None where nothing was compared."""
+def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, name: str = "") -> Canvas | None:
+    """Titled maps beside each other, one colour scale with its bar; None where nothing was compared. The viewer finds
+    them by `name`."""
     limit = colour_limit([values for _, values in maps])
     if limit is None:
         return None
@@ -60,10 +64,11 @@ def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str
     height = int(np.clip(MAP_WIDTH * rows / columns * 1.8, 120, 240))
     margin, top = 52, 24
     canvas = Canvas(margin + len(maps) * (MAP_WIDTH + 22) + 88, height + 66)
-    for k, (name, values) in enumerate(maps):
+    for k, (title, values) in enumerate(maps):
         x = margin + k * (MAP_WIDTH + 22)
-        canvas.text(x, top - 8, name, size=13)
-        canvas.raster(diverging(values, limit), x=x, y=top, width=MAP_WIDTH, height=height)
+        canvas.text(x, top - 8, title, size=13)
+        found_by = f"{name} {title}" if name else ""
+        canvas.raster(diverging(values, limit), x=x, y=top, width=MAP_WIDTH, height=height, name=found_by)
         _frame(canvas, x=x, y=top, width=MAP_WIDTH, height=height)
         for share, text in azimuth_ticks(grid):
             across = x + share * MAP_WIDTH
@@ -151,7 +156,7 @@ def _axes(
         return bottom - (value - y_low) / (y_high - y_low) * (bottom - top)
 
     for value in ticks(y_low, y_high, 5):
-        canvas.line([(left, up(value)), (right, up(value))], colour="#e6e6e6")
+        canvas.line([(left, up(value)), (right, up(value))], colour=HAIR)
         canvas.text(left - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
     if y_low < 0 < y_high:
         canvas.line([(left, up(0)), (right, up(0))], colour=FAINT)
@@ -182,10 +187,12 @@ def curve_chart(
     y_label: str,
     joined: bool = True,
     whole: bool = False,
+    name: str = "",
 ) -> Canvas | None:
     """(name, values, colour) along x, the band about the first; None where no value is finite.
 
-    Categories are not `joined`: points with bars. Rows and classes are `whole` numbers.
+    Categories are not `joined`: points with bars. Rows and classes are `whole` numbers. Of a chart with a `name`, each
+    point answers to a click.
     """
     first = lines[0][1]
     if not any(np.isfinite(values).any() for _, values, _ in lines):
@@ -205,21 +212,46 @@ def curve_chart(
         rim = [(across(x[k]), up(first[k] + band[k])) for k in run]
         rim += [(across(x[k]), up(first[k] - band[k])) for k in run[::-1]]
         canvas.area(rim, colour=lines[0][2], opacity=0.18)
-    for number, (_, values, colour) in enumerate(lines):
+    for place, (_, values, colour) in enumerate(lines):
         for run in _runs(np.isfinite(values)):
             if joined and len(run) > 1:
                 canvas.line([(across(x[k]), up(values[k])) for k in run], colour=colour, width=2)
             for k in run:
-                if not joined and number == 0:
+                if not joined and place == 0:
                     bar = [(across(x[k]), up(first[k] + sign * band[k])) for sign in (-1, 1)]
                     canvas.line(bar, colour=colour)
                 if not joined or len(x) <= 40:
-                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=number == 0)
+                    canvas.dot(across(x[k]), up(values[k]), colour=colour, radius=2.6, hollow=place == 0)
+    heads = [name for name, _, _ in lines]
+    if len(x) <= MOST_LINES:
+        canvas.rows = [(x_label, *heads, "half of the 90 % band")]
+        canvas.rows += [
+            (label(float(at)), *(number(float(values[k])) for _, values, _ in lines), number(float(band[k])))
+            for k, at in enumerate(x)
+        ]
+    if name:
+        _targets(canvas, x, across, name, [f"{x_label} {' '.join(row[:1])}" for row in canvas.rows[1:]] or [x_label])
     return canvas
 
 
-def interval_chart(values: Sequence[Interval], *, neutral: float, x_label: str, y_label: str) -> Canvas | None:
-    """One value with its interval at each place 0, 1, ...; the neutral value as a line."""
+def _targets(canvas: Canvas, x: Line, across: Coordinate, name: str, words: Sequence[str]) -> None:
+    """Strips about the points of a chart, from halfway to the point before to halfway to the next."""
+    between = (x[1:] + x[:-1]) / 2
+    ends = [float(x[0]), *between.tolist(), float(x[-1])]
+    for k in range(len(x)):
+        left, right = sorted((across(ends[k]), across(ends[k + 1])))
+        # The first and the last strip, and those of narrow charts, stay wide enough to hit.
+        left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
+        target = Target(name, k)
+        say = words[k] if k < len(words) else words[0]
+        canvas.target(target, say, x=left, y=14, width=right - left, height=canvas.height - 58)
+
+
+def interval_chart(
+    values: Sequence[Interval], *, neutral: float, x_label: str, y_label: str, name: str = ""
+) -> Canvas | None:
+    """One value with its interval at each place 0, 1, ...; the neutral value as a line. Of a chart with a `name`, each
+    place answers to a click."""
     array = np.array([(v.value, v.low, v.high) for v in values], float).reshape(-1, 3)
     if not np.isfinite(array[:, 0]).any():
         return None
@@ -239,4 +271,10 @@ def interval_chart(values: Sequence[Interval], *, neutral: float, x_label: str, 
         if math.isfinite(value):
             canvas.line([(across(k), up(low)), (across(k), up(high))], colour=AFTER, width=1.4)
             canvas.dot(across(k), up(value), colour=AFTER, radius=2.2)
+    canvas.rows = [(x_label, y_label, "90 % from", "to")]
+    canvas.rows += [(str(k), *(number(float(one)) for one in row)) for k, row in enumerate(array)]
+    if name:
+        _targets(
+            canvas, np.arange(len(array), dtype=float), across, name, [f"{x_label}: {k}" for k in range(len(array))]
+        )
     return canvas

@@ -9,8 +9,7 @@ from typing import Any
 
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
 from jaxsim.metrics.detection.rules import SLOTS
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length
-from jaxsim.report.pictures import save_picture
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length, save_figure
 from jaxsim.report.results import list_facts, markdown_table, number_or_none, write_results
 
 _NAMES = {"3d": "3D", "bev": "BEV", "bbox": "2D", "aos": "AOS"}
@@ -114,7 +113,8 @@ def write_detection(
     write_results(folder, "detection", content, text="\n\n".join(parts), indent=1)
     for overlap_set in OVERLAP_SETS:
         picture = precision_recall_picture(curves, overlap_set)
-        save_picture(folder / f"precision_recall_{overlap_set}.png", picture.pixels())
+        words = f"Precision over recall, overlap set {overlap_set}"
+        save_figure(folder, f"precision_recall_{overlap_set}", picture, words=words)
 
 
 def _plain_mean(key: tuple[str, str, str], mean: tuple[float, float]) -> dict[str, Any]:

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import re
-from html import escape
 from pathlib import Path
+
+from markupsafe import Markup
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import write_text
 from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
-from jaxsim.report.canvas import AFTER, BEFORE, Canvas
+from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, levels, maps, moved, where
+from jaxsim.report.judged import residual_clouds
 from jaxsim.report.learned import learned
 from jaxsim.report.own import own_effects
-from jaxsim.report.page import Draw, figure, paragraph, section, whole_page
-from jaxsim.report.pictures import save_picture
+from jaxsim.report.page import (
+    NOTHING,
+    Draw,
+    code,
+    figure,
+    folded,
+    names,
+    paragraph,
+    section,
+    table,
+    together,
+    whole_page,
+)
 from jaxsim.report.regimes import regimes
 from jaxsim.report.registered import where_it_stood
 from jaxsim.report.sensitivity import could_show
@@ -30,19 +43,40 @@ FAN = 4.0
 
 
 def write_report(folder: Path, result: Result) -> Path:
-    """Writes report.html, self-contained, and its charts as figures/NAME.png; gives the path of the page.
+    """Writes report.html, self-contained, and its charts as figures/NAME.svg; gives the path of the page.
 
     Figures that an earlier report of the folder drew and this one does not are removed.
     """
-    folder, charts = Path(folder), dict[str, Canvas]()
+    folder = Path(folder)
+    page, charts, captions = report_page(result)
+    for old in (folder / "figures").glob("*.*"):
+        # Of earlier versions, figures were PNG.
+        stale = old.suffix == ".png" or (old.suffix == ".svg" and old.stem not in charts)
+        if stale and re.fullmatch(FIGURES, old.stem):
+            old.unlink()
+    for name, canvas in charts.items():
+        save_figure(folder / "figures", name, canvas, words=captions[name])
+    return write_text(folder / "report.html", page)
 
-    def draw(name: str, canvas: Canvas | None, caption: str) -> str:
+
+def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]:
+    """The page, and its charts and their captions by name."""
+    charts: dict[str, Canvas] = {}
+    captions: dict[str, str] = {}
+
+    def draw(name: str, canvas: Canvas | None, caption: str) -> Markup:
         if canvas is None:
             return paragraph(f"{caption} Nothing to draw: no ray could be compared.")
         charts[name] = canvas
-        return figure(canvas.svg(caption), caption)
+        captions[name] = caption
+        drawn = figure(canvas.svg(caption), caption, name=name)
+        if not canvas.rows:
+            return drawn
+        heads, *rows = canvas.rows
+        return drawn + folded("as a table", table(heads, rows, text=0))
 
     verdict, grid = result.verdict, result.grid
+    turning, scenes = residual_clouds(result)
     outside = verdict.verdict == "not_in_catalogue"
     page = whole_page(
         title=f"jaxsim discover: {verdict.verdict.replace('_', ' ')}",
@@ -55,48 +89,45 @@ def write_report(folder: Path, result: Result) -> Path:
             ("time", f"{verdict.seconds:.0f} s"),
         ],
         sections=[
-            unexplained(verdict.unexplained, draw, missing=True) if outside else "",
-            named_effects(verdict.effects, draw),
+            unexplained(verdict.unexplained, draw, missing=True) if outside else NOTHING,
+            named_effects(verdict.effects, draw, shown=[(c.channel, c.covariate) for c in result.curves]),
             regimes(verdict.regimes, draw),
             own_effects(verdict.own),
             learned(verdict, draw),
             repeats(verdict.repeats),
             where_it_stood(verdict.registered),
             where(verdict.where),
+            turning,
             maps(result, draw),
             curves(result.curves, draw),
             gap(verdict),
             ranking(verdict.ranking, verdict.effects),
             _chance(verdict, draw),
-            "" if outside else unexplained(verdict.unexplained, draw),
+            NOTHING if outside else unexplained(verdict.unexplained, draw),
             could_show(verdict.sensitivity),
             levels(verdict.levels),
             moved(verdict),
             _scenes(verdict),
         ],
+        scenes=scenes,
     )
-    for old in (folder / "figures").glob("*.png"):
-        if re.fullmatch(FIGURES, old.stem) and old.stem not in charts:
-            old.unlink()
-    for name, canvas in charts.items():
-        save_picture(folder / "figures" / f"{name}.png", canvas.pixels())
-    return write_text(folder / "report.html", page)
+    return page, charts, captions
 
 
-def _scenes(verdict: Verdict) -> str:
+def _scenes(verdict: Verdict) -> Markup:
     parts = [paragraph(f"Note: {note}.") for note in verdict.notes]
-    for word, names in (("To find and fit", verdict.find), ("To judge", verdict.judge)):
-        parts.append(f'<p class="names"><b>{word} ({len(names)}):</b> {escape(", ".join(names))}</p>')
+    for word, scenes in (("To find and fit", verdict.find), ("To judge", verdict.judge)):
+        parts.append(names(Markup("<b>{} ({}):</b> {}").format(word, len(scenes), ", ".join(scenes))))
     taken = "SHA-256 of this division, taken before anything was fitted"
-    parts.append(f'<p class="names">{taken}: <code>{escape(verdict.sha256)}</code></p>')
-    return section("Scenes", "".join(parts))
+    parts.append(names(Markup("{}: {}").format(taken, code(verdict.sha256))))
+    return section("Scenes", together(parts))
 
 
-def _chance(verdict: Verdict, draw: Draw) -> str:
+def _chance(verdict: Verdict, draw: Draw) -> Markup:
     """How often naming errs on these very data, if nulls were drawn; else nothing."""
     nulls = verdict.nulls
     if nulls is None:
-        return ""
+        return NOTHING
     count = len(nulls.gains)
     words = (
         f"{count} measurements in which nothing is missing were drawn (this simulation with what is left of these "

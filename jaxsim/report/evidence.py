@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
-from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
+from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, table, together
 from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
 
 
-def where(places: Sequence[Where]) -> str:
+def where(places: Sequence[Where]) -> Markup:
     """Channels and the covariates on which their residuals depend."""
     title = "Where simulation and measurement disagree"
     if not places:
         text = "No dependence of the residuals on any covariate was found, once the nuisances are fitted."
         return section(title, paragraph(text))
-    rows = [[*map(escape, (p.channel, p.covariate, probability(p.p_value), _share(p.share)))] for p in places]
+    rows = [[p.channel, p.covariate, probability(p.p_value), _share(p.share)] for p in places]
     words = (
         "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
         "counts for what it adds to those above it in its channel, a pair (A x B) for what no single one explains. "
@@ -39,7 +39,7 @@ def _share(share: float) -> str:
     return "< 1 %" if 0 < share < 0.005 else percent(share)
 
 
-def maps(result: Result, draw: Draw) -> str:
+def maps(result: Result, draw: Draw) -> Markup:
     """Residuals on the polar grid, before and after."""
     parts = []
     for channel, sides in CHANNELS.items():
@@ -51,7 +51,7 @@ def maps(result: Result, draw: Draw) -> str:
         parts.append(
             draw(
                 f"map_{file_name(channel)}",
-                residual_maps(shown, result.grid, unit=sides.unit),
+                residual_maps(shown, result.grid, unit=sides.unit, name=channel),
                 f"{channel.capitalize()}. Red: {sides.positive}; blue: {sides.negative}; grey: nothing compared. "
                 f"Root mean square over cells: {sizes}.",
             )
@@ -60,7 +60,7 @@ def maps(result: Result, draw: Draw) -> str:
         "Mean residual of each cell over the judge scenes, measured minus simulated. Colours end at the "
         f"{SHARE_SHOWN}th percentile of its size, or at its root mean square if that is larger."
     )
-    return section("Residual maps on judge scenes", explain + "".join(parts)) if parts else ""
+    return section("Residual maps on judge scenes", explain + together(parts)) if parts else NOTHING
 
 
 def _rms(values: np.ndarray) -> float:
@@ -68,10 +68,10 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
+def curves(lines: Iterable[CurveLine], draw: Draw) -> Markup:
     """Residuals along covariates, before and after."""
     parts = []
-    for curve in lines:
+    for place, curve in enumerate(lines):
         axis = AXES.get(curve.covariate, Axis(curve.covariate))
         pair = (("before", np.asarray(curve.before, float), BEFORE), ("after", np.asarray(curve.after, float), AFTER))
         chart = curve_chart(
@@ -82,20 +82,21 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> str:
             y_label=curve.unit if curve.spread or curve.channel not in CHANNELS else CHANNELS[curve.channel].unit,
             joined=curve.covariate != "class",
             whole=curve.covariate in CATEGORICAL,
+            name=f"curve {place}" if curve.edges is not None else "",
         )
         caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
         kind = ("spread",) if curve.spread else ()
         parts.append(draw(file_name("curve", curve.channel, curve.covariate, *kind), chart, caption))
     if not parts:
-        return ""
+        return NOTHING
     legend = key(
-        [("before, with its 90 % band from the scatter between scenes", BEFORE, True), ("after", AFTER, False)]
+        [("before, with its 90 % band from the scatter between scenes", "before", True), ("after", "after", False)]
     )
     intro = paragraph(
         "Mean residual on judge scenes along the covariates by which the effect betrays itself; of an effect that "
         "makes readings scatter, also their spread over the one that each ray is expected to have."
     )
-    return section("Along the effect's own covariates", intro + legend + "".join(parts))
+    return section("Along the effect's own covariates", intro + legend + together(parts))
 
 
 LEVELS = {
@@ -109,15 +110,15 @@ LEVELS = {
 """Titles of levels, and the unit that they are shown in."""
 
 
-def levels(compared: Sequence[Level]) -> str:
+def levels(compared: Sequence[Level]) -> Markup:
     """Noise, losses and lattices of both sides, and what the simulator lacks of them."""
     rows = []
     for one in compared:
         title, factor, unit = LEVELS[one.name]
         sides = [_level(side, factor, unit) for side in (one.simulated, one.measured, one.missing)]
-        rows.append([escape(title), *sides, "more than usual" if one.beyond_usual else ""])
+        rows.append([title, *sides, "more than usual" if one.beyond_usual else ""])
     if not rows:
-        return ""
+        return NOTHING
     words = (
         "Told from neighbouring rays of one surface, each side by itself; with 90 % intervals over scenes. No "
         "discovery: what is missing goes into sensor.json as levels, which simulations draw. A sensor's intensity "
@@ -132,17 +133,17 @@ def _level(side: Interval, factor: float, unit: str) -> str:
     value = f"{number(factor * side.value)} {unit}".strip()
     if side.low == side.high:
         return value
-    return f"{value}<br><small>{number(factor * side.low)} to {number(factor * side.high)}</small>"
+    return below(value, f"{number(factor * side.low)} to {number(factor * side.high)}")
 
 
-def gap(verdict: Verdict) -> str:
+def gap(verdict: Verdict) -> Markup:
     """Errors by channel before and after, what the likelihood gains, beside floor and placebo, and the closure."""
     if not verdict.gap:
-        return ""
+        return NOTHING
     added = bool(verdict.effects)
     rows = [
         [
-            f"{escape(name)}<br><small>{escape(g.unit)}</small>",
+            below(name, g.unit),
             number(g.before),
             *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
             number(g.floor),
@@ -165,17 +166,17 @@ def gap(verdict: Verdict) -> str:
     return section("The gap on judge scenes", paragraph(words) + table(head, rows, text=1) + _gained(verdict))
 
 
-def _gained(verdict: Verdict) -> str:
+def _gained(verdict: Verdict) -> Markup:
     """What the likelihood of judge scenes gains by channel, and the closure."""
     sides = {name: g.gained for name, g in verdict.gap.items() if g.gained}
     if not sides or not verdict.effects:
-        return ""
+        return NOTHING
     bar = verdict.ranking[0].bar if verdict.ranking else 0.0
     rows = [
         [
-            escape(name),
+            name,
             number(g.value),
-            f"{number(g.low)} to {number(g.high)}<br><small>{_gain(g, bar)}</small>",
+            below(f"{number(g.low)} to {number(g.high)}", _gain(g, bar)),
             percent(g.win_rate),
             number(g.floor),
             number(g.placebo),
@@ -212,15 +213,15 @@ def _change(gap: Gap) -> str:
     small = max(abs(gap.low), abs(gap.high)) < SMALL * gap.before
     unclear = "not worse" if gap.not_worse else "may be worse"
     word = "unchanged" if small else "shrank" if gap.low > 0 else "grew" if gap.high < 0 else unclear
-    return f"{number(gap.low)} to {number(gap.high)}<br><small>{word}</small>"
+    return below(f"{number(gap.low)} to {number(gap.high)}", word)
 
 
-def moved(verdict: Verdict) -> str:
+def moved(verdict: Verdict) -> Markup:
     """Nuisances without the effects and with them."""
     if not verdict.moved or not verdict.effects:
-        return ""
+        return NOTHING
     rows = [
-        [escape(NUISANCES.get(name, (name, ""))[0]), nuisance(name, before), nuisance(name, after)]
+        [NUISANCES.get(name, (name, ""))[0], nuisance(name, before), nuisance(name, after)]
         for name, (before, after) in verdict.moved.items()
     ]
     words = (

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from html import escape
-
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.discover.covariates import NAMED
 from jaxsim.discover.verdict import ClosedLaw, Verdict
 from jaxsim.effects.learned import Learned
 from jaxsim.report.canvas import AFTER
 from jaxsim.report.charts import curve_chart
-from jaxsim.report.page import Draw, file_name, paragraph, section, table
+from jaxsim.report.page import NOTHING, Draw, code, file_name, formula, paragraph, section, table, together
 from jaxsim.report.words import AXES, CHANNELS, Axis, number, span
 
 OUTSIDE = {
@@ -25,15 +24,15 @@ BAND = 2.0
 """Standard deviations to either side of a learned law that its band shows."""
 
 
-def learned(verdict: Verdict, draw: Draw) -> str:
+def learned(verdict: Verdict, draw: Draw) -> Markup:
     """Each learned law with its band and what it gains on judge scenes, and the formula."""
     if not verdict.learned:
-        return ""
+        return NOTHING
     parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
-    return section("What was learned and added", "".join(parts) + (_formula(verdict.law) if verdict.law else ""))
+    return section("What was learned and added", together(parts) + (_formula(verdict.law) if verdict.law else NOTHING))
 
 
-def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> str:
+def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> Markup:
     words = (
         f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
         f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "
@@ -66,14 +65,11 @@ def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> str:
     return paragraph(words) + draw(file, chart, caption)
 
 
-def _formula(law: ClosedLaw) -> str:
+def _formula(law: ClosedLaw) -> Markup:
     words = (
         f"A formula comes near: it tells {100 * law.share:.0f} % of the law's variation, and gains "
         f"{number(law.held_out_nats)} nats over a level on groups of scenes that its fit had not seen."
     )
-    rows = [
-        [f"<code>{escape(name)}</code>", number(one.value), span(one), escape(one.unit)]
-        for name, one in law.parameters.items()
-    ]
+    rows = [[code(name), number(one.value), span(one), one.unit] for name, one in law.parameters.items()]
     heads = ["parameter", "value", "90 % interval", "unit"]
-    return paragraph(words) + f"<pre>{escape(law.formula)}</pre>" + table(heads, rows, text=1)
+    return paragraph(words) + formula(law.formula) + table(heads, rows, text=1)

@@ -1,126 +1,139 @@
-"""The parts of a self-contained HTML page."""
+"""The parts of a self-contained HTML page, by jinja2 templates that escape whatever is no Markup.
+
+Parts are Markup; joining them to plain text, or formatting text into them, escapes the text.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from html import escape
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
 
-from jaxsim.report.canvas import AFTER, BEFORE, Canvas, data_uri
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from jaxsim.report.canvas import Canvas, data_uri
 from jaxsim.report.pictures import Rgb
 
-Draw = Callable[[str, Canvas | None, str], str]
+Draw = Callable[[str, Canvas | None, str], Markup]
 """Keeps a chart under a name and gives its HTML with a caption; nothing but the words for a chart without values."""
-
-STYLE = """
-:root { color-scheme: light; }
-body { margin: 0 auto; padding: 2.5rem 1.5rem 4rem; max-width: 61.5rem; color: #222; background: #fff;
-       font: 1rem/1.5 Charter, "Bitstream Charter", "Source Serif 4", Georgia, "DejaVu Serif", serif; }
-h1 { font: 600 0.85rem/1.3 system-ui, "Helvetica Neue", Arial, sans-serif; color: #6b6b6b; margin: 0 0 0.6rem; }
-h2 { font-size: 1.25rem; line-height: 1.3; margin: 3rem 0 0.6rem; padding-top: 0.7rem; border-top: 1px solid #c9c9c9; }
-h3 { font-size: 1.05rem; margin: 1.6rem 0 0.4rem; }
-p, figcaption { max-width: 44rem; }
-p { margin: 0.4rem 0 0.8rem; }
-.verdict { font-size: 1.5rem; line-height: 1.35; max-width: 48rem; margin: 0 0 1.2rem; }
-dl { display: flex; flex-wrap: wrap; gap: 0.4rem 2.2rem; margin: 0; font: 0.85rem/1.4 system-ui, Arial, sans-serif; }
-dt { color: #6b6b6b; } dd { margin: 0; font-variant-numeric: tabular-nums; }
-code, pre { font: 0.9em/1.45 ui-monospace, "SF Mono", Menlo, Consolas, "DejaVu Sans Mono", monospace; }
-pre { margin: 0.5rem 0; padding: 0.5rem 0.8rem; background: #f5f5f5; white-space: pre-wrap; }
-table { border-collapse: collapse; margin: 0.6rem 0 1rem; font: 0.85rem/1.4 system-ui, Arial, sans-serif;
-        font-variant-numeric: tabular-nums; }
-th { font-weight: 600; color: #6b6b6b; border-bottom: 1px solid #222; }
-td { border-bottom: 1px solid #e6e6e6; vertical-align: top; }
-th, td { text-align: right; padding: 0.3rem 0 0.3rem 1.2rem; white-space: nowrap; }
-th.t, td.t { text-align: left; white-space: normal; } th:first-child, td:first-child { padding-left: 0; }
-td small { color: #767676; }
-figure { margin: 1rem 0 1.6rem; }
-figure svg { display: block; width: 100%; height: auto; }
-figcaption { font: 0.85rem/1.4 system-ui, Arial, sans-serif; color: #444; margin-top: 0.2rem; }
-svg text { font-family: system-ui, "Helvetica Neue", Arial, sans-serif; }
-svg.bar { width: 11rem; height: 1.1rem; display: block; }
-.alike { border-left: 3px solid #d55e00; padding-left: 0.8rem; }
-.key { font: 0.85rem/1.4 system-ui, Arial, sans-serif; } .key span { margin-right: 1.6rem; }
-.key i { display: inline-block; width: 0.55rem; height: 0.55rem; border: 2px solid; border-radius: 50%;
-         margin-right: 0.4rem; }
-.names { font-size: 0.85rem; overflow-wrap: anywhere; max-width: none; }
-@page { margin: 18mm 15mm; }
-@media print { body { padding: 0; font-size: 10pt; } th, td { padding-left: 0.8rem; } h2, h3 { break-after: avoid; }
-               figure, tr, pre, .alike { break-inside: avoid; }
-               * { -webkit-print-color-adjust: exact; print-color-adjust: exact; } }
-"""
+NOTHING = Markup()
 
 
-def whole_page(*, title: str, sentence: str, facts: Sequence[tuple[str, str]], sections: Sequence[str]) -> str:
-    """The page: the answer first, what it rests on, then the evidence."""
-    about = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in facts)
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(title)}</title>
-<style>{STYLE}</style>
-</head>
-<body>
-<h1>{escape(title)}</h1>
-<p class="verdict">{escape(sentence)}</p>
-<dl>{about}</dl>
-{"".join(part for part in sections if part)}
-</body>
-</html>
-"""
+@cache
+def _templates() -> Environment:
+    return Environment(loader=PackageLoader("jaxsim.report"), autoescape=True, undefined=StrictUndefined)
 
 
-def section(title: str, body: str) -> str:
-    """A headed part of the page; `body` is HTML."""
-    return f"<section><h2>{escape(title)}</h2>{body}</section>\n"
+def _part(name: str, *values: Any) -> Markup:
+    """A macro of parts.html."""
+    return getattr(_templates().get_template("parts.html").module, name)(*values)
 
 
-def paragraph(text: str) -> str:
-    return f"<p>{escape(text)}</p>"
+def own_text(name: str) -> Markup:
+    """A file of the package that a page holds as it is: its style or its script."""
+    return Markup((files("jaxsim.report") / "templates" / name).read_text(encoding="utf-8"))
 
 
-def figure(drawing: str, words: str) -> str:
-    """A drawing, HTML, above its words."""
-    return f"<figure>{drawing}<figcaption>{escape(words)}</figcaption></figure>"
+def whole_page(
+    *,
+    title: str,
+    sentence: str,
+    facts: Sequence[tuple[str, str]],
+    sections: Sequence[Markup],
+    scenes: Markup = NOTHING,
+) -> str:
+    """The page: the answer first, what it rests on, then the evidence. `scenes` is what `scenes.packed` gives for the
+    viewer."""
+    return (
+        _templates()
+        .get_template("page.html")
+        .render(
+            title=title,
+            sentence=sentence,
+            facts=facts,
+            sections=[part for part in sections if part],
+            style=own_text("page.css"),
+            scenes=scenes,
+            script=own_text("viewer.js") if scenes else "",
+        )
+    )
 
 
-def image(rgb: Rgb, words: str) -> str:
-    """A picture inside the page, as wide as it; `words` are for who cannot see it."""
-    return f'<img src="{data_uri(rgb)}" style="width:100%" alt="{escape(words)}">'
+def together(parts: Iterable[str]) -> Markup:
+    """Parts one after the other; those that are no Markup are escaped."""
+    return NOTHING.join(parts)
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, text: int, last_text: bool = False) -> str:
-    """Cells are HTML; the first `text` columns are words, and the last if `last_text`; the others are numbers."""
+def section(title: str, body: str, *, name: str = "") -> Markup:
+    """A headed part of the page; `name` is where links lead."""
+    return _part("section", title, body, name)
+
+
+def paragraph(text: str) -> Markup:
+    return Markup("<p>{}</p>").format(text)
+
+
+def code(text: str) -> Markup:
+    return Markup("<code>{}</code>").format(text)
+
+
+def formula(text: str) -> Markup:
+    return Markup("<pre>{}</pre>").format(text)
+
+
+def names(text: str) -> Markup:
+    """A paragraph of long names, which may break anywhere."""
+    return Markup('<p class="names">{}</p>').format(text)
+
+
+def below(text: str, small: str) -> Markup:
+    """A cell with a second, small line."""
+    return Markup("{}<br><small>{}</small>").format(text, small)
+
+
+def figure(drawing: str, words: str, *, name: str = "") -> Markup:
+    """A drawing above its words."""
+    return _part("figure", drawing, words, name)
+
+
+def folded(title: str, body: str) -> Markup:
+    """What is shown on demand."""
+    return _part("folded", title, body)
+
+
+def image(drawn: Canvas | Rgb, words: str) -> Markup:
+    """A drawing, or pixels, inside the page, as wide as it; `words` are for who cannot see it."""
+    if isinstance(drawn, Canvas):
+        return drawn.svg(words)
+    return Markup('<img src="{}" style="width:100%" alt="{}">').format(data_uri(drawn), words)
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, text: int, last_text: bool = False) -> Markup:
+    """The first `text` columns are words, and the last if `last_text`; the others are numbers. Raises ValueError for a
+    row of another length than the heads'."""
+    if odd := [row for row in rows if len(row) != len(heads)]:
+        raise ValueError(f"page: a row of {len(odd[0])} cells under {len(heads)} heads; each head needs one")
     words = [k < text or (last_text and k == len(heads) - 1) for k in range(len(heads))]
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        marks = [' class="t"' if word else "" for word in words]
-        return "".join(f"<{tag}{mark}>{cell}</{tag}>" for cell, mark in zip(cells, marks, strict=True))
-
-    head = line([escape(name) for name in heads], "th")
-    body = "".join(f"<tr>{line(row, 'td')}</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return _part("table", heads, rows, words)
 
 
-def bar_cell(share: float | int, bar: float | int, *, strong: bool) -> str:
+def bar_cell(share: float | int, bar: float | int, *, strong: bool) -> Markup:
     """A bar of `share` of the cell's width with a line at `bar`; shares below 0 are drawn as nothing."""
     length = 240 * min(max(share, 0.0), 1.0) if share == share else 0.0
-    at = 240 * min(max(bar, 0.0), 1.0)
-    fill = AFTER if strong else "#b9c7d1"
-    return (
-        f'<svg class="bar" viewBox="0 0 240 18" aria-hidden="true"><rect y="3" width="{length:.1f}" height="12" '
-        f'fill="{fill}"/><line x1="{at:.1f}" x2="{at:.1f}" y1="0" y2="18" stroke="{BEFORE}" stroke-width="2"/></svg>'
-    )
+    return _part("bar", length, 240 * min(max(bar, 0.0), 1.0), strong)
 
 
-def key(entries: Sequence[tuple[str, str, bool]]) -> str:
-    """A legend: (words, colour, hollow)."""
-    spans = (
-        f"<span><i style='border-color:{colour};background:{'#fff' if hollow else colour}'></i>{escape(words)}</span>"
-        for words, colour, hollow in entries
-    )
-    return f'<p class="key">{"".join(spans)}</p>'
+def key(entries: Sequence[tuple[str, str, bool]]) -> Markup:
+    """A legend: (words, side, hollow), the side `before` or `after`."""
+    return _part("key", entries)
+
+
+def explorer(words: str, *, has_map: bool) -> Markup:
+    """Where the viewer shows the page's scenes; hidden without scripts. `words` say what the cloud shows."""
+    return _part("explorer", words, has_map)
 
 
 def file_name(*parts: str) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.discover.verdict import Regime
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, RULE, Canvas
 from jaxsim.report.charts import label, ticks, x_axis
-from jaxsim.report.page import Draw, file_name, key, paragraph, section, table
+from jaxsim.report.page import NOTHING, Draw, below, code, file_name, key, paragraph, section, table, together
 from jaxsim.report.words import number, part_of, percent, probability, span
 
 LEFT = 72
@@ -28,19 +28,19 @@ MOST = 2.5
 """Size that the axis reaches at most: a scene that tells little may ask for any."""
 
 
-def regimes(found: Sequence[Regime], draw: Draw) -> str:
+def regimes(found: Sequence[Regime], draw: Draw) -> Markup:
     """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides."""
     if not found:
-        return ""
+        return NOTHING
     rows = [
         [
-            f"<code>{escape(one.effect)}</code>",
-            escape(part_of(one)),
+            code(one.effect),
+            part_of(one),
             percent(one.share),
-            f"{number(one.inside.value)}<br><small>{span(one.inside)}</small>",
-            f"{number(one.outside.value)}<br><small>{span(one.outside)}</small>",
-            escape(probability(one.p_value)),
-            escape(probability(one.q_value)),
+            below(number(one.inside.value), span(one.inside)),
+            below(number(one.outside.value), span(one.outside)),
+            probability(one.p_value),
+            probability(one.q_value),
             number(one.judge_nats),
             "yes" if one.applied else "no: frames do not say where",
         ]
@@ -53,13 +53,13 @@ def regimes(found: Sequence[Regime], draw: Draw) -> str:
         "asked. Judge scenes: nats that they gain over the same effect everywhere."
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
-    legend = key([("inside", AFTER, False), ("outside", BEFORE, True)])
-    strips = "".join(_strip(one, draw) for one in found)
+    legend = key([("inside", "after", False), ("outside", "before", True)])
+    strips = together(_strip(one, draw) for one in found)
     body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
     return section("Where and when it acts", body)
 
 
-def _strip(one: Regime, draw: Draw) -> str:
+def _strip(one: Regime, draw: Draw) -> Markup:
     what = "sector" if one.divides == "azimuth" else "scene"
     caption = (
         f"{one.effect}, which acts {part_of(one)}: the size that each {what} asks for, had the effect been fitted "

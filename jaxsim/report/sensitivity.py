@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
+
+from markupsafe import Markup
 
 from jaxsim.discover.verdict import Sensitivity
 from jaxsim.effects import EFFECTS
-from jaxsim.report.page import paragraph, section, table
+from jaxsim.report.page import NOTHING, below, code, folded, paragraph, section, table, together
 from jaxsim.report.words import number, title_of
 
 
-def could_show(asked: Sequence[Sensitivity]) -> str:
+def could_show(asked: Sequence[Sensitivity]) -> Markup:
     """Effects that these frames could not show, why, and what to record; then the size from which each other one
     would be seen."""
     if not asked:
-        return ""
+        return NOTHING
     hidden = [one for one in asked if not one.testable]
     words = (
         f"{len(asked)} effects were put on the rays that were compared, at half of a clearly visible size, and the "
@@ -25,20 +26,19 @@ def could_show(asked: Sequence[Sensitivity]) -> str:
         words += "That none of the following is named says nothing about it:"
     else:
         words += "These scenes would show every one of them."
-    rows = [[_name(one), escape(one.why), escape(one.record)] for one in hidden]
+    rows = [[_name(one), one.why, one.record] for one in hidden]
     parts = [paragraph(words)]
     if rows:
         parts.append(table(["effect", "why it cannot be told here", "what to record"], rows, text=3))
-    seen = [[_name(one), escape(_from(one))] for one in asked if one.testable]
+    seen = [[_name(one), _from(one)] for one in asked if one.testable]
     if seen:
         heads = ["effect", "these scenes would show it from about"]
-        parts.append(f"<details><summary>From which size the other {len(seen)} would be seen</summary>")
-        parts.append(f"{table(heads, seen, text=2)}</details>")
-    return section("What these frames could show", "".join(parts))
+        parts.append(folded(f"From which size the other {len(seen)} would be seen", table(heads, seen, text=2)))
+    return section("What these frames could show", together(parts))
 
 
-def _name(one: Sensitivity) -> str:
-    return f"<code>{escape(one.name)}</code><br><small>{escape(title_of(one.name))}</small>"
+def _name(one: Sensitivity) -> Markup:
+    return below(code(one.name), title_of(one.name))
 
 
 def _from(one: Sensitivity) -> str:

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from jaxsim.files import parse_json, read_text, real, replacing, write_text
+from jaxsim.runs.trackers import Track, trackers
 
 LONGEST_S = 1e9
 """Thirty years: no training takes them."""
@@ -57,6 +58,7 @@ class MetricsLog:
         self.path = folder / "metrics.jsonl"
         self.writes = writes
         self._board: Any = None
+        self._trackers: list[Track] = []
         if not writes:
             return
         kept = [line for line in read_metrics(self.path) if line["step"] <= start]
@@ -66,9 +68,10 @@ class MetricsLog:
             from tensorboardX import SummaryWriter
 
             self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=start + 1)
+        self._trackers = trackers(folder, start)
 
     def write(self, step: int, values: Mapping[str, float]) -> None:
-        """Adds a line to metrics.jsonl, and points to TensorBoard."""
+        """Adds a line to metrics.jsonl, and points to TensorBoard and trackers (`jaxsim.runs.trackers`)."""
         if not self.writes:
             return
         with self.path.open("a") as file:
@@ -76,6 +79,8 @@ class MetricsLog:
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)
+        for track in self._trackers:
+            track(step, values)
 
     def judged(self, step: int) -> bool:
         """Whether the validation scores of a step are written down; their line holds nothing else."""

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
-from tqdm import tqdm
 
 from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
@@ -29,6 +28,7 @@ from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
+from jaxsim.progress import Progress
 from jaxsim.simulate.announced import Announced
 from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
@@ -191,7 +191,7 @@ def simulate_folder(
         for chosen in (missing[first : first + maker.batch] for first in range(0, len(missing), maker.batch))
     ]
     batches_s = []
-    with announced, tqdm(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
+    with announced, Progress(total=len(positions), initial=already, unit="frame", desc="simulating") as bar:
         for made in (spread or partial(_overlapped, maker))(batches):
             announced.add(made.about)
             batches_s.append(made.seconds)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -19,7 +19,6 @@ from typing import Any, Literal, NamedTuple
 
 import jax
 import numpy as np
-from tqdm import tqdm
 
 from jaxsim.cloud.kitti_tree import (
     REACH_M,
@@ -35,8 +34,11 @@ from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
+from jaxsim.progress import Progress
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
+
+_log = logging.getLogger(__name__)
 
 SAVE_EVERY = 20
 """Frames between two writings of export.json."""
@@ -173,7 +175,7 @@ def export_trees(
     save()  # before the first frame, so that whatever a killed command leaves behind is known to be its own
 
     total = len({position for plan in plans for position in plan.positions})
-    with tqdm(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar:
+    with Progress(total=total, initial=total - len(missing), unit="frame", desc="exporting") as bar:
         try:
             for made in spread(todo) if spread else _in_threads(TreeMaker(plans, dataset), todo, workers):
                 for tree, entry in made.entries.items():
@@ -214,11 +216,10 @@ def _check_occlusion(plan: TreePlan, dataset: Dataset) -> None:
     if not isinstance(dataset, VirtualKitti2):
         raise ValueError(f"export: --occlusion {occlusion} is for vkitti2; labels of {plan.source.kind} have levels")
     if occlusion == "paper":
-        print(
-            "warning: fractions in the column `occluded`: the official evaluation reads an integer there and takes "
+        _log.warning(
+            "fractions in the column `occluded`: the official evaluation reads an integer there and takes "
             "every later column for another. Score with `jaxsim eval detection --rules openpcdet`, or export with "
-            "--occlusion never_visible, which every program reads. No object is easy either way.",
-            file=sys.stderr,
+            "--occlusion never_visible, which every program reads. No object is easy either way."
         )
 
 
@@ -270,16 +271,15 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     judged_scenes = {entries[position]["scene"] for position in kept & validation}
     shared = judged_scenes & {entries[position]["scene"] for position in kept - validation}
     if shared:
-        print(
-            f"warning: scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
-            "scored on streets that it has seen",
-            file=sys.stderr,
+        _log.warning(
+            f"scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
+            "scored on streets that it has seen"
         )
     sets = {"trainval": kept, "train": kept - validation, "val": validation & kept if validation else kept}
     write_image_sets(out, {name: [_number(position) for position in positions] for name, positions in sets.items()})
     reasons = Counter(entry["left_out"] for entry in entries.values() if entry["left_out"])
     left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
     points = sum(entries[position]["points"] for position in kept) / max(len(kept), 1)
-    print(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {out}")
+    _log.info(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {out}")
     if not kept:
         raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")

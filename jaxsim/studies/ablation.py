@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,6 +25,8 @@ from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor, load
 from jaxsim.studies.ablation_page import AblationRow, ablation_picture, ablation_table, write_ablation
 from jaxsim.train.loop import TRAINER, train_apart
+
+_log = logging.getLogger(__name__)
 
 MODALITIES: dict[str, tuple[InputName, ...]] = {
     "rgb": ("rgb",),
@@ -100,7 +103,7 @@ def train_all(
     """
     runs = []
     for name, inputs in reversed(MODALITIES.items()):  # combined first: its pairs have labels and serve all
-        print(f"ablation: {name} ({', '.join(inputs)})", flush=True)
+        _log.info(f"ablation: {name} ({', '.join(inputs)})")
         named = ["--prepare.inputs", *inputs, *more, "--run.name", name, "--run.out", str(out)]
         status = train_apart(experiment, *flags, *named, trainer=trainer)
         if status:
@@ -152,7 +155,7 @@ def compare_networks(
                 cache=data.cache / "statistics",
             )
         rows.append(AblationRow(name, tuple(own.inputs), scores, frechet))
-        print(f"ablation: {name}: mae {scores['mae'].value:.4f}", flush=True)
+        _log.info(f"ablation: {name}: mae {scores['mae'].value:.4f}")
 
     # Pictures: evenly spread over the frames.
     drawn = {}
@@ -170,7 +173,7 @@ def compare_networks(
         about["every network also sees"] = ", ".join(more)
     about |= {"updates": str(experiment.optim.steps), "batch": str(experiment.optim.batch)}
     page = write_ablation(out, rows, baselines, pictures=drawn, about=about)
-    print(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")
+    _log.info(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")
 
 
 def draw_unmeasured(sensors: Mapping[str, LearnedSensor], source: DataConfig, frames: str) -> dict[str, Rgb]:

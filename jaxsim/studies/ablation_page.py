@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from html import escape
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
 from jaxsim.prepare import edge_map
-from jaxsim.report.page import figure, image, paragraph, section, table, whole_page
+from jaxsim.report.page import figure, image, paragraph, section, table, together, whole_page
 from jaxsim.report.pictures import NOTHING, Raster, Rgb, beside, input_panels, intensity_panel, strip
 from jaxsim.report.results import (
     Scores,
@@ -143,10 +143,10 @@ def _page(
     rows: Sequence[AblationRow], baselines: Scores, *, pictures: Mapping[str, Rgb], about: Mapping[str, str]
 ) -> str:
     heads, cells = _cells(rows, baselines)
-    body = [[f"<b>{escape(text)}</b>" if best else escape(text) for text, best in row] for row in cells]
-    notes = "".join(paragraph(line) for line in _notes(rows).splitlines())
+    body = [[Markup("<b>{}</b>").format(text) if best else text for text, best in row] for row in cells]
+    notes = together(paragraph(line) for line in _notes(rows).splitlines())
     sides = paragraph("Left: what the camera knows, and the sensor's answer. Right: each network's.")
-    figures = "".join(
+    figures = together(
         figure(image(picture, f"inputs and predictions of {name}"), name) for name, picture in pictures.items()
     )
     return whole_page(

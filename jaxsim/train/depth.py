@@ -5,6 +5,7 @@ At the end the run also holds weights.npz, for `--prepare.depth penet --prepare.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from threading import Lock
 from typing import Any
@@ -14,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import PyTree, UInt8
-from tqdm import tqdm
 
 from jaxsim import devices
 from jaxsim.config import DepthExperiment
@@ -33,9 +33,12 @@ from jaxsim.prepare.depth.penet.training import (
     rate,
     train_step,
 )
+from jaxsim.progress import Progress
 from jaxsim.report import depth_picture
 from jaxsim.runs.kinds import DepthRun
 from jaxsim.train.training import Batch, Scores, Training, ahead, run_folder
+
+_log = logging.getLogger(__name__)
 
 THREADS = 4
 SHOWN = 4
@@ -128,7 +131,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
         """KITTI's scores of the first validation frames, and a picture of the very first."""
         part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
         errors, picture = [], np.zeros((1, 1, 3), np.uint8)
-        for i in tqdm(range(count), desc="validation", unit="image", leave=False, disable=count <= SHOWN):
+        for i in Progress(range(count), desc="validation", unit="image", leave=False, disable=count <= SHOWN):
             frame = validation[i]
             batch = jax.tree.map(lambda x: np.asarray(x)[None], frame)
             guess = np.asarray(predict(values, batch, config=config, part=part))[0]
@@ -139,7 +142,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
             if frame.known.any() and not (frame.known & ~interpolate_background(guess, guessed)[1]).any():
                 errors.append(benchmark_errors(guess, guessed, frame.truth_m, known=frame.known))
         if len(errors) < count:
-            tqdm.write(
+            _log.info(
                 f"step {step}: {count - len(errors)} of {count} validation images not scored: no truth, or rows of it "
                 f"where no depth exceeds {NEAREST_M} m"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import jax
@@ -20,6 +21,8 @@ from jaxsim.report import pair_picture, score_table
 from jaxsim.runs.run import describe
 from jaxsim.simulate.predict import make_batch, make_predict
 from jaxsim.train.training import Scores, Training, ahead, run_folder
+
+_log = logging.getLogger(__name__)
 
 HELD = 500
 """Pairs that are held in memory, of about a megabyte each; more are read from disk, each time one is asked for."""
@@ -42,7 +45,7 @@ def intensity_training(experiment: Experiment) -> Training:
     weights = experiment.loss
     vgg = load_vgg(weights.vgg_weights) if weights.perceptual else None
     if vgg is None:
-        print("perceptual loss: off (--loss.perceptual 0; the paper's weight is 10)")
+        _log.info("perceptual loss: off (--loss.perceptual 0; the paper's weight is 10)")
 
     # Data: frames to aligned pairs on the camera's polar window, made once and kept (or by `jaxsim prepare`).
     dataset = open_dataset(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import subprocess
 import sys
@@ -10,17 +11,18 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from jaxsim import devices
 from jaxsim.detect import LeftOut
 from jaxsim.interrupts import uninterrupted
+from jaxsim.progress import Progress
 from jaxsim.report import save_picture
 from jaxsim.runs.kinds import AnyExperiment, kind_of
 from jaxsim.runs.metrics_log import MetricsLog
 from jaxsim.runs.run import Checkpoints, start_run
 from jaxsim.train.experiments import CONFIGS
 from jaxsim.train.training import Scores, Training, run_folder, write_card
+
+_log = logging.getLogger(__name__)
 
 TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
 """The program that trains, of this very package."""
@@ -49,7 +51,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     checkpoints, state = Checkpoints(folder, keep=settings.keep) if writes else None, training.state
     if checkpoints and checkpoints.latest:
         state = checkpoints.restore("state", state)
-        print(f"resuming {folder} at step {checkpoints.latest}")
+        _log.info(f"resuming {folder} at step {checkpoints.latest}")
     start = step = int(state.step)
     state = devices.everywhere(training.mesh(start), state)
     log = MetricsLog(folder, start, writes=writes)
@@ -62,7 +64,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
             checkpoints.save(step, **{"state": state, training.network: training.used(state)})
 
     def tell(scores: Scores) -> None:
-        bar.write(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
+        _log.info(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
 
     def judge() -> Scores:
         """Validation scores and a picture; meanwhile other processes wait in their step."""
@@ -80,7 +82,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     left_out = LeftOut()
     told = False
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
-    bar = tqdm(total=training.steps, initial=start, disable=not writes, **shown)
+    bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
     if start and due(training.judge_every) and writes and not log.judged(start):
         scores = judge()  # killed after it saved this step, before it judged it
     try:
@@ -99,7 +101,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
                     losses = {name[5:]: f"{value:.3f}" for name, value in values.items() if name.startswith("loss/")}
                     bar.set_postfix(losses, refresh=False)
                     if (words := left_out.words()) and (last or not told):
-                        bar.write(f"step {step}: {words}")
+                        _log.info(f"step {step}: {words}")
                         told = True
                 bar.update()
                 # Saved before it is judged: judging may take long, and may fail.
@@ -124,7 +126,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         elif not scores:  # all steps were done before
             scores = training.judge(used, step)[0]
         write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
-        print(f"{folder}: {step} steps done. {training.hint}")
+        _log.info(f"{folder}: {step} steps done. {training.hint}")
     devices.wait("the end")
 
 

@@ -87,6 +87,21 @@ def ahead(loader: Loader[Item], start: int, stop: int, *, threads: int = 2) -> I
             yield waiting.popleft().result()
 
 
+LICENCES = {
+    "synthetic": "apache-2.0",
+    **dict.fromkeys(("kitti_raw", "kitti_object", "kitti_tracking", "kitti_step"), "cc-by-nc-sa-3.0"),
+    "vkitti2": "cc-by-nc-sa-3.0",
+}
+"""Licence of a data set's files, by the names that model hubs use, which what is learned from them must heed."""
+
+
+def licence_head(run: AnyRun) -> str:
+    """The head of a model card as model hubs read it; `other` is that of data of one's own."""
+    kind = run.experiment.data.kind
+    tags = "\n".join(f"- {tag}" for tag in ("lidar", "jax", kind))
+    return f"---\nlibrary_name: jaxsim\nlicense: {LICENCES.get(kind, 'other')}\ntags:\n{tags}\n---"
+
+
 def write_card(folder: Path, training: Training, description: str, *, scores: Scores, seconds: float) -> None:
     """Writes card.md. `description` is the experiment's docstring, `seconds` the time since the last start."""
     noun = kind_of(training.run).name
@@ -96,6 +111,7 @@ def write_card(folder: Path, training: Training, description: str, *, scores: Sc
         f"jaxsim {training.run.version}; all settings are in config.json",
     )
     parts = (
+        licence_head(training.run),
         f"# {folder.name}",
         description.splitlines()[0] if description else f"{noun[0].upper()}{noun[1:]}.",
         "\n".join(f"- {fact}" for fact in facts),

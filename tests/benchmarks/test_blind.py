@@ -62,7 +62,7 @@ def test_the_slice_becomes_tables_and_pictures(slice_rows, tmp_path):
     assert "| severity 8: right name first |" in text
     assert "| exact nulls: an effect named | 0 % (0 of 1; 0 to 79 %) |" in text
     save_pictures(tmp_path, rows)
-    assert {path.name for path in tmp_path.glob("*.png")} == {"confusion.png", "power.png"}
+    assert {path.name for path in tmp_path.glob("*.svg")} == {"confusion.svg", "power.svg"}
 
 
 @pytest.mark.parametrize("sealed", [False, True])

@@ -219,8 +219,8 @@ def test_json_holds_every_curve_and_no_nan(tmp_path):
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "detection.json",
         "detection.md",
-        "precision_recall_0.7.png",
-        "precision_recall_0.5.png",
+        "precision_recall_0.7.svg",
+        "precision_recall_0.5.svg",
     }
 
 

@@ -12,6 +12,7 @@ from jaxsim.discover.verdict import (
     Gained,
     Gap,
     Interval,
+    JudgeFrame,
     Named,
     Rank,
     Repeat,
@@ -96,10 +97,27 @@ def named() -> Result:
         notes=("4 scenes to find with are few",),
     )
     curve = CurveLine(
-        "intensity", "row", "ln I, measured minus simulated", x, np.array(GAIN), np.zeros(ROWS), np.full(ROWS, 0.04)
+        *("intensity", "row", "ln I, measured minus simulated"),
+        *(x, np.array(GAIN), np.zeros(ROWS), np.full(ROWS, 0.04)),
+        edges=np.append(x, np.inf),
     )
     sensor = SensorModel((("beam_gain", {"gain": GAIN}), ("range_scale", {"scale": 0.0021})))
     return Result(verdict, sensor, grid(), maps(np.array(GAIN)[:, None]), maps(np.zeros((ROWS, 1))), (curve,))
+
+
+def with_frames() -> Result:
+    """The same, with two frames of which every ray is known: off by its beam's gain before, by nothing after."""
+    result = named()
+    row, column = (index.ravel() for index in np.indices((ROWS, COLUMNS)))
+    zero = np.zeros(len(row))
+    before = {"intensity": np.array(GAIN)[row], "range": zero + 0.01, "drop": zero + np.nan}
+    after = {"intensity": zero, "range": zero, "drop": zero + np.nan}
+
+    def frame(name: str, range_m: float) -> JudgeFrame:
+        ranges = range_m + 4 * np.sin(column / 9)
+        return JudgeFrame(name, "drive 5", row, column, ranges, zero == 0, before, after, (row,))
+
+    return replace(result, frames=(frame("0005", 12.0), frame("0007", 20.0)))
 
 
 def none() -> Result:

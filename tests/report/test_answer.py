@@ -21,4 +21,4 @@ def test_effects_and_covariates_that_the_catalogue_does_not_know_are_drawn_all_t
     curve = replace(result.curves[0], covariate="moon phase")
     result = replace(result, verdict=replace(result.verdict, effects=(strange,)), curves=(curve,))
     assert "moon phase" in page(tmp_path, result)
-    assert (tmp_path / "figures" / "parameter_new_effect_a-b.png").is_file()
+    assert (tmp_path / "figures" / "parameter_new_effect_a-b.svg").is_file()

@@ -5,6 +5,7 @@ import pytest
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
+from jaxsim.report.canvas import data_uri
 from jaxsim.report.charts import (
     azimuth_ticks,
     colour_limit,
@@ -21,9 +22,8 @@ def test_before_and_after_share_one_colour_scale():
     weak, strong = np.full((4, 6), 0.1), np.full((4, 6), 0.4)
     chart = residual_maps([("before", strong), ("after", weak)], results.grid(), unit="m")
     assert chart is not None
-    pictures = [stroke.rgb for stroke in chart.strokes if hasattr(stroke, "rgb")]
-    assert (pictures[0] == diverging(strong, 0.4)).all()
-    assert (pictures[1] == diverging(weak, 0.4)).all()
+    svg = chart.svg("maps")
+    assert svg.index(data_uri(diverging(strong, 0.4))) < svg.index(data_uri(diverging(weak, 0.4)))
 
 
 def test_few_strong_cells_do_not_let_a_quiet_map_look_loud():
@@ -74,3 +74,14 @@ def test_categories_are_points_with_bars_and_lines_break_at_gaps():
     assert joined.count("<polygon") == 2
     assert apart.count("<polygon") == 0
     assert joined.count("<circle") == apart.count("<circle") == 4
+
+
+def test_a_chart_is_a_table_too_and_its_points_answer_where_it_has_a_name():
+    x = np.array([0.0, 1.0, 5.0])
+    lines = [("before", np.array([0.1, -0.2, np.nan]), "#d55e00")]
+    chart = curve_chart(x, lines, np.full(3, 0.05), x_label="x", y_label="y", name="curve 0")
+    assert chart.rows[0] == ("x", "before", "half of the 90 % band")
+    assert [row[:2] for row in chart.rows[1:]] == [("0", "0.100"), ("1", "−0.200"), ("5", "–")]
+    svg = chart.svg("it")
+    assert [svg.count(f'data-chart="curve 0" data-index="{k}"') for k in range(4)] == [1, 1, 1, 0]
+    assert "target" not in curve_chart(x, lines, np.full(3, 0.05), x_label="x", y_label="y").svg("it")

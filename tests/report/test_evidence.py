@@ -48,8 +48,8 @@ def test_a_curve_of_the_spread_is_a_figure_of_its_own(tmp_path: Path):
     spread = replace(result.curves[0], channel="range", unit="spread over the one expected, less 1", spread=True)
     text = page(tmp_path, replace(result, curves=(*result.curves, spread)))
     assert "Range along row: spread over the one expected, less 1." in text
-    assert (tmp_path / "figures" / "curve_range_row_spread.png").is_file()
-    assert (tmp_path / "figures" / "curve_intensity_row.png").is_file()
+    assert (tmp_path / "figures" / "curve_range_row_spread.svg").is_file()
+    assert (tmp_path / "figures" / "curve_intensity_row.svg").is_file()
 
 
 @pytest.mark.parametrize(

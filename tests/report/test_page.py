@@ -1,17 +1,27 @@
 """The parts of a page."""
 
-from jaxsim.report.page import bar_cell, file_name, paragraph, table, whole_page
+import pytest
+from markupsafe import Markup
+
+from jaxsim.report.page import NOTHING, bar_cell, file_name, paragraph, table, together, whole_page
 
 
-def test_words_are_escaped_and_cells_are_not():
+def test_words_are_escaped_and_markup_is_not():
     assert paragraph("a < b") == "<p>a &lt; b</p>"
-    html = table(["<name>", "value"], [["<b>x</b>", "1"]], text=1)
+    html = table(["<name>", "value"], [[Markup("<b>x</b>"), "1"], ["<b>y</b>", "2"]], text=1)
     assert "&lt;name&gt;" in html
     assert '<td class="t"><b>x</b></td><td>1</td>' in html
+    assert '<td class="t">&lt;b&gt;y&lt;/b&gt;</td>' in html
+    assert together([paragraph("<i>"), "<i>"]) == "<p>&lt;i&gt;</p>&lt;i&gt;"
+
+
+def test_a_row_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="a row of 1 cells under 2 heads"):
+        table(["name", "value"], [["x"]], text=1)
 
 
 def test_a_page_loads_nothing_from_elsewhere():
-    page = whole_page(title="t", sentence="s", facts=[("frames", "3")], sections=["<p>one</p>", ""])
+    page = whole_page(title="t", sentence="s", facts=[("frames", "3")], sections=[paragraph("one"), NOTHING])
     assert "http" not in page
     assert "<dt>frames</dt><dd>3</dd>" in page
 

@@ -40,10 +40,10 @@ def test_a_regime_has_a_table_a_strip_and_a_sentence(tmp_path):
     page = results.page(tmp_path, result)
     assert "Where and when it acts" in page
     assert "from 90.0 s on" in page
-    assert (tmp_path / "figures" / "regime_beam_gain.png").is_file()
+    assert (tmp_path / "figures" / "regime_beam_gain.svg").is_file()
     assert "beam_gain acts from 90.0 s on alone (50 % of the rays)." in verdict_sentence(result.verdict)
     results.page(tmp_path, results.named())
-    assert not (tmp_path / "figures" / "regime_beam_gain.png").exists()
+    assert not (tmp_path / "figures" / "regime_beam_gain.svg").exists()
 
 
 def test_what_simulations_cannot_know_is_said():

@@ -84,7 +84,10 @@ def test_a_run_is_saved_judged_logged_and_described(tmp_path, monkeypatch, capsy
     assert Checkpoints(adding.folder).steps == [6, 7]
     assert sorted(path.name for path in (adding.folder / "figures").iterdir())[-1] == "step_000007.png"
     card = (adding.folder / "card.md").read_text()
-    assert card.startswith("# run\n\nAdds numbers.\n\n- numbers: 0 to 6\n- 7 steps; ")
+    assert card.startswith(
+        "---\nlibrary_name: jaxsim\nlicense: apache-2.0\ntags:\n- lidar\n- jax\n- synthetic\n---\n\n"
+    )
+    assert card.split("---\n\n", 1)[1].startswith("# run\n\nAdds numbers.\n\n- numbers: 0 to 6\n- 7 steps; ")
     assert card.endswith("\n\nsum 21\n\nAdd more.\n")
     said = capsys.readouterr().out
     assert "step 7: validation sum 21" in said

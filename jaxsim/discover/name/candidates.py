@@ -22,6 +22,7 @@ from jaxsim.discover.name.starts import starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
+from jaxsim.progress import Progress
 
 THREADS = 2
 """Effects fitted side by side."""
@@ -145,7 +146,9 @@ def rank_effects(problem: Problem, effects: Iterable[Law], *, null: Sequence[Fit
 
     with ThreadPoolExecutor(THREADS) as pool:
         # Effects that round are tried where a lattice was read off the data, and nowhere else.
-        ranking = list(pool.map(candidate, [e for e in effects if e.name not in FINEST or e.name in steps]))
+        tried = [e for e in effects if e.name not in FINEST or e.name in steps]
+        told = {"total": len(tried), "desc": "fitting", "unit": "effect", "leave": False}
+        ranking = list(Progress(pool.map(candidate, tried), **told))
     return sorted(ranking, key=lambda candidate: -candidate.total)
 
 

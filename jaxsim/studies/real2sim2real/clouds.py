@@ -8,7 +8,8 @@ from pathlib import Path
 
 from jaxsim.files import read_entry
 from jaxsim.metrics.cloud_checks import DISTANCES_M, REST, CloudCounts, band_name, classes_in, compare_clouds
-from jaxsim.report.pictures import Rgb, save_picture
+from jaxsim.report.canvas import Canvas, save_figure
+from jaxsim.report.pictures import Rgb
 from jaxsim.report.results import markdown_table, number_or_none, write_results
 from jaxsim.studies.real2sim2real import REAL
 from jaxsim.studies.real2sim2real.charts import class_chart, drop_picture, intensity_chart
@@ -67,13 +68,13 @@ def check_text(counts: Counts, first: str) -> str:
     return "\n\n".join([WORDS, *tables])
 
 
-def check_pictures(counts: Counts, first: str) -> dict[str, Rgb]:
+def check_pictures(counts: Counts, first: str) -> dict[str, Canvas | Rgb]:
     """Name -> picture: drop maps, intensity on `first` and elsewhere, and range, height and intensity on each class."""
     on = {f"on_{kind.lower()}": kind for kind in classes_in(counts, first)} | {"elsewhere": REST}
     return {
         "drops": drop_picture(counts),
-        "intensity": intensity_chart(counts, first).pixels(),
-        **{name: class_chart(counts, kind).pixels() for name, kind in on.items()},
+        "intensity": intensity_chart(counts, first),
+        **{name: class_chart(counts, kind) for name, kind in on.items()},
     }
 
 
@@ -91,11 +92,11 @@ def checked_kinds(out: Path) -> tuple[str, ...]:
     return tuple(read_entry(path, "clouds", list[str], by="real2sim2real")) if path.is_file() else ()
 
 
-def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Rgb]:
+def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Canvas | Rgb]:
     """Writes OUT/clouds.md, OUT/clouds.json, and OUT/pictures: those given and those of the checks; gives all."""
     pictures = {**pictures, **check_pictures(counts, first)}
     for name, picture in pictures.items():
-        save_picture(out / "pictures" / f"{name}.png", picture)
+        save_figure(out / "pictures", name, picture, words=name.replace("_", " "))
     classes = {kind: plain_rows(counts, kind) for kind in classes_in(counts, first)}
     content = {"clouds": list(counts), "classes": classes}
     write_results(out, "clouds", content, text=check_text(counts, first), indent=1)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import Scene
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.boxes import draw_above
-from jaxsim.report.page import figure, image, paragraph, section, table, whole_page
-from jaxsim.report.pictures import Rgb, beside, save_picture
+from jaxsim.report.canvas import Canvas, save_figure
+from jaxsim.report.clouds_page import cloud_with_boxes, turning
+from jaxsim.report.page import NOTHING, figure, image, paragraph, section, table, together, whole_page
+from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
+from jaxsim.report.scenes import Scene as TurnedScene
 from jaxsim.studies.real2sim2real import KINDS, Loop
 from jaxsim.studies.real2sim2real.charts import epochs_chart
 from jaxsim.studies.real2sim2real.clouds import WORDS, check_tables, write_checks
@@ -33,33 +36,33 @@ PANEL = 620
 """Height of a cloud from above, pixels."""
 
 
-def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> Path:
-    """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page."""
+def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], clouds: Sequence[TurnedScene] = ()) -> Path:
+    """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page.
+
+    `clouds` turn in it."""
     pictures = write_checks(loop.out, counts, loop.target, pictures=pictures)
     if epochs := epochs_chart(epochs_on_real(loop)):
-        pictures["epochs"] = epochs.pixels()
-        save_picture(loop.out / "pictures" / "epochs.png", pictures["epochs"])
+        pictures["epochs"] = epochs
+        save_figure(loop.out / "pictures", "epochs", epochs, words="AP on real clouds at each checkpoint")
     content, text = plain_tables(loop, counts), loop_tables(loop, counts)
-    page = _page(loop, counts, pictures)
+    page = _page(loop, counts, pictures, clouds)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
 
-def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
-    def escaped(rows: Sequence[Sequence[str]]) -> list[list[str]]:
-        return [[escape(cell) for cell in row] for row in rows]
-
-    def drawn(name: str, words: str) -> str:
-        return figure(image(pictures[name], words), words) if name in pictures else ""
+def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], clouds: Sequence[TurnedScene]) -> str:
+    def drawn(name: str, words: str) -> Markup:
+        return figure(image(pictures[name], words), words) if name in pictures else NOTHING
 
     checks, config = check_tables(counts, loop.target), loop.config
 
-    def check(title: str) -> str:
+    def check(title: str) -> Markup:
         heads, rows = checks[title]
         shown = drawn(f"on_{title.lower()}", f"Points on a {title.lower()}: range, height and intensity")
-        return f"<h3>{escape(title)}</h3>" + table(heads, escaped(rows), text=1) + shown
+        return Markup("<h3>{}</h3>").format(title) + table(heads, rows, text=1) + shown
 
+    turned, scenes = turning(clouds, "Labelled cars are green, found ones orange; the crossed side is the front.")
     heads = ("difficulty", "labels", *HEADS)
-    known = "".join(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
+    known = together(paragraph(f"{kind}: {KINDS[kind][1]}.") for kind in config.kinds)
     return whole_page(
         title="jaxsim: Real2Sim2Real",
         sentence=answer(loop),
@@ -76,12 +79,12 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
                 paragraph(
                     f"AP R40 of {loop.target}, percent, mean of the last epochs; in brackets the paper's, on KITTI."
                 )
-                + table(("trained on", *heads), escaped(score_cells(loop, of_real=False)), text=2)
+                + table(("trained on", *heads), score_cells(loop, of_real=False), text=2)
                 + drawn("epochs", "On real clouds, at each checkpoint; a thin line a seed. A rising line is not done"),
             ),
             section(
                 "Trained on real clouds, scored on simulated ones",
-                table(("scored on", *heads), escaped(score_cells(loop, of_real=True)), text=2),
+                table(("scored on", *heads), score_cells(loop, of_real=True), text=2),
             ),
             section(
                 "The kinds of clouds", known + drawn("clouds", "One frame of the renderer, labelled cars in green")
@@ -89,13 +92,15 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb]) -> str:
             section(
                 "Why",
                 paragraph(WORDS)
-                + "".join(check(title) for title in checks)
+                + together(check(title) for title in checks)
                 + drawn("intensity", "Intensity of the points, logarithmic")
                 + drawn("elsewhere", "Points on no object: range, height and intensity")
                 + drawn("drops", "Directions without a return: elevation 4 to -16 degrees, azimuth 42 to -42"),
             ),
             section("One real frame", drawn("found", "What each detector finds (orange); labelled cars in green")),
+            turned,
         ],
+        scenes=scenes,
     )
 
 
@@ -118,6 +123,15 @@ def draw_found(loop: Loop, real: Scene, found: Mapping[str, Found]) -> dict[str,
     """A real frame, and what the detector of each kind of cloud finds in it."""
     span = loop.config.detector.voxels.range_m
     return {"found": _grid([_panel(real, span, found[kind], title=f"trained on {kind}") for kind in loop.trained])}
+
+
+def turned_clouds(loop: Loop, real: Scene, found: Mapping[str, Found]) -> list[TurnedScene]:
+    """The real frame with its labels and what the detector of each kind of cloud finds in it, for the viewer."""
+    labelled = real.boxes[real.target]
+    return [
+        cloud_with_boxes(f"trained on {kind}", real.points, found=found[kind].boxes, labelled=labelled)
+        for kind in loop.trained
+    ]
 
 
 def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -> Rgb:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
-from tqdm import tqdm
 
 from jaxsim.config import DetectorExperiment, Experiment, LoopConfig
 from jaxsim.data import open_dataset, select
@@ -18,13 +18,17 @@ from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
+from jaxsim.progress import Progress
 from jaxsim.report.pictures import Rgb
+from jaxsim.report.scenes import Scene as TurnedScene
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
-from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, write_loop
+from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, turned_clouds, write_loop
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.loop import TRAINER, train_apart
+
+_log = logging.getLogger(__name__)
 
 EPOCHS = 5
 """Last checkpoints of a detector that a score is the average of, as in the paper."""
@@ -97,8 +101,8 @@ class Stages:
             self.report()
 
     def say(self, words: str) -> None:
-        """Prints a line on the progress at once, for a log that others follow."""
-        print(f"real2sim2real: {words}", flush=True)
+        """Logs a line on the progress."""
+        _log.info(f"real2sim2real: {words}")
 
     def train(self, run: Path, experiment: Experiment | DetectorExperiment) -> None:
         """Trains in a process of its own, unless that is done. Ends the program with its status where it fails."""
@@ -133,7 +137,7 @@ class Stages:
             return
         scenes, steps = self.scenes(judged, "validation"), Checkpoints(run).steps[-EPOCHS:]
         find, per_epoch = make_find(experiment), []
-        for step in tqdm(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
+        for step in Progress(steps, desc=f"{trained} on {judged}", unit="checkpoint"):
             network = load_detector(run, step=step).network
             per_epoch.append(score_detector(find, network, scenes, experiment=experiment)[0])
         write_score(path, per_epoch, steps=steps, frames=len(scenes))
@@ -144,7 +148,7 @@ class Stages:
             voxels, scenes = self.loop.config.detector.voxels, self.scenes(kind, "train")
             named = (
                 (s.points[in_range(s.points, voxels)], s.boxes, _classes(s))
-                for s in tqdm(scenes, desc=f"counting {kind}", unit="frame", leave=False)
+                for s in Progress(scenes, desc=f"counting {kind}", unit="frame", leave=False)
             )
             self.counts_of[kind] = count_clouds(named, range_m=np.array(voxels.range_m, float))
         return self.counts_of[kind]
@@ -157,21 +161,22 @@ class Stages:
         counts = {kind: self.counted(kind) for kind in kinds}
         drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
         write_checks(loop.out, counts, loop.target, pictures=drawn)
-        print(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
+        _log.info(f"\n{check_text(counts, loop.target)}\n\ntables: {loop.out / 'clouds.md'}; pictures beside it")
 
     def report(self) -> None:
         """Writes and prints all that was scored."""
         loop = self.loop
         counts = {kind: self.counted(kind) for kind in (REAL, *loop.config.kinds)}
-        page = write_loop(loop, counts, self.pictures())
-        print(f"\n{loop_tables(loop, counts)}\n\ntables, pictures and page: {page}")
+        page = write_loop(loop, counts, *self.shown())
+        _log.info(f"\n{loop_tables(loop, counts)}\n\ntables, pictures and page: {page}")
 
-    def pictures(self) -> dict[str, Rgb]:
-        """A frame as each kind of cloud, and what each detector of the first seed finds in the fullest real one."""
+    def shown(self) -> tuple[dict[str, Rgb], list[TurnedScene]]:
+        """A frame as each kind of cloud, and what each detector of the first seed finds in the fullest real one: as
+        pictures, and the latter as clouds that turn."""
         loop = self.loop
         real, seed = max(self.scenes(REAL, "validation"), key=count_objects), loop.config.seeds[0]
         find, found = make_find(loop.config.detector), {}
         for kind in loop.trained:
             found[kind], _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
         drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
-        return drawn | draw_found(loop, real, found)
+        return drawn | draw_found(loop, real, found), turned_clouds(loop, real, found)

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from jaxsim.metrics.cloud_checks import REST, count_clouds
 from jaxsim.studies.real2sim2real.charts import class_chart, drop_picture, epochs_chart, intensity_chart
 from jaxsim.studies.real2sim2real.scores import epochs_on_real
+from tests.report.drawn import elements, points, texts
 from tests.studies.real2sim2real.made import COUNTS, clouds, street
 
 
@@ -21,19 +21,19 @@ def test_the_drop_maps_carry_their_key():
 
 def test_the_chart_draws_a_line_for_each_kind():
     drawn = intensity_chart({kind: clouds(value) for kind, value in COUNTS.items()}, "Car")
-    assert [s.text for s in drawn.strokes if getattr(s, "text", "") in COUNTS] == list(COUNTS)
-    assert (drawn.pixels() < 128).any()
+    assert [text for text in texts(drawn) if text in COUNTS] == list(COUNTS)
+    assert len(elements(drawn, "polyline")) > len(COUNTS)
 
 
 def test_a_class_chart_draws_range_height_and_intensity_of_its_own_points():
     """All points of a car at 10 m, at one intensity: the range has its peak there, intensity one bin."""
     counts = {"real": count_clouds([street(("Car", 10, 400), intensity=0.32)])}
     drawn = class_chart(counts, "Car")
-    said = [s.text for s in drawn.strokes if hasattr(s, "text")]
+    said = texts(drawn)
     assert [words for words in said if words.endswith(("m", "cars"))] == [
         "range on cars, m", "height above the LiDAR on cars, m", "intensity on cars",
     ]  # fmt: skip
-    lines = [s.points for s in drawn.strokes if hasattr(s, "points") and len(s.points) > 2]
+    lines = [line for line in map(points, elements(drawn, "polyline")) if len(line) > 2]
     assert len(lines) == 3
     in_range, _, intensity = lines
     peak = in_range[in_range[:, 1].argmin(), 0]
@@ -41,16 +41,15 @@ def test_a_class_chart_draws_range_height_and_intensity_of_its_own_points():
     assert (peak - first) / (last - first) == pytest.approx((10 - 1) / 18, abs=0.06)  # bins of 2 m, axis to 20 m
     full = intensity[:, 1] < intensity[:, 1].max() - 1
     assert full.sum() == 1
-    elsewhere = [s.text for s in class_chart(counts, REST).strokes if hasattr(s, "text")]
+    elsewhere = texts(class_chart(counts, REST))
     assert "range elsewhere, m" in elsewhere
 
 
 def test_each_kind_has_a_line_over_the_checkpoints_and_a_thin_one_a_seed(scored):
     drawn = epochs_chart(epochs_on_real(scored))
-    lines = [s for s in drawn.strokes if hasattr(s, "points") and len(s.points) == 3]
-    assert [s.width for s in lines].count(2) == len(COUNTS)
-    assert [s.width for s in lines].count(0.5) == 2 * len(COUNTS)
-    thick = {s.colour: np.mean(s.points, axis=0)[1] for s in lines if s.width == 2}
+    lines = [line for line in elements(drawn, "polyline") if len(points(line)) == 3]
+    assert [line.get("stroke-width") for line in lines].count("2") == len(COUNTS)
+    assert [line.get("stroke-width") for line in lines].count("0.5") == 2 * len(COUNTS)
+    thick = {line.get("stroke"): points(line).mean(0)[1] for line in lines if line.get("stroke-width") == "2"}
     assert len(thick) == len(COUNTS)
-    assert (drawn.pixels() < 128).any()
     assert epochs_chart(epochs_on_real(replace(scored, config=replace(scored.config, seeds=(7,))))) is None

@@ -14,7 +14,8 @@ def test_the_page_stands_alone_and_the_json_is_strict(scored):
     page = write_loop(scored, counts, {"found": np.zeros((8, 8, 3), np.uint8)})
     html = page.read_text()
     assert "http" not in html.replace("http://www.w3.org", "")
-    assert html.count("data:image/png") == 6  # a class has a chart
+    assert html.count("data:image/png") == 2  # found, drops
+    assert html.count("<svg") == 4  # intensity, epochs, a class and elsewhere
     assert "<b>nan" not in html.lower()
 
     def refuse(name):

@@ -19,12 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Bool, Float
-from tqdm import tqdm
 
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
 from jaxsim.prepare.denoise.lidia.network import Variant
+from jaxsim.progress import Progress
 
 STORED = ("running_mean", "running_var")
 
@@ -88,7 +88,7 @@ def adapt(
     values, memory = network.values, adam.init(network.values)
     deviation = 2 * settings.noise if noisy is None else 0.0  # images are shown on [-1, 1]: twice the intensity's scale
     key = jax.random.key(settings.seed)
-    bar = tqdm(_Blocks(images, valid, side, settings=settings), desc="adapting lidia", unit="step")
+    bar = Progress(_Blocks(images, valid, side, settings=settings), desc="adapting lidia", unit="step")
     for k, block in enumerate(bar):
         form = {"deviation": deviation, "lr": settings.lr, "variant": network.variant}
         values, memory, loss = _step(values, memory, block, key=jax.random.fold_in(key, k), **form)

@@ -1,0 +1,152 @@
+"""Judge frames ray by ray, as a report draws them: whole frames, where the judging itself looks at few columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.discover.covariates import COVARIATES
+from jaxsim.discover.model.cast import Blocks, blocks, cast
+from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.residuals import Residuals, residuals
+from jaxsim.discover.read import Division
+from jaxsim.discover.verdict import CurveLine, JudgeFrame
+
+MOST_FRAMES = 4
+"""Frames that are drawn, of as many judge scenes."""
+RAYS_A_FRAME = 16_000
+"""Rays of each, about, if it has so many: whole columns, evenly spread."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A division with columns of the drawn frames in place of what it judges on."""
+
+    division: Division
+    frame: Int[np.ndarray, " j"]
+    """Of the judge blocks: the frame whose columns each holds, and its scene; -1 where it only fills up."""
+    scene: tuple[str, ...]
+
+
+def whole_frames(division: Division) -> Iterator[Chunk]:
+    """Nearly all columns of a few judge frames, as many blocks at a time as there are to judge on: the middle frame of
+    each of some judge scenes, spread evenly over them; of a single drive's sectors, frames spread over the drive.
+
+    Columns stay in blocks of as many as before, each spread over its frame, so that a block's own levels and pose mean
+    what they mean where scenes are judged. And the shapes stay, so that nothing is compiled again.
+    """
+    old = division.blocks
+    frames, rows, columns = division.scan.range_m.shape
+    sectors = len(old.frame) > frames
+    scenes = ("one drive",) * frames if sectors else old.scene
+    whole = blocks(scenes, rows, columns, rays=rows * columns * frames)
+    judge = division.parts.judge
+    shown = _shown_frames(whole, judge)
+    picked = [k for k in range(len(whole.frame)) if whole.frame[k] in shown and whole.scene[k] in judge]
+    most = RAYS_A_FRAME * len(shown) / rows / len(picked)
+    column = [_in_blocks(whole.column[k], old.column.shape[1], most=most) for k in picked]
+    block_of = np.repeat(picked, [len(c) for c in column])
+    columns_of = np.concatenate(column)
+    places = np.flatnonzero([scene in judge for scene in old.scene])
+    for first in range(0, len(block_of), len(places)):
+        take = np.arange(first, first + len(places))
+        fills = take >= len(block_of)
+        take = np.where(fills, 0, take)
+        frame = old.frame.copy()
+        frame[places] = whole.frame[block_of[take]]
+        column_now = old.column.copy()
+        column_now[places] = columns_of[take]
+        # Scenes keep their places: nothing of these blocks is summed over scenes.
+        chosen = Blocks(frame, column_now, old.scene)
+        part = replace(division, blocks=chosen, rays=cast(division.scan, frame, column_now))
+        names = tuple(whole.scene[k] for k in block_of[take])
+        yield Chunk(part, np.where(fills, -1, frame[places]), names)
+
+
+def _shown_frames(whole: Blocks, judge: Sequence[str]) -> set[int]:
+    """The frames that are drawn, by number."""
+    of_scene = {one: [f for f, s in zip(whole.frame.tolist(), whole.scene, strict=True) if s == one] for one in judge}
+    if all(frames == of_scene[judge[0]] for frames in of_scene.values()):
+        # Sectors of one drive: every frame holds all of them.
+        frames = of_scene[judge[0]]
+        return {frames[k] for k in _spread(len(frames))}
+    middles = [frames[len(frames) // 2] for frames in of_scene.values()]
+    return {middles[k] for k in _spread(len(middles))}
+
+
+def _spread(count: int) -> list[int]:
+    """At most MOST_FRAMES numbers, even steps through 0 to count - 1."""
+    return sorted({*np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int).tolist()})
+
+
+def _in_blocks(column: Int[np.ndarray, " n"], each: int, *, most: float) -> Int[np.ndarray, "m {each}"]:
+    """Columns in blocks of `each`, every block spread over all; every second, third ... of them if more than `most`."""
+    thinned = column[:: max(1, -(-len(column) // max(int(most), each)))]
+    count = len(thinned) // each
+    return thinned[: count * each].reshape(each, count).T
+
+
+def rays_of(
+    before: Problem, after: Problem, *, fitted: Float[np.ndarray, " b"], chunk: Chunk, curves: Sequence[CurveLine]
+) -> Iterator[JudgeFrame]:
+    """The rays of a chunk with the residuals of both problems, a JudgeFrame a block."""
+    judged = np.asarray(fitted) == 0
+    old = residuals(before, fitted)
+    new = residuals(after, fitted)
+    rays = jax.tree.map(lambda leaf: np.asarray(leaf)[judged] if np.ndim(leaf) else leaf, before.ev.rays)
+    groups = [
+        np.where(old[curve.channel].counts[judged], curve.group_of(np.asarray(COVARIATES[curve.covariate](rays))), -1)
+        for curve in curves
+    ]
+    returned = np.asarray(before.ev.returned)[judged]
+    range_m = np.where(returned, np.asarray(before.ev.range_m)[judged], np.asarray(rays.range_m))
+    # A ray that hits nothing and brought nothing has no place.
+    there = np.isfinite(range_m) & (range_m > 0)
+    for k, number in enumerate(chunk.frame):
+        if number < 0:
+            continue
+        keep = there[k]
+        yield JudgeFrame(
+            name=chunk.division.names[number],
+            scene=chunk.scene[k],
+            row=np.asarray(rays.row)[k][keep],
+            column=np.asarray(rays.column)[k][keep],
+            range_m=range_m[k][keep],
+            returned=returned[k][keep],
+            before=_channels(old, judged, k, keep),
+            after=_channels(new, judged, k, keep),
+            groups=tuple(group[k][keep] for group in groups),
+        )
+
+
+def _channels(
+    by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"], k: int, keep: Bool[np.ndarray, "c r"]
+) -> dict[str, Float[np.ndarray, " n"]]:
+    return {
+        name: np.where(one.counts, one.off, np.nan)[judged][k][keep].astype(np.float32)
+        for name, one in by_channel.items()
+    }
+
+
+def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
+    """Parts of one frame as one; without a scene where they are of several."""
+    first = parts[0]
+
+    def together(read: Callable[[JudgeFrame], np.ndarray]) -> np.ndarray:
+        return np.concatenate([read(part) for part in parts])
+
+    return JudgeFrame(
+        name=first.name,
+        scene=first.scene if len({part.scene for part in parts}) == 1 else "",
+        row=together(lambda part: part.row),
+        column=together(lambda part: part.column),
+        range_m=together(lambda part: part.range_m),
+        returned=together(lambda part: part.returned),
+        before={name: together(lambda part, name=name: part.before[name]) for name in first.before},
+        after={name: together(lambda part, name=name: part.after[name]) for name in first.after},
+        groups=tuple(together(lambda part, k=k: part.groups[k]) for k in range(len(first.groups))),
+    )

@@ -1,0 +1,57 @@
+"""How far a long task is: a bar on a terminal, a line at times in a log file, nothing when asked to be quiet."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from tqdm import tqdm
+
+QUIET = "JAXSIM_QUIET"
+"""Set to anything by `--quiet`; processes that a command starts inherit it."""
+LINE_EVERY_S = 30.0
+"""Seconds between two lines where there is no terminal."""
+LINE = "{desc}: {n_fmt} of {total_fmt} {unit}s, {elapsed} so far, {remaining} left{postfix}"
+
+
+class Progress(tqdm):
+    """tqdm that knows where it is shown: takes what tqdm takes."""
+
+    def __init__(self, iterable: Iterable[Any] | None = None, *, disable: bool = False, **shown: Any):
+        file = shown.setdefault("file", sys.stderr)
+        self.as_lines = not (hasattr(file, "isatty") and file.isatty())
+        if self.as_lines:
+            shown |= {"mininterval": LINE_EVERY_S, "maxinterval": 2 * LINE_EVERY_S, "delay": 1e-3}
+            if shown.get("total") is not None or hasattr(iterable, "__len__"):
+                shown["bar_format"] = LINE
+        super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
+
+    def display(self, msg: str | None = None, pos: int | None = None) -> bool:
+        """Writes a line in place of the bar where there is no terminal."""
+        if not self.as_lines:
+            return bool(super().display(msg, pos))
+        # tqdm clears a bar by an empty one; a line that is written stays.
+        if msg is None and self.n > self.initial:
+            self.fp.write(f"{self}\n")
+            self.fp.flush()
+        return True
+
+    def close(self) -> None:
+        """Writes a last line where there is no terminal and something was done since the one before."""
+        if self.as_lines and not self.disable:
+            if self.leave and self.n > self.last_print_n:
+                self.display()
+            # tqdm ends its bar's line now, and here is none.
+            self.fp = io.StringIO()
+        super().close()
+
+    def clear(self, nolock: bool = False) -> None:
+        if not self.as_lines:
+            super().clear(nolock)
+
+    def moveto(self, n: int) -> None:
+        if not self.as_lines:
+            super().moveto(n)

@@ -1,0 +1,158 @@
+"""Clouds that a page's viewer turns: places in 16 bits, values in 8, as JSON inside the page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8, UInt16
+from jinja2.utils import htmlsafe_json_dumps
+from markupsafe import Markup
+
+from jaxsim.detect.results import corners_of
+from jaxsim.report.boxes import FOUND, LABEL
+from jaxsim.report.words import number
+
+MOST_BYTES = 4_000_000
+"""Of all scenes of a page, as they are written."""
+NOWHERE = 2**16 - 1
+"""The group of a ray that is in none."""
+GROUND_SHARE = 0.05
+"""Share of the points below which the ground is drawn."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What points are coloured by."""
+
+    name: str
+    words: str
+    low: float
+    high: float
+    unit: str
+    ramp: str = "turbo"
+    """turbo, or diverging about the middle."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """A cloud, n points; of two sides the first is shown left of the slider, the second right of it."""
+
+    name: str
+    xyz: Float[np.ndarray, "n 3"] | None
+    """Metres, x ahead, y to the left, z up; None for the first side's points."""
+    values: Mapping[str, Float[np.ndarray, " n"]]
+    """By channel; NaN where there is none."""
+    picks: Mapping[str, Int[np.ndarray, " n"]] = field(default_factory=dict)
+    """By what can be picked (`row`, `column`, `curve 0`), the index of each point there; -1 for none."""
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes of one kind, (x, y, z, length, width, height, yaw)."""
+
+    boxes: Float[np.ndarray, "d 7"]
+    found: bool
+    """Or labelled."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the viewer shows at a time."""
+
+    name: str
+    sides: tuple[Side, ...]
+    boxes: tuple[Boxes, ...] = ()
+
+
+def packed(
+    scenes: Sequence[Scene], channels: Sequence[Channel], *, rows: int = 1, columns: int = 1, groups: int = 1
+) -> Markup:
+    """The viewer's JSON, at most MOST_BYTES: of larger clouds every second, third ... point is kept.
+
+    `rows`, `columns` and `groups` of columns are those of the maps. Raises ValueError for no scene, or no channel.
+    """
+    if not scenes or not channels:
+        raise ValueError(f"scenes: {len(scenes)} scenes and {len(channels)} channels; a viewer needs one of each")
+    step = 1
+    while True:
+        content = {
+            "grid": {"rows": rows, "columns": columns, "groups": groups},
+            "channels": [_channel(one) for one in channels],
+            "scenes": [_scene(one, channels, step) for one in scenes],
+        }
+        text = htmlsafe_json_dumps(content, separators=(",", ":"))
+        if len(text) <= MOST_BYTES:
+            return text
+        step = max(step + 1, round(step * len(text) / MOST_BYTES))
+
+
+def _channel(one: Channel) -> dict[str, str]:
+    return {
+        "name": one.name,
+        "words": one.words,
+        "unit": one.unit,
+        "ramp": one.ramp,
+        "low": number(one.low),
+        "high": number(one.high),
+    }
+
+
+def _scene(scene: Scene, channels: Sequence[Channel], step: int) -> dict[str, Any]:
+    first = scene.sides[0].xyz
+    if first is None:
+        raise ValueError(f"scenes: the first side of {scene.name} has no points; only the second may share them")
+    ground = float(np.quantile(first[:, 2], GROUND_SHARE)) if len(first) else 0.0
+    return {
+        "name": scene.name,
+        "ground": round(ground, 3),
+        "sides": [_side(side, channels, step) for side in scene.sides],
+        "boxes": [
+            {"corners": np.round(corners, 2).tolist(), "tone": list(FOUND if one.found else LABEL)}
+            for one in scene.boxes
+            for corners in corners_of(one.boxes)
+        ],
+    }
+
+
+def _side(side: Side, channels: Sequence[Channel], step: int) -> dict[str, Any]:
+    plain: dict[str, Any] = {
+        "name": side.name,
+        "values": {
+            one.name: _levels(side.values[one.name], one)[::step] for one in channels if one.name in side.values
+        },
+    }
+    if side.xyz is not None:
+        cells, low, size = quantised(np.asarray(side.xyz, float))
+        plain |= {"xyz": cells[::step], "low": low.tolist(), "step": size.tolist()}
+        plain["picks"] = {
+            name: np.where(index < 0, NOWHERE, index).astype("<u2")[::step] for name, index in side.picks.items()
+        }
+    return _encoded(plain)
+
+
+def _encoded(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()
+    return {name: _encoded(one) for name, one in value.items()} if isinstance(value, dict) else value
+
+
+def quantised(
+    xyz: Float[np.ndarray, "n 3"],
+) -> tuple[UInt16[np.ndarray, "n 3"], Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Places as 16-bit integers, the place of 0 and the step of each axis: off by half a step at most."""
+    if not len(xyz):
+        return np.zeros((0, 3), "<u2"), np.zeros(3), np.ones(3)
+    low = xyz.min(0)
+    step = np.maximum((xyz.max(0) - low) / (2**16 - 1), 1e-9)
+    return np.round((xyz - low) / step).astype("<u2"), low, step
+
+
+def _levels(values: Float[np.ndarray, " n"], channel: Channel) -> UInt8[np.ndarray, " n"]:
+    """1 to 255 from low to high, beyond them the ends; 0 where there is no value."""
+    share = (np.asarray(values, float) - channel.low) / (channel.high - channel.low)
+    known = np.isfinite(share)
+    return np.where(known, 1 + np.round(254 * np.clip(np.where(known, share, 0), 0, 1)), 0).astype(np.uint8)

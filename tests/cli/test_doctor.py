@@ -1,0 +1,43 @@
+"""`jaxsim doctor` tells what a bug report needs."""
+
+import pytest
+
+from jaxsim.cli import doctor
+from jaxsim.cli.doctor import Doctor, installed_extras, module_of, requirements
+
+
+def test_it_tells_versions_devices_cache_and_extras(capsys, monkeypatch, tmp_path):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path))
+    (tmp_path / "program").write_bytes(bytes(2**20))
+    Doctor(run=False)()
+    told = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
+    assert "cpu" in told["devices"]
+    assert "jax 0." in told["packages"]
+    assert "MISSING" not in told["packages"]
+    assert "1 files, 1 MiB" in told["cache"]
+    assert "sample run" not in told
+
+
+def test_what_is_needed_and_what_is_extra_comes_from_the_package_itself():
+    needs, extras = requirements()
+    assert {"jax", "numpy"} <= {*needs}
+    assert "torch" not in needs
+    assert extras["convert"] == ["torch"]
+
+
+def test_an_extra_that_lacks_something_says_what():
+    ((_, told),) = installed_extras({"here": ["numpy"], "gone": ["numpy", "no-such-package"]})
+    assert told == "gone (lacks no-such-package); here"
+    assert module_of("ouster-sdk") == "ouster"
+
+
+def test_a_missing_need_is_an_error(monkeypatch):
+    monkeypatch.setattr(doctor, "requirements", lambda: (["numpy", "no-such-package"], {}))
+    with pytest.raises(ModuleNotFoundError, match="no-such-package missing"):
+        Doctor(run=False)()
+
+
+def test_the_sample_run_refuses_a_cloud_that_cannot_be(monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "sample_run", lambda: "12 points simulated in 0.1 s")
+    Doctor()()
+    assert "sample run: 12 points" in capsys.readouterr().out

@@ -1,0 +1,182 @@
+"""The viewer of a report, in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jaxsim.report.page import explorer, own_text, whole_page
+from jaxsim.report.scenes import MOST_BYTES, Channel, Scene, Side, packed
+from tests.report import results
+from tests.report.chromium import browser, coloured, opened, picture
+
+POINTS = 100_000
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as opened_browser:
+        yield opened_browser
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    results.page(folder, results.with_frames())
+    return folder / "report.html"
+
+
+def test_a_page_opens_without_a_network_and_draws_both_sides(chromium, report):
+    with opened(chromium, report) as tab:
+        assert tab.locator("#lost").is_hidden()
+        assert coloured(picture(tab, "#cloud")).sum() > 200
+        assert tab.locator("#left").inner_text() == "before"
+        assert tab.locator("#scene option").count() == 2
+
+
+def test_the_slider_moves_from_before_to_after(chromium, report):
+    """Before, beams are off by their gain; after, by nothing."""
+    with opened(chromium, report) as tab:
+        colours = {}
+        for place in (0, 100):
+            tab.locator("#wipe").fill(str(place))
+            colours[place] = [coloured(picture(tab, name)).sum() for name in ("#cloud", "#map")]
+        assert colours[100][0] > 5 * colours[0][0]
+        assert colours[100][1] > colours[0][1]
+
+
+def test_a_click_on_a_curve_lights_its_rays_in_cloud_and_map(chromium, report):
+    with opened(chromium, report) as tab:
+        everything = tab.evaluate("jaxsimViewer.lit()")
+        before = {name: picture(tab, name) for name in ("#cloud", "#map")}
+        tab.locator("#curve_intensity_row .target").nth(3).click()
+        assert tab.evaluate("jaxsimViewer.lit()") == everything // results.ROWS
+        assert f"{everything // results.ROWS} of {everything} rays" in tab.locator("#told").inner_text()
+        for name, picture_before in before.items():
+            assert (np.abs(picture(tab, name) - picture_before).max(-1) > 30).mean() > 0.01
+        # The same beam is marked on the chart of its parameter by a click there, and Escape lights all again.
+        tab.locator("#parameter_beam_gain_gain .target").nth(3).click()
+        assert tab.evaluate("jaxsimViewer.state.pick.chart") == "row"
+        tab.keyboard.press("Escape")
+        assert tab.evaluate("jaxsimViewer.lit()") == everything
+
+
+def test_it_works_by_keys_alone(chromium, report):
+    with opened(chromium, report) as tab:
+        first = tab.locator("#curve_intensity_row .target").first
+        first.focus()
+        tab.keyboard.press("ArrowRight")
+        tab.keyboard.press("Enter")
+        assert tab.evaluate("jaxsimViewer.state.pick.index") == 1
+        tab.keyboard.press("Escape")
+        before = picture(tab, "#cloud")
+        tab.locator("#cloud").focus()
+        for key in ("ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight"):
+            tab.keyboard.press(key)
+        assert (picture(tab, "#cloud") != before).mean() > 0.01
+        tab.keyboard.press("0")
+        np.testing.assert_array_equal(picture(tab, "#cloud"), before)
+
+
+def test_the_mouse_turns_and_the_wheel_zooms(chromium, report):
+    with opened(chromium, report) as tab:
+        tab.locator("#cloud").scroll_into_view_if_needed()
+        box = tab.locator("#cloud").bounding_box()
+        views = [picture(tab, "#cloud")]
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        tab.mouse.move(x + 80, y + 20)
+        tab.mouse.up()
+        views.append(picture(tab, "#cloud"))
+        tab.mouse.wheel(0, -300)
+        views.append(picture(tab, "#cloud"))
+        assert all((np.abs(a - b).max(-1) > 30).mean() > 0.005 for a, b in pairwise(views))
+
+
+def test_a_click_on_the_map_lights_a_cell_and_another_scene_has_other_rays(chromium, report):
+    with opened(chromium, report) as tab:
+        everything = tab.evaluate("jaxsimViewer.lit()")
+        tab.locator("#map").click(position={"x": 200, "y": 70})
+        assert 0 < tab.evaluate("jaxsimViewer.lit()") < everything / 100
+        tab.locator("#clear").click()
+        before = picture(tab, "#cloud")
+        tab.locator("#scene").select_option(index=1)
+        tab.locator("#channel").select_option("range")
+        assert (picture(tab, "#cloud") != before).any()
+
+
+def test_without_webgl_the_map_still_works_and_the_page_says_why(chromium, report, tmp_path):
+    page = report.read_text().replace('stage.getContext("webgl"', 'stage.getContext("none"')
+    (tmp_path / "page.html").write_text(page)
+    with opened(chromium, tmp_path / "page.html") as tab:
+        assert "no WebGL" in tab.locator("#lost").inner_text()
+        tab.locator("#wipe").fill("100")
+        assert coloured(picture(tab, "#map")).any()
+        tab.locator("#curve_intensity_row .target").nth(3).click()
+        assert "rays are lit" in tab.locator("#told").inner_text()
+
+
+def test_without_scripts_figures_and_tables_stay(chromium, report):
+    with opened(chromium, report, java_script_enabled=False) as tab:
+        assert tab.locator("#explorer").is_hidden()
+        assert tab.locator("noscript").inner_text().startswith("The cloud needs scripts")
+        assert tab.locator("#turn table").is_visible()
+        assert coloured(picture(tab, "#map_intensity svg", scripts=False)).any()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [400, 1400])
+def test_nothing_is_wider_than_the_screen_and_ink_stands_out(chromium, report, scheme, width):
+    with opened(chromium, report, viewport={"width": width, "height": 800}, color_scheme=scheme) as tab:
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        light = picture(tab, "#curve_intensity_row svg").mean(-1)
+        paper = np.median(light)
+        assert (paper > 240) == (scheme == "light")
+        assert (np.abs(light - paper) > 100).any()
+
+
+def test_in_print_there_is_no_viewer(chromium, report):
+    with opened(chromium, report) as tab:
+        tab.emulate_media(media="print")
+        assert tab.locator("#explorer").is_hidden()
+        assert tab.locator("#map_intensity svg").is_visible()
+
+
+def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
+    """Software drawing on a machine that others use too: the bound only tells that frames come."""
+    rng = np.random.default_rng(0)
+    xyz = rng.normal(0, 15, (POINTS, 3)) * [1, 1, 0.1]
+    scene = Scene("many", (Side("cloud", xyz, {"intensity": rng.uniform(size=POINTS)}),))
+    scenes = packed([scene], [Channel("intensity", "intensity", 0, 1, "")])
+    assert len(scenes) < MOST_BYTES
+    text = whole_page(
+        title="t", sentence="s", facts=[], sections=[explorer("many points", has_map=False)], scenes=scenes
+    )
+    (tmp_path / "page.html").write_text(text)
+    with opened(chromium, tmp_path / "page.html") as tab:
+        assert tab.evaluate("jaxsimViewer.lit()") == POINTS
+        speed = tab.evaluate("jaxsimViewer.speed(10)")
+        record_property("frames_per_second", speed)
+        assert speed > 0.05
+
+
+def test_names_from_data_cannot_become_code(chromium, tmp_path):
+    bad = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
+    result = results.with_frames()
+    frames = tuple(replace(frame, name=bad, scene=bad) for frame in result.frames)
+    judge = replace(result.verdict, judge=(bad,), notes=(bad,))
+    results.page(tmp_path, replace(result, frames=frames, verdict=judge))
+    with opened(chromium, tmp_path / "report.html") as tab:
+        assert tab.evaluate("window.broken === undefined")
+        assert bad in tab.locator("#scene option").first.inner_text()
+
+
+def test_the_script_names_nothing_of_elsewhere():
+    assert "http" not in own_text("viewer.js")

@@ -1,0 +1,58 @@
+"""How far a long task is: a bar, lines, or nothing."""
+
+import io
+
+import pytest
+
+from jaxsim import progress
+from jaxsim.progress import Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture(autouse=True)
+def loud(monkeypatch):
+    monkeypatch.delenv(progress.QUIET, raising=False)
+
+
+def test_a_terminal_gets_a_bar_in_one_line():
+    terminal = Terminal()
+    for _ in Progress(range(3), desc="simulating", unit="frame", file=terminal, mininterval=0):
+        pass
+    text = terminal.getvalue()
+    assert "\r" in text
+    assert "3/3" in text
+    assert text.count("\n") == 1
+
+
+def test_a_log_file_gets_a_line_at_times_with_how_far_and_until_when(monkeypatch):
+    log = io.StringIO()
+    now = [0.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+    bar = Progress(total=100, desc="simulating", unit="frame", file=log)
+    bar._time = lambda: now[0]
+    for _ in range(100):
+        now[0] += 1.0
+        bar.update()
+    bar.close()
+    lines = log.getvalue().splitlines()
+    assert 3 <= len(lines) <= 5
+    assert "\r" not in log.getvalue()
+    assert lines[0].startswith("simulating: 30 of 100 frames, 00:30 so far, 01:10 left")
+    assert lines[-1].startswith("simulating: 100 of 100 frames")
+
+
+def test_a_short_task_that_never_moved_writes_nothing():
+    log = io.StringIO()
+    Progress(total=5, initial=5, file=log).close()
+    assert log.getvalue() == ""
+
+
+def test_quiet_is_quiet(monkeypatch):
+    monkeypatch.setenv(progress.QUIET, "1")
+    log = io.StringIO()
+    assert list(Progress(range(3), file=log)) == [0, 1, 2]
+    assert log.getvalue() == ""
