@@ -150,7 +150,6 @@ def test_in_print_there_is_no_viewer(chromium, report):
 
 
 def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
-    """Software drawing on a machine that others use too: the bound only tells that frames come."""
     rng = np.random.default_rng(0)
     xyz = rng.normal(0, 15, (POINTS, 3)) * [1, 1, 0.1]
     scene = Scene("many", (Side("cloud", xyz, {"intensity": rng.uniform(size=POINTS)}),))
@@ -162,9 +161,10 @@ def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
     (tmp_path / "page.html").write_text(text)
     with opened(chromium, tmp_path / "page.html") as tab:
         assert tab.evaluate("jaxsimViewer.lit()") == POINTS
-        speed = tab.evaluate("jaxsimViewer.speed(10)")
-        record_property("frames_per_second", speed)
-        assert speed > 0.05
+        before = picture(tab, "#cloud")
+        # Told, not judged: a machine that others use too draws as fast as they let it.
+        record_property("frames_per_second", tab.evaluate("jaxsimViewer.speed(5)"))
+        assert (np.abs(picture(tab, "#cloud") - before).max(-1) > 30).mean() > 0.01
 
 
 def test_names_from_data_cannot_become_code(chromium, tmp_path):
