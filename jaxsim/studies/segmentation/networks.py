@@ -14,7 +14,6 @@ import numpy as np
 import optax
 from flax import nnx
 from jaxtyping import Float, Int
-from tqdm import tqdm
 
 from jaxsim.config import LEVELS, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import RangeImage
@@ -23,6 +22,7 @@ from jaxsim.pix2pix.convolution import on_cpu
 from jaxsim.pix2pix.convolution_cpu import compiler_options
 from jaxsim.pix2pix.losses import quantile_loss
 from jaxsim.pix2pix.unet import UNet
+from jaxsim.progress import Progress
 from jaxsim.simulate.predict import Prediction, drawn
 
 Batch = dict[str, Array]
@@ -120,7 +120,7 @@ def train(
     columns = inputs[0].shape[1]
     # optax raises floats to integers, which strict promotion forbids.
     with jax.numpy_dtype_promotion("standard"):
-        for _ in tqdm(range(steps), desc="learning", unit="step", leave=False):
+        for _ in Progress(range(steps), desc="learning", unit="step", leave=False):
             chosen = random.integers(len(inputs), size=config.batch)
             cuts = [_cut(columns, min(config.columns, columns), random) for _ in chosen]
             part = lambda rasters: np.stack([r[:, cut] for r, cut in zip(rasters, cuts, strict=True)])  # noqa: B023, E731

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 from pydantic import TypeAdapter
-from tqdm import tqdm
 
 from jaxsim.config import LEVELS, SegmentationConfig
 from jaxsim.data.range_images import RangeImage, read_range_images
 from jaxsim.files import claim, parse_json, parse_settings, read_entry, replacing, write_arrays
 from jaxsim.files.arrays import read_arrays
+from jaxsim.progress import Progress
 from jaxsim.report.results import markdown_table, number_or_none, write_results
 from jaxsim.studies.segmentation import KINDS
 from jaxsim.studies.segmentation.networks import (
@@ -27,6 +28,8 @@ from jaxsim.studies.segmentation.networks import (
     simulate,
     train,
 )
+
+_log = logging.getLogger(__name__)
 
 Confusion = Int[np.ndarray, "classes classes"]
 """Cells by true class (rows) and told class (columns), of all that returned and have a label."""
@@ -51,12 +54,12 @@ def run_segmentation(config: SegmentationConfig) -> Path:
         )
     _settle(config)
     study = Study(config, images)
-    for part in tqdm(range(config.parts), desc="parts", unit="part"):
+    for part in Progress(range(config.parts), desc="parts", unit="part"):
         for seed in config.seeds:
             for kind in KINDS:
                 study.score(kind, part, seed)
     text = study.text()
-    print(text)
+    _log.info(text)
     return write_results(config.out, "segmentation", study.plain(), text=text)
 
 
