@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Mapping, Sequence
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -65,12 +68,17 @@ def _cases(words: Mapping[str, Sequence[str]]) -> str:
 
 
 def flags_of(entry: object) -> list[str]:
-    """The long flags of a dataclass of them; none of a function, whose flags depend on its first word."""
+    """The long flags of a dataclass of them, read from its help; none of a function, whose flags depend on its first
+    word."""
     if not isinstance(entry, type):
         return []
-    parser = tyro.extras.get_parser(entry)
-    flags = [flag for action in parser._actions for flag in action.option_strings]
-    return [flag for flag in flags if flag.startswith("--") and flag not in ALWAYS]
+    text = io.StringIO()
+    with redirect_stdout(text), suppress(SystemExit):
+        tyro.cli(entry, args=["--help"])
+    # A flag's own line begins with it; words elsewhere in the help may name others.
+    lines = re.findall(r"^[│ ]*(--.*)$", text.getvalue(), re.MULTILINE)
+    flags = [flag for line in lines for flag in re.findall(r"(?:^|, )(--[\w.-]+)", line)]
+    return [flag for flag in dict.fromkeys(flags) if flag not in ALWAYS]
 
 
 def names() -> dict[str, list[str]]:

@@ -91,7 +91,7 @@ class Simulate(Checked):
             previews=self.previews,
             spread=partial(self.on_cluster, self.cluster) if self.cluster else None,
         )
-        self.write_page(dataset, positions[: self.previews])
+        self.write_page(maker.dataset, positions[: self.previews])
         print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
         if speed.simulated:
             print(told(speed, workers=bool(self.cluster)))

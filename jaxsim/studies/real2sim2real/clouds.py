@@ -94,10 +94,10 @@ def checked_kinds(out: Path) -> tuple[str, ...]:
 
 def write_checks(out: Path, counts: Counts, first: str, *, pictures: Mapping[str, Rgb]) -> dict[str, Canvas | Rgb]:
     """Writes OUT/clouds.md, OUT/clouds.json, and OUT/pictures: those given and those of the checks; gives all."""
-    pictures = {**pictures, **check_pictures(counts, first)}
-    for name, picture in pictures.items():
+    drawn: dict[str, Canvas | Rgb] = {**pictures, **check_pictures(counts, first)}
+    for name, picture in drawn.items():
         save_figure(out / "pictures", name, picture, words=name.replace("_", " "))
     classes = {kind: plain_rows(counts, kind) for kind in classes_in(counts, first)}
     content = {"clouds": list(counts), "classes": classes}
     write_results(out, "clouds", content, text=check_text(counts, first), indent=1)
-    return pictures
+    return drawn

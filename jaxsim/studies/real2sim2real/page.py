@@ -39,13 +39,14 @@ PANEL = 620
 def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], clouds: Sequence[TurnedScene] = ()) -> Path:
     """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page.
 
-    `clouds` turn in it."""
-    pictures = write_checks(loop.out, counts, loop.target, pictures=pictures)
+    `clouds` turn in it.
+    """
+    drawn = write_checks(loop.out, counts, loop.target, pictures=pictures)
     if epochs := epochs_chart(epochs_on_real(loop)):
-        pictures["epochs"] = epochs
+        drawn["epochs"] = epochs
         save_figure(loop.out / "pictures", "epochs", epochs, words="AP on real clouds at each checkpoint")
     content, text = plain_tables(loop, counts), loop_tables(loop, counts)
-    page = _page(loop, counts, pictures, clouds)
+    page = _page(loop, counts, drawn, clouds)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
 
