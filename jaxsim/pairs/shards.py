@@ -34,7 +34,7 @@ from jaxsim.data.records import example_of
 from jaxsim.data.tfds_builder import Shard, serialized, write_records
 from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
-from jaxsim.interrupts import unheard_by_children
+from jaxsim.interrupts import unheard_by_children, uninterrupted
 from jaxsim.pairs.prepared import make_record
 from jaxsim.progress import Progress
 
@@ -145,9 +145,10 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
     with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(cache,)) as pool:
         todo = iter(positions)
-        with unheard_by_children():
-            waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
         try:
+            # Whole or not at all: a worker whose start is broken off complains of half of what it was sent.
+            with uninterrupted(), unheard_by_children():
+                waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
             while waiting:
                 yield waiting.popleft().result()
                 waiting.extend(pool.submit(make, job, position) for position in islice(todo, 1))
