@@ -108,10 +108,11 @@ def _is_note(about: Any, count: int) -> bool:
     """Whether a JSON value is what `write_shard` notes of so many pairs."""
     if not isinstance(about, dict) or type(about.get("bytes")) is not int:
         return False
-    columns = [about.get(name) for name in ("names", "scenes", "windows", "labelled")]
-    if not all(isinstance(column, list) and len(column) == count for column in columns):
-        return False
-    sizes = [size for window in about["windows"] for size in (window if isinstance(window, list) else [None])]
+    for name, kind in {"names": str, "scenes": str, "windows": list, "labelled": bool}.items():
+        column = about.get(name)
+        if not isinstance(column, list) or len(column) != count or not all(isinstance(one, kind) for one in column):
+            return False
+    sizes = [size for window in about["windows"] for size in window]
     return all(type(size) is int and 0 < size < MOST_CELLS for size in sizes)
 
 

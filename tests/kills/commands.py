@@ -137,9 +137,7 @@ def _toy_folders(work: Path) -> None:
     for side in ("simulated", "measured"):
         write_grid(work / side, scan.grid, frames=frames)
     for k, name in enumerate(frames):
-        image = PolarImage(
-            *(np.asarray(leaf)[k] for leaf in (scan.image.range_m, scan.image.intensity, scan.image.valid))
-        )
+        image = PolarImage(*(np.asarray(leaf)[k] for leaf in (scan.range_m, scan.intensity, scan.hit)))
         write_frame(work / "simulated", name, image, semantic=np.asarray(scan.semantic)[k])
         seen = PolarImage(*(np.asarray(leaf)[k] for leaf in (measured.range_m, measured.intensity, measured.valid)))
         write_frame(work / "measured", name, seen)
