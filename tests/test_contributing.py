@@ -3,15 +3,18 @@
 import re
 import sys
 import tomllib
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
+from typing import Literal, get_type_hints
 
 import jax
 import numpy as np
 import pytest
 import tyro
 
+import jaxsim.config.ranges
 import jaxsim.data
 from jaxsim.config import DataConfig
 from jaxsim.data import DATASETS, Dataset, open_dataset
@@ -69,6 +72,9 @@ def test_the_new_effect_s_sensor_json_reads_back(monkeypatch, tmp_path):
 def test_a_data_set_is_added_by_a_class_and_a_row(monkeypatch, tmp_path):
     scans = module_of("jaxsim/data/scans.py", monkeypatch)
     add_row(DATASETS, "a row of DATASETS", vars(jaxsim.data) | vars(scans), monkeypatch)
+    monkeypatch.setattr(jaxsim.config.data, "DataKind", Literal["scans"])
+    kinds = partial(get_type_hints, include_extras=True)
+    monkeypatch.setattr(jaxsim.config.ranges, "_hints", kinds)  # without what was kept of the kinds before
     points = np.array([[10.0, 1.0, -1.0, 0.5], [20.0, -2.0, 0.0, 0.25]], np.float32)
     points.tofile(tmp_path / "000007.bin")
     dataset = open_dataset(DataConfig(kind="scans", root=tmp_path))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Real
 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel
@@ -411,7 +411,7 @@ class CurveLine:
     """Of the groups of rays that the points are means of: each holds what lies from one to below the next. None where
     it is not kept (unpaired)."""
 
-    def group_of(self, values: Float[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
+    def group_of(self, values: Real[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
         """The group of each value of the covariate; -1 for all where the edges are not kept."""
         if self.edges is None:
             return np.full(np.shape(values), -1)

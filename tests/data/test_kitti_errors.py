@@ -203,8 +203,8 @@ def test_a_data_set_that_reads_files_needs_a_root():
 
 
 def test_an_unknown_kind_is_answered_with_the_known_ones():
-    with pytest.raises(ValueError, match="known: synthetic, kitti_raw, kitti_object"):
-        open_dataset(DataConfig(kind="waymo"))  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="must be one of synthetic, kitti_raw, kitti_object"):
+        DataConfig(kind="waymo")  # pyright: ignore[reportArgumentType]
 
 
 def test_a_road_plane_in_other_units_is_refused(tmp_path):
