@@ -14,6 +14,8 @@ simulate    the learned sensor of a run: frames and clouds  <-  effects: what li
   |
 discover    which effect is missing: find, name, add, show  ->  effects, back into simulate
   |
+engines     the answer in other simulators' parameters
+  |
 report      pictures, tables, pages
 """
 

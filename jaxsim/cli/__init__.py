@@ -16,6 +16,11 @@ from jaxsim.cli.telling import tell_on_console, without_quiet
 __all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
 
 COMMANDS = {
+    "frames": Command(
+        "frames:Frames",
+        "any log of a LiDAR as polar frames: pcap, bag, MCAP, PCD, OSI, CARLA ...",
+        "jaxsim frames recording.pcap --out measured",
+    ),
     "prepare": Command(
         "prepare:Prepare",
         "make a data set's training pairs once and keep them",
@@ -55,6 +60,11 @@ COMMANDS = {
         "discover:Discover",
         "name the effect that a simulation lacks",
         "jaxsim discover --measured measured --simulated simulated/polar --out answer",
+    ),
+    "engines": Command(
+        "engines:Engines",
+        "what discover found, in the parameters of CARLA, Isaac Sim, RGL, Gazebo, HELIOS++",
+        "jaxsim engines answer/sensor.json --for carla",
     ),
     "effects": Command("effects:Effects", "the catalogue of sensor effects", "jaxsim effects beam_gain"),
     "convert": Command(

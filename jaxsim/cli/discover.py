@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,11 +17,20 @@ from jaxsim.cli.source import SAME, Source
 from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
+from jaxsim.discover.gate import Check, Colour, Gate, colour_of, judge, judge_quickly, read_gate
+from jaxsim.discover.quick import quick_distances
+from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
+from jaxsim.report.gate import EXIT, markdown, write_gate
 
 say = logging.getLogger(__name__).info
+TITLES: dict[Colour, str] = {
+    "pass": "The simulation passes",
+    "gap": "The simulation lacks something",
+    "unsure": "The frames cannot be judged",
+}
 
 
 @dataclass(frozen=True)
@@ -70,12 +81,46 @@ class Discover(Checked):
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
 
+    gate: Path | None = None
+    """A gate.json with thresholds a channel, effects that may be missing, and a verdict of before: the command ends
+    with 0 where the answer passes, 1 where there is a gap, 2 where it cannot be judged; junit.xml and gate.md say
+    it."""
+    fast: bool = False
+    """With --gate: compare distances alone, in seconds, and name nothing."""
+
     @property
     def writes_to(self) -> Path:
         """The folder that one process has while the command runs."""
         return self.out
 
     def __call__(self) -> None:
+        if self.fast and not self.gate:
+            raise ValueError("discover: --fast is for a gate; give --gate gate.json")
+        if self.gate:
+            sys.exit(self.judged(read_gate(self.gate)))
+        self.answer()
+
+    def judged(self, gate: Gate) -> int:
+        """The exit code of a gate, whose checks are written; where frames cannot be compared, that of "unsure"."""
+        begun = time.monotonic()
+        try:
+            checks = self.quickly(gate) if self.fast else judge(gate, self.answer())
+        except ValueError as error:
+            checks = (Check("comparison", "unsure", str(error)),)
+        colour = colour_of(checks)
+        title = TITLES[colour]
+        write_gate(self.out, checks, title=title, seconds=time.monotonic() - begun)
+        print(markdown(checks, title=title))
+        return EXIT[colour]
+
+    def quickly(self, gate: Gate) -> tuple[Check, ...]:
+        """The checks of distances alone."""
+        given = {"simulated": self.simulated, "measured": self.measured}
+        simulated, measured = sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
+        return judge_quickly(gate, quick_distances(simulated, measured))
+
+    def answer(self) -> Verdict:
+        """The whole answer, written to `out`."""
         if self.unpaired:
             refuse_with_unpaired({name: getattr(self, name) for name in NOT_UNPAIRED})
         known_effects(self.effects_from)
@@ -93,3 +138,4 @@ class Discover(Checked):
         result.verdict.save(self.out)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
+        return result.verdict

@@ -1,18 +1,25 @@
-"""Clouds to files that other tools open: KITTI .bin, PCD, PLY, npz."""
+"""Clouds to files that other tools open: KITTI .bin, PCD, PLY, npz, LAS.
+
+A point has its laser line as `ring` (0 the top one) where the cloud has rows, and its `time` in the scan where it is
+given; KITTI's .bin has room for neither.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 
-from jaxsim.files import replacing
+from jaxsim.files import need, replacing
 from jaxsim.frame import Cloud
 
 Points = Float32[np.ndarray, "n 4"]
+_PCD = {"f4": ("F", 4), "u2": ("U", 2)}
+_PLY = {"f4": "float", "u2": "ushort"}
+_FULL_LAS = 65535
 
 
 def points_of(cloud: Cloud) -> Points:
@@ -23,42 +30,91 @@ def points_of(cloud: Cloud) -> Points:
     return np.column_stack([xyz, np.asarray(cloud.intensity)]).astype(np.float32)[np.asarray(cloud.valid)]
 
 
-def _bin(points: Points, file: BinaryIO) -> None:
-    file.write(points.astype("<f4").tobytes())
+def table_of(cloud: Cloud, time_s: Float[np.ndarray, " n"] | None = None) -> np.ndarray:
+    """The valid points as records x, y, z, intensity, and ring and time where they are known."""
+    points, valid = points_of(cloud), np.asarray(cloud.valid)
+    known = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
+    known += [] if cloud.row is None else [("ring", "<u2")]
+    known += [] if time_s is None else [("time", "<f4")]
+    table = np.empty(len(points), known)
+    for k, name in enumerate(("x", "y", "z", "intensity")):
+        table[name] = points[:, k]
+    if cloud.row is not None:
+        table["ring"] = np.asarray(cloud.row)[valid]
+    if time_s is not None:
+        table["time"] = np.asarray(time_s)[valid]
+    return table
 
 
-def _pcd(points: Points, file: BinaryIO) -> None:
-    count = len(points)
+def _bin(table: np.ndarray, file: BinaryIO) -> None:
+    file.write(np.stack([table[name] for name in ("x", "y", "z", "intensity")], axis=1).astype("<f4").tobytes())
+
+
+def _pcd(table: np.ndarray, file: BinaryIO) -> None:
+    names, count = table.dtype.names or (), len(table)
+    kinds = [_PCD[table.dtype[name].str[1:]] for name in names]
     header = (
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\n"
-        f"TYPE F F F F\nCOUNT 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {' '.join(names)}\n"
+        f"SIZE {' '.join(str(size) for _, size in kinds)}\nTYPE {' '.join(kind for kind, _ in kinds)}\n"
+        f"COUNT {' '.join('1' for _ in names)}\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n"
+        "DATA binary\n"
     )
-    file.write(header.encode() + points.astype("<f4").tobytes())
+    file.write(header.encode() + table.tobytes())
 
 
-def _ply(points: Points, file: BinaryIO) -> None:
-    fields = "".join(f"property float {name}\n" for name in ("x", "y", "z", "intensity"))
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n{fields}end_header\n"
-    file.write(header.encode() + points.astype("<f4").tobytes())
+def _ply(table: np.ndarray, file: BinaryIO) -> None:
+    names = table.dtype.names or ()
+    fields = "".join(f"property {_PLY[table.dtype[name].str[1:]]} {name}\n" for name in names)
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{fields}end_header\n"
+    file.write(header.encode() + table.tobytes())
 
 
-def _npz(points: Points, file: BinaryIO) -> None:
-    np.savez_compressed(file, xyz=points[:, :3], intensity=points[:, 3])
+def _npz(table: np.ndarray, file: BinaryIO) -> None:
+    xyz = np.stack([table[axis] for axis in "xyz"], axis=1)
+    more: dict[str, Any] = {name: table[name] for name in ("ring", "time") if name in (table.dtype.names or ())}
+    np.savez_compressed(file, xyz=xyz, intensity=table["intensity"], **more)
 
 
-FORMATS: dict[str, Callable[[Points, BinaryIO], None]] = {".bin": _bin, ".pcd": _pcd, ".ply": _ply, ".npz": _npz}
+def _las(table: np.ndarray, file: BinaryIO) -> None:
+    """LAS 1.4, in millimetres and intensities of 16 bits; the ring is an extra dimension, the time is `gps_time`."""
+    laspy = need("laspy", "las", by="cloud")
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 1e-3)
+    names = table.dtype.names or ()
+    if "ring" in names:
+        header.add_extra_dim(laspy.ExtraBytesParams(name="ring", type=np.uint16))
+    data = laspy.LasData(header)
+    data.x = table["x"].astype(np.float64)
+    data.y = table["y"].astype(np.float64)
+    data.z = table["z"].astype(np.float64)
+    data.intensity = np.round(np.clip(table["intensity"], 0, 1) * _FULL_LAS).astype(np.uint16)
+    if "ring" in names:
+        data["ring"] = table["ring"]
+    if "time" in names:
+        data.gps_time = table["time"].astype(np.float64)
+    data.write(file)
 
 
-def save_cloud(path: Path | str, cloud: Cloud) -> Path:
+FORMATS: dict[str, Callable[[np.ndarray, BinaryIO], None]] = {
+    ".bin": _bin,
+    ".pcd": _pcd,
+    ".ply": _ply,
+    ".npz": _npz,
+    ".las": _las,
+}
+
+
+def save_cloud(path: Path | str, cloud: Cloud, *, time_s: Float[np.ndarray, " n"] | None = None) -> Path:
     """Writes the valid points of one cloud; the suffix chooses the format.
 
     `.bin` is KITTI's velodyne format (float32 x, y, z, intensity); `.pcd` is PCD 0.7 binary; `.ply` is binary
-    little endian; `.npz` holds `xyz` and `intensity`. Raises ValueError for another suffix.
+    little endian; `.npz` holds `xyz` and `intensity`; `.las` is LAS 1.4 (extra las). All but `.bin` have `ring` where
+    the cloud has rows, and `time` (s) where `time_s` is given. Raises ValueError for another suffix.
     """
     path = Path(path)
     if path.suffix not in FORMATS:
         raise ValueError(f"cloud: no format for {path.name!r}; known suffixes: {', '.join(FORMATS)}")
-    points = points_of(cloud)
+    table = table_of(cloud, time_s)
     with replacing(path) as temporary, temporary.open("wb") as file:
-        FORMATS[path.suffix](points, file)
+        FORMATS[path.suffix](table, file)
     return path

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -46,6 +46,8 @@ class Sweep:
     image: PolarImage
     grid: PolarGrid
     time_s: float | None = None
+    rasters: dict[str, np.ndarray] = field(default_factory=dict)
+    """Further rasters of polar frames by their names: time, semantic ..."""
 
 
 def read_lidar_top(path: Path | str, *, columns: int = _NUSCENES_COLUMNS) -> Sweep:
@@ -123,18 +125,21 @@ def read_pcap(
     meta: Path | str | None = None,
     intensity: str = "reflectivity",
     full_scale: float | None = None,
+    returns: Literal["strongest", "last"] = "strongest",
 ) -> Iterator[Sweep]:
     """The whole turns of a recording, one after the other; turns with lost packets are passed over.
 
-    `meta` is the sensor's description; by default the `.json` beside the `.pcap`. `reflectivity` is Ouster's
-    calibrated value, `signal` counts photons. `full_scale` is the value that becomes 1: by default the
-    largest the file can hold, 255 and 65535.
+    `path` is a `.pcap`, or an `.osf` or a bag, which hold the sensor's description. `meta` is the description of a
+    `.pcap`; by default the `.json` beside it. `reflectivity` is Ouster's calibrated value, `signal` counts photons.
+    `full_scale` is the value that becomes 1: by default the largest the file can hold, 255 and 65535. Of profiles with
+    two returns the first is the strongest; `last` is the farther one.
 
     Raises ImportError without ouster-sdk, ValueError for files that are no recording, for values above
     `full_scale` and where not one turn is whole.
     """
     path = Path(path)
-    meta = path.with_suffix(".json") if meta is None else Path(meta)
+    if meta is not None or path.suffix == ".pcap":
+        meta = path.with_suffix(".json") if meta is None else Path(meta)
     if intensity not in _FULL_SCALE:
         raise ValueError(f"ouster: no intensity {intensity!r}; known: {', '.join(_FULL_SCALE)}")
     scale = _FULL_SCALE[intensity] if full_scale is None else full_scale
@@ -144,9 +149,12 @@ def read_pcap(
         if not frame.complete():
             partial += 1
             continue
-        yield _sweep(path, frame, core, intensity=intensity, full_scale=scale, number=whole)
+        last = returns == "last"
+        yield _sweep(path, frame, core, intensity=intensity, full_scale=scale, number=whole, last=last)
         whole += 1
     if not whole + partial:
+        if meta is None:
+            raise ValueError(f"ouster: {path} holds no turn; the recording is empty, or was cut off")
         raise ValueError(
             f"ouster: not one packet of {path} is of the sensor that {meta.name} describes ({_described(meta, core)}): "
             "pass the .json that was saved with this recording (meta=PATH), or look whether the recording is empty"
@@ -155,28 +163,34 @@ def read_pcap(
         raise ValueError(f"ouster: {path} has no whole turn, {partial} broken ones; the recording was cut off")
 
 
-def _open_pcap(path: Path, meta: Path) -> tuple[Any, Any]:
+def _open_pcap(path: Path, meta: Path | None) -> tuple[Any, Any]:
     try:
         from ouster.sdk import core
         from ouster.sdk.open_source import open_source
     except ImportError as error:
-        raise ImportError("ouster: reading .pcap files needs ouster-sdk; pip install jaxsim-lidar[ouster]") from error
-    if not path.is_file():
-        raise ValueError(f"ouster: there is no {path}; pass a .pcap recording")
-    if not meta.is_file():
+        raise ModuleNotFoundError(
+            "ouster: reading Ouster's files needs ouster-sdk; pip install jaxsim-lidar[ouster]"
+        ) from error
+    if not path.exists():
+        raise ValueError(f"ouster: there is no {path}; pass a .pcap, .osf or bag")
+    if meta is not None and not meta.is_file():
         raise ValueError(
             f"ouster: there is no {meta}; a .pcap is read with the sensor's description, a .json of the same "
             "name beside it, or meta=PATH"
         )
     try:
-        return open_source(str(path), meta=[str(meta)]), core
+        more: dict[str, Any] = {} if meta is None else {"meta": [str(meta)]}
+        return open_source(str(path), **more), core
     except Exception as error:  # the SDK has no common base for its errors
         raise ValueError(
-            f"ouster: {path} with {meta.name} cannot be read: {error}; pass a .pcap and the .json of its sensor"
+            f"ouster: {path}{f' with {meta.name}' if meta else ''} cannot be read: {error}; pass a .pcap and "
+            f"the .json of its sensor"
         ) from error
 
 
-def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: float, number: int) -> Sweep:
+def _sweep(
+    path: Path, frame: Any, core: Any, *, intensity: str, full_scale: float, number: int, last: bool = False
+) -> Sweep:
     info = frame.sensor_info
     if not frame.has_field(intensity.upper()):
         others = [name for name in _FULL_SCALE if frame.has_field(name.upper())]
@@ -188,6 +202,11 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
         )
     value = core.destagger(info, frame.field(intensity.upper())).astype(np.float32)
     range_m = core.destagger(info, frame.field("RANGE")).astype(np.float32) / np.float32(1000)
+    if last and frame.has_field("RANGE2"):
+        second_m = core.destagger(info, frame.field("RANGE2")).astype(np.float32) / np.float32(1000)
+        other = core.destagger(info, frame.field(f"{intensity.upper()}2")).astype(np.float32)
+        value = np.where(second_m > range_m, other, value)
+        range_m = np.maximum(range_m, second_m)
     valid = range_m > 0
     largest = float(value[valid].max(initial=0))
     if largest > full_scale:
@@ -202,12 +221,15 @@ def _sweep(path: Path, frame: Any, core: Any, *, intensity: str, full_scale: flo
         valid=np.roll(valid, -first, axis=1),
     )
     stamps = frame.timestamp[frame.timestamp > 0]
+    fired_s = ((frame.timestamp.astype(np.int64) - (int(stamps.min()) if len(stamps) else 0)) * 1e-9).astype(np.float32)
+    time_s = core.destagger(info, np.ascontiguousarray(np.broadcast_to(fired_s, frame.field("RANGE").shape)))
     return Sweep(
         name=f"{path.stem}-{number:06d}",
         scene=path.stem,
         image=image,
         grid=grid,
         time_s=float(stamps[0]) / 1e9 if len(stamps) else None,
+        rasters={"time": np.where(image.valid, np.roll(time_s, -first, axis=1), np.float32(0))},
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.geometry.beams import ENOUGH_POINTS, fit_cones
 from jaxsim.geometry.sensor import PRESETS, LidarSpec
 
 _JUMP_DEG = 20.0
@@ -25,10 +26,6 @@ _SAME_LINE_DEG = 0.15
 _SPREAD_DEG = 6.0
 """Elevations of one line spread by less: by 3 degrees in a narrow street, since a beam starts up to 0.2 m
 above the origin from which they are seen here."""
-_ENOUGH_POINTS = 30
-_ROUNDS = 12
-_ORIGIN_WEIGHT = 1e-3  # one observation at 1 cm beside those at the file's 0.3 mm
-_LEAST_MISS_M = 1e-4
 _FITS_DEG = 0.05
 _ON_BEAM_DEG, _ALL_ON_BEAMS = 0.06, 0.98
 """Points of an uncompensated scan miss the nominal beams by less: 0.02 degrees in KITTI's, and the file's 1 mm grid
@@ -249,27 +246,15 @@ def fit_beams(
     if row.min(initial=0) < 0 or row.max(initial=0) >= lines:
         raise ValueError(f"fit_beams: rows are {row.min()}..{row.max()}, but the sensor has lines 0..{lines - 1}")
     rho, z = np.hypot(xyz[:, 0], xyz[:, 1]).astype(np.float64), xyz[:, 2].astype(np.float64)
-    origin, slope = np.asarray(prior.origin_m, np.float64), np.tan(prior.elevation_rad)
-    enough = np.bincount(row, minlength=lines) >= _ENOUGH_POINTS
-    weight = np.ones_like(z)
-
-    def per_row(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " lines"]:
-        return np.bincount(row, weight * values, lines)
-
-    miss = np.zeros_like(z)
-    for _ in range(_ROUNDS):
-        # Normal equations of (h, tan e), with the prior's origin as one weak observation of h.
-        hh = per_row(np.ones_like(z)) + _ORIGIN_WEIGHT
-        ht = per_row(rho)
-        tt = per_row(rho * rho)
-        hz, tz = per_row(z) + _ORIGIN_WEIGHT * np.asarray(prior.origin_m), per_row(rho * z)
-        determinant = np.where(enough, np.maximum(hh * tt - ht * ht, 1e-9), 1.0)
-        origin = np.where(enough, (hz * tt - tz * ht) / determinant, origin)
-        slope = np.where(enough, (tz * hh - hz * ht) / determinant, slope)
-        miss = z - origin[row] - rho * slope[row]
-        scale = max(float(np.median(np.abs(miss))), _LEAST_MISS_M)
-        # Cauchy's weight: what lies far off its cone, a stray or a wrong row, decides nothing.
-        weight = 1 / (1 + (miss / scale) ** 2)
+    enough = np.bincount(row, minlength=lines) >= ENOUGH_POINTS
+    origin, slope, miss = fit_cones(
+        rho,
+        z,
+        row,
+        origin_m=np.asarray(prior.origin_m, np.float64),
+        slope=np.tan(prior.elevation_rad),
+        enough=enough,
+    )
     off_deg = np.rad2deg(np.median(np.abs(miss) / np.maximum(rho, 1e-3))) if len(z) else 0.0
     if off_deg > _FITS_DEG:
         raise ValueError(

@@ -4,7 +4,6 @@ predict        the paper's steps in one function: `simulate_frame`; the same whe
 sensor         `LearnedSensor`: a trained run, and whether images are like those that it learned from
 frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
-announced      what the folder's grid.json says of frames while they come
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)
 embedded       the sensor that travels with the package
 """

@@ -22,6 +22,7 @@ import jax
 
 from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
+from jaxsim.data.announced import Announced
 from jaxsim.data.polar_frames import write_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.origin import origin_of
@@ -29,7 +30,6 @@ from jaxsim.files import claim, file_of, files_in
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress
-from jaxsim.simulate.announced import Announced
 from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 

@@ -21,10 +21,10 @@ class Announced:
 
     A frame that it does not name yet is not done, though its file may be there: a killed command makes those of the
     last seconds anew. As a context it writes down all of them at its end, those of `order` last and in this order.
-    Raises ValueError where the folder is of another grid.
+    `by` is who writes them. Raises ValueError where the folder is of another grid.
     """
 
-    def __init__(self, folder: Path, grid: PolarGrid, *, order: Sequence[str] = ()):
+    def __init__(self, folder: Path, grid: PolarGrid, *, order: Sequence[str] = (), by: str = "simulate"):
         self.folder = folder
         self.grid = grid
         self.order = order
@@ -35,7 +35,7 @@ class Announced:
             old, self.frames = read_grid(folder)
             if not same_grid(old, grid):
                 raise ValueError(
-                    f"simulate: {folder} holds frames of another grid ("
+                    f"{by}: {folder} holds frames of another grid ("
                     f"{len(old.elevation_rad)} x {len(old.azimuth_rad)} cells; these have {len(grid.elevation_rad)} x "
                     f"{len(grid.azimuth_rad)}); give another --out"
                 )

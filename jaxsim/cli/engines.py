@@ -1,0 +1,80 @@
+"""`jaxsim engines`: what `jaxsim discover` found, in another simulator's parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from jaxsim.config.ranges import Checked
+from jaxsim.effects.own import known_effects
+from jaxsim.engines import ENGINES, Fitted, Translation, read_answer, translate
+from jaxsim.files import read_json, write_text
+
+
+@dataclass(frozen=True)
+class Engines(Checked):
+    """Writes a sensor.json as the parameters that an engine has, with intervals, and says what it cannot express.
+
+        jaxsim engines answer/sensor.json --for carla --out carla.json
+
+    Intervals come from the verdict.json beside the sensor.json. With --out the parameters are written in the engine's
+    own format, and beside them NAME.md with all that was said.
+    """
+
+    sensor: Annotated[Path, tyro.conf.Positional]
+    """sensor.json of an answer."""
+    engine: Annotated[
+        Literal["carla", "isaac", "rgl", "gazebo", "helios"], tyro.conf.arg(name="for", aliases=["--engine"])
+    ] = "carla"
+    """The simulator."""
+    now: Path | None = None
+    """JSON of parameters that the simulator has now, `{"atmosphere_attenuation_rate": 0.004}`: the answer is what it
+    lacks beside these."""
+    out: Path | None = None
+    """File to write, in the engine's own format."""
+
+    def __call__(self) -> None:
+        known_effects()
+        now = _numbers(self.now) if self.now else {}
+        told = translate(read_answer(self.sensor), self.engine, ENGINES[self.engine], now=now)
+        page = words(told)
+        print(page)
+        if self.out:
+            write_text(self.out, told.text)
+            write_text(self.out.with_suffix(".md"), page)
+        else:
+            print(told.text)
+
+
+def _numbers(path: Path) -> dict[str, float]:
+    content = read_json(path, by="engines")
+    try:
+        return {key: float(value) for key, value in content.items()}
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError(f'engines: {path} must be an object of numbers, {{"noise_stddev": 0.0}}') from error
+
+
+def words(told: Translation) -> str:
+    """A translation as Markdown: a table of parameters, and what cannot be expressed."""
+    engine = ENGINES[told.engine]
+    lines = [f"# {engine.title}", ""]
+    if told.settings:
+        lines += ["| parameter | value | 90 % interval | unit | of |", "|---|---|---|---|---|"]
+        lines += [
+            f"| `{s.name}` | {s.value.value:.4g} | {_ends(s.value)} | {s.unit} | {s.why} |" for s in told.settings
+        ]
+    else:
+        lines.append(f"Nothing that {engine.title} has a parameter for.")
+    if told.cannot:
+        lines += ["", f"What {engine.title} cannot express, and what does it instead:", ""]
+        lines += [f"- `{what}`: {why}" for what, why in told.cannot.items()]
+    lines += ["", *(f"{note}\n" for note in told.notes), "Facts from " + ", ".join(engine.links), ""]
+    return "\n".join(lines)
+
+
+def _ends(value: Fitted) -> str:
+    return "not given" if math.isnan(value.low) else f"{value.low:.4g} .. {value.high:.4g}"

@@ -1,0 +1,67 @@
+"""Logs of LiDARs, as makers, data sets, robots and simulators write them, as folders of polar frames.
+
+scan        what a source delivers, scan by scan, and the options that it is read with
+fields      points whose values have names, as a scan
+makers      Ouster, Velodyne, nuScenes, KITTI, Argoverse 2
+files       PCD, PLY, LAS; CARLA's raw buffers
+messages    ROS bags and MCAP, ASAM OSI traces
+gridding    the sensor's beams and columns from its first scans, and every scan on that grid
+folder      a log to a folder: `write_log` (`jaxsim frames`)
+
+A source of one's own is a `Source`, and joins by an entry point:
+
+    [project.entry-points."jaxsim.sources"]
+    acme = "acme_lidar.log:SOURCE"
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from jaxsim.data.logs import files, makers, messages
+from jaxsim.data.logs.folder import Written, write_log
+from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source
+
+__all__ = ["SOURCES", "Item", "LogOptions", "Scan", "Source", "Written", "known_sources", "source_for", "write_log"]
+
+GROUP = "jaxsim.sources"
+SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES
+"""Every family by its name, those that are told most surely first."""
+
+
+def known_sources() -> dict[str, Source]:
+    """The families here and those of installed packages. Raises ValueError where a package's is no Source."""
+    own: dict[str, Source] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        try:
+            source = point.load()
+        except Exception as error:  # a package's own code
+            raise ValueError(
+                f"frames: the source {point.name} ({point.value}) cannot be loaded ({type(error).__name__}: "
+                f"{error}); mend "
+                "or uninstall its package"
+            ) from error
+        if not isinstance(source, Source) or point.name in SOURCES:
+            raise ValueError(
+                f"frames: the entry point {point.name} ({point.value}) must be a Source of a name of its own"
+            )
+        own[point.name] = source
+    return own | SOURCES
+
+
+def source_for(path: Path, kind: str = "") -> tuple[str, Source]:
+    """The family of a log: the one that is named, else the first that takes the path. Raises ValueError with all
+    known."""
+    known = known_sources()
+    names = ", ".join(known)
+    if kind:
+        if kind not in known:
+            raise ValueError(f"frames: no source {kind!r}; known: {names}")
+        return kind, known[kind]
+    if not path.exists():
+        raise ValueError(f"frames: there is no {path}")
+    for name, source in known.items():
+        if source.takes(path):
+            return name, source
+    raise ValueError(f"frames: {path} looks like no log that is known; name its kind: --kind {' or '.join(known)}")

@@ -1,0 +1,197 @@
+"""Clouds in files of general formats, one scan a file: PCD, PLY, LAS and LAZ. Also CARLA's raw buffers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from jaxsim.data import carla
+from jaxsim.data.cityscapes import IDS
+from jaxsim.data.logs.fields import scan_of_fields
+from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source, reading
+from jaxsim.files import files_in, need, read_json
+from jaxsim.geometry import LidarSpec
+
+MOST_BYTES = 2 * 2**30
+_LAS_SCALE = 65535.0
+_SEMANTIC = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cos", "<f4"), ("idx", "<u4"), ("tag", "<u4")])
+"""CARLA's sensor.lidar.ray_cast_semantic, 24 bytes a point (carla.SemanticLidarDetection)."""
+_RAY_CAST = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+"""CARLA's sensor.lidar.ray_cast, 16 bytes a point (carla.LidarDetection)."""
+ATTENUATION_PER_M = 0.004
+"""CARLA's default atmosphere_attenuation_rate."""
+
+Read = Callable[[Path, LogOptions], Scan]
+
+
+def _items(suffixes: tuple[str, ...], read: Read, by: str) -> Callable[[Path, LogOptions], Iterator[Item]]:
+    """Items of a family with one scan a file: the files of a folder, or one file. The folder is the scene."""
+
+    def items(path: Path, options: LogOptions) -> Iterator[Item]:
+        files = [path] if path.is_file() else files_in(path, *suffixes)
+        if not files:
+            raise ValueError(f"{by}: no {' or '.join(suffixes)} in {path}")
+        for file in files:
+            yield Item(file.stem, lambda file=file: read(file, options))
+
+    return items
+
+
+def read_pcd(file: Path, options: LogOptions) -> Scan:
+    """A PCD of any encoding, organised or not."""
+    pcd = need("pypcd4", "pcd", by="pcd")
+    with reading("pcd", file, "it is cut off, or no PCD; write it again"):
+        cloud = pcd.PointCloud.from_path(file)
+        data, about = cloud.pc_data, cloud.metadata
+        names = data.dtype.names or ()
+        if len(data) != about.points or about.width * about.height != about.points:
+            raise ValueError(f"its header promises {about.width} x {about.height} points, {len(data)} are there")
+    values = {name: np.asarray(data[name]) for name in names}
+    shape = (about.height, about.width) if about.height > 1 else None
+    return scan_of_fields(values, options, by="pcd", where=str(file), name=file.stem, scene=_scene(file), shape=shape)
+
+
+def read_ply(file: Path, options: LogOptions) -> Scan:
+    """The vertices of a PLY, ascii or binary of either byte order."""
+    ply = need("plyfile", "ply", by="ply")
+    with reading("ply", file, "it is cut off, or no PLY; write it again"):
+        data = ply.PlyData.read(str(file))
+        if "vertex" not in data:
+            raise ValueError("it has no element vertex")
+        vertex = data["vertex"].data
+    # Files of either byte order: from here on the machine's own.
+    values = {name: vertex[name].astype(vertex[name].dtype.newbyteorder("=")) for name in vertex.dtype.names or ()}
+    return scan_of_fields(values, options, by="ply", where=str(file), name=file.stem, scene=_scene(file))
+
+
+def read_las(file: Path, options: LogOptions) -> Scan:
+    """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...), or user_data where it holds rings."""
+    laspy = need("laspy", "las", by="las")
+    with reading("las", file, "it is cut off, or no LAS; copy it again (.laz needs lazrs, in the extra, too)"):
+        data = laspy.read(str(file))
+        names = list(data.point_format.dimension_names)
+        values = {name: np.asarray(data[name]) for name in names if name not in ("X", "Y", "Z")}
+        values |= {axis: np.asarray(getattr(data, axis)) for axis in "xyz"}
+        promised = int(data.header.point_count)
+    if promised != len(values["x"]):
+        raise ValueError(f"las: {file} promises {promised} points and has {len(values['x'])}; copy it again")
+    # The standard scales intensity to 16 bits; many writers leave 0..255.
+    largest = float(values["intensity"].max(initial=0)) if "intensity" in values else 0.0
+    scale = _LAS_SCALE if largest > 255 else 255.0
+    place = str(file)
+    return scan_of_fields(values, options, by="las", where=place, name=file.stem, scene=_scene(file), full_scale=scale)
+
+
+def read_carla(file: Path, options: LogOptions) -> Scan:
+    """A buffer `raw_data` of CARLA's ray_cast (16 bytes a point) or ray_cast_semantic (24), as bytes in a file.
+
+    `attributes.json` beside it holds the sensor's attributes, `json.dump(dict(lidar.attributes), ...)`: its type tells
+    one buffer from the other, its channels and field of view the beams. The semantic sensor measures no intensity: it
+    gets the one that CARLA's ray_cast would give, exp(-0.004 range). The points' y is turned to the left.
+
+    Source: CARLA's sensor reference; https://carla.readthedocs.io/en/latest/ref_sensors/#lidar-sensor
+    """
+    about = _attributes(options.meta or file.parent / "attributes.json")
+    semantic = "semantic" in about["type"]
+    dtype = _SEMANTIC if semantic else _RAY_CAST
+    raw = file.read_bytes()
+    if not raw or len(raw) % dtype.itemsize:
+        raise ValueError(
+            f"carla: {file} has {len(raw)} bytes, no whole number of points of {about['type']} ({dtype.itemsize} bytes "
+            "each): cut off, or of the other LiDAR; write bytes(measurement.raw_data)"
+        )
+    points = np.frombuffer(raw, dtype)
+    xyz = carla.mirror_y(np.stack([points[axis] for axis in "xyz"], axis=1))
+    spec = _carla_spec(about)
+    layers: dict[str, np.ndarray] = {}
+    if semantic:
+        tags = carla.tags_of(options.version)
+        if points["tag"].max(initial=0) >= len(tags):
+            raise ValueError(
+                f"carla: {file} has tags up to {points['tag'].max()}; CARLA {options.version} has {len(tags)}"
+            )
+        classes = np.array([IDS[name] for name in tags], np.int32)[points["tag"]]
+        layers = {
+            "incidence": np.arccos(np.clip(np.abs(points["cos"]), 0, 1)).astype(np.float32),
+            "semantic": classes,
+            "instance": np.where(np.isin(classes, carla.THINGS), points["idx"], 0).astype(np.int32),
+        }
+        rate = float(about.get("atmosphere_attenuation_rate", ATTENUATION_PER_M))
+        intensity = np.exp(-rate * np.linalg.norm(xyz, axis=1)).astype(np.float32)
+    else:
+        intensity = points["intensity"].astype(np.float32)
+    elevation = np.rad2deg(np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1])))
+    # The beams lie evenly: the nearest is exact but for the noise that ray_cast adds along the ray.
+    even = np.asarray(spec.elevation_deg)
+    ring = np.round((even[0] - elevation) / (even[0] - even[-1]) * (spec.rows - 1)).astype(np.int64)
+    off = float(np.abs(elevation - even[np.clip(ring, 0, spec.rows - 1)]).max(initial=0))
+    if off > (even[0] - even[-1]) / (spec.rows - 1) / 4 + 1e-3:
+        raise ValueError(
+            f"carla: points of {file} lie {off:.2f} degrees off the beams of attributes.json; is it this sensor's?"
+        )
+    return Scan(
+        name=file.stem,
+        scene=_scene(file),
+        xyz_m=xyz.astype(np.float32),
+        intensity=intensity,
+        ring=ring,
+        full_scale=1.0,
+        spec=spec,
+        columns=spec.columns,
+        layers=layers,
+    )
+
+
+def _attributes(path: Path) -> dict[str, str]:
+    if not path.is_file():
+        raise ValueError(
+            f"carla: there is no {path}; write the sensor's attributes beside its buffers: "
+            "json.dump(dict(lidar.attributes) | {'type': lidar.type_id}, open('attributes.json', 'w'))"
+        )
+    about = read_json(path, by="carla", hint="write dict(lidar.attributes)")
+    needed = ("type", "channels", "upper_fov", "lower_fov", "points_per_second", "rotation_frequency", "range")
+    if not isinstance(about, dict) or (missing := [key for key in needed if key not in about]):
+        lacking = ", ".join(missing) if isinstance(about, dict) else "everything"
+        raise ValueError(f"carla: {path} lacks {lacking}; write dict(lidar.attributes) | {{'type': lidar.type_id}}")
+    return {key: str(value) for key, value in about.items()}
+
+
+def _carla_spec(about: dict[str, str]) -> LidarSpec:
+    """CARLA spaces its channels evenly from upper_fov to lower_fov; a channel fires points_per_second over channels."""
+    channels = int(about["channels"])
+    turn = float(about["points_per_second"]) / channels / float(about["rotation_frequency"])
+    beams = np.linspace(float(about["upper_fov"]), float(about["lower_fov"]), channels)
+    return LidarSpec(
+        name="carla",
+        elevation_deg=tuple(float(e) for e in beams),
+        origin_m=(0.0,) * channels,
+        columns=max(round(turn), 2),
+        min_range_m=0.0,
+        max_range_m=float(about["range"]),
+    )
+
+
+def _scene(file: Path) -> str:
+    return file.parent.name or file.stem
+
+
+def _has(*suffixes: str) -> Callable[[Path], bool]:
+    return lambda path: path.suffix in suffixes or (path.is_dir() and bool(files_in(path, *suffixes)))
+
+
+def _is_carla(path: Path) -> bool:
+    folder = path if path.is_dir() else path.parent
+    about = folder / "attributes.json"
+    return about.is_file() and "sensor.lidar" in json.dumps(read_json(about, by="carla", hint="write it again"))
+
+
+_RAW = (".raw", ".bin")
+SOURCES: dict[str, Source] = {
+    "carla": Source("CARLA: raw_data of ray_cast and ray_cast_semantic", _is_carla, _items(_RAW, read_carla, "carla")),
+    "pcd": Source("PCD: ascii, binary, compressed", _has(".pcd"), _items((".pcd",), read_pcd, "pcd"), "pcd"),
+    "ply": Source("PLY", _has(".ply"), _items((".ply",), read_ply, "ply"), "ply"),
+    "las": Source("LAS, LAZ", _has(".las", ".laz"), _items((".las", ".laz"), read_las, "las"), "las"),
+}

@@ -1,0 +1,159 @@
+"""A log as a folder of polar frames: what `jaxsim frames` does.
+
+OUT/grid.json, OUT/NAME.npz   the frames, as docs/polar-frames.md has them
+OUT/log.json                  the log, how it was read, and the sensor that was told from it
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from jaxsim.data.announced import Announced
+from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
+from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source
+from jaxsim.data.polar_frames import read_grid, write_frame
+from jaxsim.data.sweeps import Sweep
+from jaxsim.files import claim, file_of, read_json, write_text
+from jaxsim.frame import PolarGrid
+from jaxsim.geometry import same_grid
+
+RECORD = "log.json"
+WHOLE = 0.5
+"""A turn that fills fewer of the grid's columns was begun or ended within the recording."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What became of a log."""
+
+    frames: int
+    already: int
+    partial: int
+    """Turns that were begun or ended within the recording, and were passed over."""
+    rows: int
+    columns: int
+    filled: float
+    """Share of cells with a return, of the frames that were written."""
+    sensor: Sensor | None
+    """None where the log's frames came with a grid of their own."""
+
+
+def write_log(
+    path: Path, kind: str, source: Source, *, out: Path, options: LogOptions, every: int = 1, most: int = 0
+) -> Written:
+    """Writes the scans of a log to a folder of polar frames; those that are there are not made again.
+
+    Every `every`-th scan is taken, and at most `most` (0: all). The first scans tell the sensor's beams and columns,
+    and
+    all frames lie on its grid. Raises ValueError where `out` holds another log's frames, and where scans are damaged or
+    do not tell the sensor.
+    """
+    plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(options).items()}
+    made = json.loads(json.dumps({"log": str(path.resolve()), "kind": kind, "options": plain, "every": every}))
+    record = out / RECORD
+    claim(
+        record,
+        made,
+        by="frames",
+        filled=record.is_file() and (out / "grid.json").is_file(),
+        read=lambda text: {key: value for key, value in json.loads(text).items() if key != "sensor"},
+    )
+    items = _chosen(source.items(path, options), every, most)
+    grid, sensor, items = _begin(record, made, items, options, by=kind)
+    written = already = partial = 0
+    filled = 0.0
+    with Announced(out, grid, by="frames") as announced, tqdm(unit="frame", desc="reading") as bar:
+        for item in items:
+            bar.update()
+            if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
+                already += 1
+                continue
+            sweep = _sweep(item.read(), sensor, grid, options, by=kind)
+            if np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
+                partial += 1
+                continue
+            write_frame(out, sweep.name, sweep.image, **sweep.rasters)
+            announced.add({sweep.name: about_of(sweep)})
+            written += 1
+            filled += float(np.asarray(sweep.image.valid).mean())
+    if not written + already:
+        raise ValueError(
+            f"{kind}: no whole turn in {path}; {partial} were begun or ended within the recording"
+            if partial
+            else f"{kind}: {path} holds no scan"
+        )
+    return Written(
+        frames=written,
+        already=already,
+        partial=partial,
+        rows=len(grid.elevation_rad),
+        columns=len(grid.azimuth_rad),
+        filled=filled / max(written, 1),
+        sensor=sensor,
+    )
+
+
+def about_of(sweep: Sweep) -> dict[str, Any]:
+    """What grid.json says of a frame: its scene, and its time where it is known."""
+    return {"scene": sweep.scene} | ({} if sweep.time_s is None else {"time": sweep.time_s})
+
+
+def _chosen(items: Any, every: int, most: int) -> Iterator[Item]:
+    return islice(items, 0, most * every if most else None, every)
+
+
+def _begin(
+    record: Path, made: dict[str, Any], items: Iterator[Item], options: LogOptions, *, by: str
+) -> tuple[PolarGrid, Sensor | None, Iterator[Item]]:
+    """The grid and the sensor: those of a folder that is gone on with, else told from the first scans."""
+    if record.is_file() and (record.parent / "grid.json").is_file():
+        grid, _ = read_grid(record.parent)
+        kept = read_json(record, by="frames").get("sensor")
+        return grid, None if kept is None else Sensor.from_json(kept, grid), items
+    first = [(item, item.read()) for item in islice(items, FIRST)]
+    if not first:
+        raise ValueError(f"{by}: {made['log']} holds no scan")
+    scans = [scan for _, scan in first if isinstance(scan, Scan)]
+    sensor = sensor_of([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
+    grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
+    write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
+    again = (Item(item.name, lambda scan=scan: scan) for item, scan in first)
+    return grid, sensor, chain(again, items)
+
+
+def _sweep(scan: Scan | Sweep, sensor: Sensor | None, grid: PolarGrid, options: LogOptions, *, by: str) -> Sweep:
+    if isinstance(scan, Scan):
+        if sensor is None:
+            raise ValueError(f"{by}: {scan.name} is a cloud, and the scans before had a grid of their own")
+        return to_sweep(_of_rings(scan, options), sensor, options, by=by)
+    if not same_grid(scan.grid, grid):
+        raise ValueError(
+            f"{by}: the beams or columns of {scan.name} are not those of the first scan; write each sensor, and each "
+            "mode, to a folder of its own"
+        )
+    return scan
+
+
+def _of_rings(scan: Scan, options: LogOptions) -> Scan:
+    """The points of the rings that were asked for, which count from 0 now. Raises ValueError where there are none."""
+    if not options.rings:
+        return scan
+    low, _, high = options.rings.partition("-")
+    if not (low.isdecimal() and (high or low).isdecimal()):
+        raise ValueError(f"frames: --log.rings is {options.rings!r}; give two numbers, as 0-31")
+    if scan.ring is None:
+        raise ValueError(f"frames: --log.rings was given, and {scan.name} has no rings")
+    kept = (scan.ring >= int(low)) & (scan.ring <= int(high or low))
+    if not kept.any():
+        raise ValueError(
+            f"frames: {scan.name} has no point of rings {options.rings}; it has {scan.ring.min()}..{scan.ring.max()}"
+        )
+    return replace(scan.only(kept), ring=scan.ring[kept] - int(low))

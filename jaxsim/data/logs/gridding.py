@@ -1,0 +1,250 @@
+"""Scans onto one grid: the beams and columns of a sensor, told from its first scans, and every scan's points in
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxsim.data.logs.fields import ring_of_shape
+from jaxsim.data.logs.scan import LogOptions, Scan
+from jaxsim.data.sweeps import Sweep
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, columns_of, rings_by_elevation
+from jaxsim.geometry.mount import fit_mount
+from jaxsim.geometry.points import FAR_M
+
+FIRST = 5
+"""Scans from which the sensor is told: a beam that looks into the sky has no return in one of them."""
+_MOUNT_M = (0.0, 0.0, 1.7)
+"""Where a car's LiDAR stands, about."""
+_SAME_FIRING_RAD = 2e-5
+"""Points of one ring that lie closer in azimuth are returns of one firing: firings are 1e-3 rad apart."""
+_STRANGE = 0.01
+"""Share of points that may be of rings which the first scans did not have."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What all scans of a log share."""
+
+    beams: Beams
+    grid: PolarGrid
+    full_scale: float
+    cloud_from_sensor: Float[np.ndarray, "4 4"]
+    axis: int | None
+    """Of organised clouds without rings: the axis along which they lie."""
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "ring": self.beams.ring.tolist(),
+            "full_scale": self.full_scale,
+            "cloud_from_sensor": self.cloud_from_sensor.tolist(),
+            "axis": self.axis,
+            "off_deg": self.beams.off_deg,
+        }
+
+    @classmethod
+    def from_json(cls, content: dict[str, Any], grid: PolarGrid) -> Sensor:
+        """The sensor of a folder that is gone on with, whose grid.json holds its grid."""
+        elevation, origin = np.asarray(grid.elevation_rad, np.float64), np.asarray(grid.origin_m, np.float64)
+        return cls(
+            beams=Beams(elevation, origin, np.asarray(content["ring"]), float(content["off_deg"])),
+            grid=grid,
+            full_scale=float(content["full_scale"]),
+            cloud_from_sensor=np.asarray(content["cloud_from_sensor"], np.float64),
+            axis=content["axis"],
+        )
+
+
+def sensor_of(scans: Sequence[Scan], options: LogOptions, *, by: str) -> Sensor:
+    """The sensor of a log, from its first scans. Raises ValueError where the points do not tell it, saying what
+    does."""
+    scale = options.full_scale or _full_scale(scans)
+    first, problem = scans[0], NoBeams("no ring")
+    for axis in (None,) if first.ring is not None or first.shape is None else (0, 1):
+        try:
+            return _sensor(scans, options, scale=scale, axis=axis)
+        except NoBeams as error:
+            problem = error
+    hint = (
+        "give --log.mount fit where the points are in a car's frame, --log.rings 0-31 where they are of several "
+        "sensors, "
+        "or the log as the sensor's driver wrote it"
+    )
+    raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
+
+
+def _sensor(scans: Sequence[Scan], options: LogOptions, *, scale: float, axis: int | None) -> Sensor:
+    pose = np.eye(4)
+    parts = [returned(scan, axis) for scan in scans]
+    first = scans[0]
+    if (options.mount or first.mount) == "fit":
+        xyz = np.concatenate([p.xyz_m for p in parts])
+        pose, _ = fit_mount(xyz, _all_rings(parts, options), near_m=_MOUNT_M)
+        parts = [replace(p, xyz_m=in_frame(p.xyz_m, pose)) for p in parts]
+    ring = _all_rings(parts, options)
+    xyz = np.concatenate([p.xyz_m for p in parts])
+    if first.spec is not None:
+        spec = first.spec
+        origin = np.asarray(spec.origin_m, np.float64)
+        beams = Beams(spec.elevation_rad, origin, np.arange(spec.rows), 0.0)
+    else:
+        beams = beams_of_rings(xyz, ring, rings=options.lines)
+    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0]).astype(np.float64)
+    # Of one scan, the fullest: a recording often begins within a turn, and turns do not fire at the same azimuths.
+    sizes = [len(p.xyz_m) for p in parts]
+    fullest = int(np.argmax(sizes))
+    one = slice(sum(sizes[:fullest]), sum(sizes[: fullest + 1]))
+    own = columns_of(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
+    grid = PolarGrid(own.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32))
+    return Sensor(beams, grid, scale, pose, axis)
+
+
+def _all_rings(parts: Sequence[Scan], options: LogOptions) -> Int[np.ndarray, " n"]:
+    rings = [p.ring for p in parts if p.ring is not None]
+    if len(rings) == len(parts):
+        return np.concatenate(rings).astype(np.int64)
+    return rings_by_elevation(np.concatenate([p.xyz_m for p in parts]), lines=options.lines).astype(np.int64)
+
+
+def _full_scale(scans: Sequence[Scan]) -> float:
+    """The format's own scale; else 1 or 255, whichever the scans stay under."""
+    if scans[0].full_scale is not None:
+        return scans[0].full_scale
+    largest = max(float(np.nanmax(scan.intensity, initial=0)) for scan in scans)
+    if largest > 255:
+        raise ValueError(
+            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is "
+            f"full scale; "
+            "give it: --log.full-scale 65535, or the sensor's own"
+        )
+    return 1.0 if largest <= 1 else 255.0
+
+
+def returned(scan: Scan, axis: int | None = None) -> Scan:
+    """The scan without points that are none: those not finite or at the origin. Rings are told along `axis`."""
+    ring = scan.ring
+    if ring is None and axis is not None and scan.shape is not None:
+        ring = ring_of_shape(scan.shape, axis)
+    kept = np.isfinite(scan.xyz_m).all(axis=1) & (np.abs(scan.xyz_m) > 0).any(axis=1) & np.isfinite(scan.intensity)
+    return replace(scan, ring=ring).only(kept)
+
+
+def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
+    """Points of the cloud's frame in the sensor's."""
+    moved = (xyz_m.astype(np.float64) - cloud_from_sensor[:3, 3]) @ cloud_from_sensor[:3, :3]
+    return moved.astype(np.float32)
+
+
+def to_sweep(scan: Scan, sensor: Sensor, options: LogOptions, *, by: str) -> Sweep:
+    """A scan on the sensor's grid. Of several returns of a firing the one that is asked for is kept; of firings that
+    share a cell, the nearest.
+
+    Raises ValueError for ranges no LiDAR sees, intensity off the log's scale, and rings that the sensor does not have.
+    """
+    scan = returned(scan, sensor.axis)
+    where = f"{by}: {scan.name}"
+    if not len(scan.xyz_m):
+        raise ValueError(f"{where} holds no point; leave it out, or look at what recorded it")
+    xyz = in_frame(scan.xyz_m, sensor.cloud_from_sensor)
+    if scan.ring is not None:
+        row = sensor.beams.rows_of(scan.ring)
+        strange = float((row < 0).mean())
+        if strange > _STRANGE:
+            raise ValueError(
+                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another "
+                f"sensor's "
+                "scan; give --log.lines if these are beams that saw nothing before"
+            )
+    else:
+        row = _nearest_rows(xyz, sensor.grid)
+    inside = row >= 0
+    scale = np.float32(sensor.full_scale)
+    low, high = float(scan.intensity.min()), float(scan.intensity.max())
+    if low < 0 or high > scale:
+        raise ValueError(
+            f"{where}: intensity spans {low:g}..{high:g}, off the log's scale 0..{scale:g}; give --log.full-scale"
+        )
+    intensity = scan.intensity / scale
+    origin = np.asarray(sensor.grid.origin_m)[np.clip(row, 0, None)]
+    range_m = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + (xyz[:, 2] - origin) ** 2)
+    if range_m.max() > FAR_M:
+        raise ValueError(
+            f"{where}: a point lies {range_m.max():g} off, and no LiDAR sees beyond {FAR_M:g} m; coordinates "
+            f"must be in "
+            "metres"
+        )
+    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
+    inside &= _one_return(azimuth, row, intensity=intensity, range_m=range_m, returns=options.returns)
+    kept = np.flatnonzero(inside)
+    column = assign_columns(azimuth[kept], row[kept], sensor.grid)
+    return _on_grid(scan, sensor, kept, row=row[kept], column=column, range_m=range_m, intensity=intensity)
+
+
+def _nearest_rows(xyz: Float[np.ndarray, "n 3"], grid: PolarGrid) -> Int[np.ndarray, " n"]:
+    elevation = np.arctan2(xyz[:, 2], np.hypot(xyz[:, 0], xyz[:, 1]))
+    beams = np.asarray(grid.elevation_rad)
+    return np.searchsorted(-(beams[1:] + beams[:-1]) / 2, -elevation).astype(np.int32)
+
+
+def _one_return(
+    azimuth: Float[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    *,
+    intensity: Float[np.ndarray, " n"],
+    range_m: Float[np.ndarray, " n"],
+    returns: str,
+) -> np.ndarray:
+    """Which points stay where a firing came back several times: its strongest or its last return."""
+    order = np.lexsort((azimuth, row))
+    apart = (np.diff(row[order]) != 0) | (np.diff(azimuth[order]) > _SAME_FIRING_RAD)
+    if apart.all():
+        return np.ones(len(row), bool)
+    firing = np.empty(len(row), np.int64)
+    firing[order] = np.concatenate([[0], np.cumsum(apart)])
+    best = np.lexsort((intensity if returns == "strongest" else range_m, firing))
+    last = np.append(np.diff(firing[best]) != 0, True)
+    stays = np.zeros(len(row), bool)
+    stays[best[last]] = True
+    return stays
+
+
+def _on_grid(
+    scan: Scan,
+    sensor: Sensor,
+    kept: Int[np.ndarray, " m"],
+    *,
+    row: Int[np.ndarray, " m"],
+    column: Int[np.ndarray, " m"],
+    range_m: Float[np.ndarray, " n"],
+    intensity: Float[np.ndarray, " n"],
+) -> Sweep:
+    rows, columns = len(sensor.grid.elevation_rad), len(sensor.grid.azimuth_rad)
+    within = (column >= 0) & (column < columns)
+    kept, cell = kept[within], row[within].astype(np.int64) * columns + column[within]
+    # The last write to a cell stays: the nearest.
+    order = np.argsort(-range_m[kept], kind="stable")
+    winner = np.full(rows * columns, -1, np.int64)
+    winner[cell[order]] = kept[order]
+    valid = (winner >= 0).reshape(rows, columns)
+    index = np.maximum(winner, 0).reshape(rows, columns)
+
+    def raster(values: np.ndarray) -> np.ndarray:
+        return np.where(valid, values[index], values.dtype.type(0))
+
+    rasters = {key: raster(value) for key, value in scan.layers.items()}
+    if scan.offset_s is not None:
+        rasters["time"] = raster(scan.offset_s.astype(np.float32))
+    return Sweep(
+        name=scan.name,
+        scene=scan.scene,
+        image=PolarImage(raster(range_m.astype(np.float32)), raster(intensity.astype(np.float32)), valid),
+        grid=sensor.grid,
+        time_s=scan.time_s,
+        rasters=rasters,
+    )

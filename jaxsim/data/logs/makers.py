@@ -1,0 +1,236 @@
+"""Recordings as makers and data sets write them: Ouster, Velodyne, nuScenes, KITTI, Argoverse 2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from jaxsim.data.clouds import fitted_spec, read_scan
+from jaxsim.data.logs.fields import offsets
+from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source, reading
+from jaxsim.data.sweeps import read_lidar_top, read_pcap
+from jaxsim.files import files_in, need
+from jaxsim.geometry import UnorderedCloud, preset
+
+_VELODYNE_BYTES = 1206
+_UPPER_LASERS = 32
+"""Of Argoverse 2: those below are the upper sensor's."""
+_KITTI_COLUMNS = preset("hdl64e").columns
+
+
+def ouster_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """The whole turns of a .pcap (with its .json), .osf or bag, through ouster-sdk."""
+    sweeps = read_pcap(
+        path,
+        meta=options.meta,
+        intensity=options.intensity or "reflectivity",
+        full_scale=options.full_scale,
+        returns=options.returns,
+    )
+    with reading("ouster", path, "copy it again, or record with a profile that ouster-sdk reads"):
+        for sweep in sweeps:
+            yield Item(sweep.name, lambda sweep=sweep: sweep)
+
+
+def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """The turns of a .pcap of Velodyne's packets, through velodyne-decoder."""
+    decoder = need("velodyne_decoder", "velodyne", by="velodyne")
+    config = decoder.Config()
+    with reading("velodyne", path, "copy it again; an HDL-64E needs --log.meta calibration.yml"):
+        if options.meta is not None:
+            config.calibration = decoder.Calibration.read(str(options.meta))
+        stem, number = path.stem, 0
+        for stamp, points in decoder.read_pcap(str(path), config, as_pcl_structs=True):
+            points = points[_fired(points)]
+            scan = Scan(
+                name=f"{stem}-{number:06d}",
+                scene=stem,
+                xyz_m=np.stack([points[axis] for axis in "xyz"], axis=1).astype(np.float32),
+                intensity=points["intensity"].astype(np.float32),
+                ring=points["ring"].astype(np.int64),
+                offset_s=offsets(points["time"]),
+                time_s=float(getattr(stamp, "host", stamp)),
+                full_scale=255.0,
+            )
+            yield Item(scan.name, lambda scan=scan: scan)
+            number += 1
+    if not number:
+        raise ValueError(f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each)")
+
+
+def _fired(points: np.ndarray) -> np.ndarray:
+    """Which points lie where they were fired at: not those that the decoder puts between the end of the sensor's window
+    and its begin, since it interpolates azimuths to the next packet. The mirror does not turn three times as fast.
+    """
+    order = np.lexsort((points["time"], points["ring"]))
+    azimuth = np.arctan2(points["y"], points["x"]).astype(np.float64)[order]
+    time_s, ring = points["time"].astype(np.float64)[order], points["ring"][order]
+    turned = np.abs((np.diff(azimuth) + np.pi) % (2 * np.pi) - np.pi)
+    rate = turned / np.maximum(np.diff(time_s), 1e-6)
+    same = (np.diff(ring) == 0) & (np.diff(time_s) > 1e-6)
+    fast = same & (rate > 3 * np.median(rate[same])) if same.any() else same
+    kept = np.ones(len(points), bool)
+    kept[order[1:][fast]] = False
+    return kept
+
+
+def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """The sweeps `*.pcd.bin` of a folder or below it."""
+    files = [path] if path.is_file() else sorted(path.rglob("*.pcd.bin"))
+    columns = {} if options.columns is None else {"columns": options.columns}
+    for file in files:
+        yield Item(file.name.removesuffix(".pcd.bin"), lambda file=file: read_lidar_top(file, **columns))
+
+
+def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below."""
+    files = kitti_files(path)
+    rows = "elevation" if options.lines else "file_order"
+    for name, scene, file, time_s in files:
+
+        def read(name: str = name, scene: str = scene, file: Path = file, time_s: float | None = time_s) -> Scan:
+            cloud = read_scan(file, rows)
+            try:
+                spec = fitted_spec(files[0][2], rows)
+            except (ValueError, UnorderedCloud):
+                spec = preset("hdl64e")  # motion was taken out of the odometry's scans: no cone fits them
+            return Scan(
+                name=name,
+                scene=scene,
+                xyz_m=np.asarray(cloud.xyz_m),
+                intensity=np.asarray(cloud.intensity),
+                ring=np.asarray(cloud.row).astype(np.int64),
+                time_s=time_s,
+                full_scale=1.0,
+                spec=spec,
+                columns=_KITTI_COLUMNS,
+            )
+
+        yield Item(name, read)
+
+
+def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:
+    """Name, drive, file and time of every scan under a folder. Raises ValueError where there is none."""
+    if path.is_file():
+        return [(path.stem, path.stem, path, None)]
+    folders = sorted({p.parent for p in path.rglob("*.bin") if not p.name.endswith(".pcd.bin")})
+    found = []
+    for folder in folders:
+        drive = next((p.name for p in folder.parents if p.name.endswith(("_sync", "_extract"))), "")
+        if not drive and folder.name == "velodyne" and folder.parent.parent.name == "sequences":
+            drive = f"sequence_{folder.parent.name}"
+        times = _times(folder)
+        for number, file in enumerate(files_in(folder, ".bin")):
+            name = f"{drive}-{file.stem}" if drive else file.stem
+            found.append((name, drive or file.stem, file, times[number] if number < len(times) else None))
+    if not found:
+        raise ValueError(f"kitti: no .bin under {path}; pass the folder of a drive, of training/velodyne or sequences/")
+    return found
+
+
+def _times(folder: Path) -> list[float]:
+    """Seconds of a drive's scans: timestamps.txt of raw drives, times.txt of odometry."""
+    raw, odometry = folder.parent / "timestamps.txt", folder.parent / "times.txt"
+    if raw.is_file():
+        stamps = [line.strip().replace(" ", "T") for line in raw.read_text().splitlines() if line.strip()]
+        return (np.array(stamps, "datetime64[ns]").astype(np.int64) / 1e9).tolist()
+    return [float(line) for line in odometry.read_text().split()] if odometry.is_file() else []
+
+
+def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """Sweeps `sensors/lidar/*.feather` of a log: one of its two stacked sensors, in the frame of that sensor.
+
+    The log's clouds lie in the car's frame with the car's motion taken out; where city_SE3_egovehicle.feather is there,
+    each point goes back to where the sensor saw it. Lasers 0..31 are the upper sensor's (the default), 32..63 the
+    lower one's, which hangs upside down (--log.rings 32-63). Where on the car it stands is told from its beams.
+    """
+    need("pyarrow", "argoverse2", by="argoverse2")
+    files = [path] if path.is_file() else sorted(path.rglob("sensors/lidar/*.feather"))
+    for file in files:
+        log = file.parents[2].name
+        yield Item(f"{log[:8]}-{file.stem}", lambda file=file, log=log: _argoverse2_scan(file, log, options))
+
+
+def _argoverse2_scan(file: Path, log: str, options: LogOptions) -> Scan:
+    table = _feather(file)
+    missing = [key for key in ("x", "y", "z", "intensity", "laser_number", "offset_ns") if key not in table]
+    if missing:
+        raise ValueError(f"argoverse2: {file} has no column {', '.join(missing)}; it has {', '.join(table)}")
+    xyz = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    poses = file.parents[2] / "city_SE3_egovehicle.feather"
+    stamp = int(file.stem) if file.stem.isdecimal() else None
+    if poses.is_file() and stamp is not None:
+        xyz = _as_fired(xyz, _feather(poses), stamp=stamp, offset_ns=table["offset_ns"])
+    scan = Scan(
+        name=f"{log[:8]}-{file.stem}",
+        scene=log,
+        xyz_m=xyz.astype(np.float32),
+        intensity=table["intensity"].astype(np.float32),
+        ring=table["laser_number"].astype(np.int64),
+        offset_s=offsets(table["offset_ns"]),
+        time_s=None if stamp is None else stamp / 1e9,
+        full_scale=255.0,
+        mount="fit",
+    )
+    return scan if options.rings else scan.only(table["laser_number"] < _UPPER_LASERS)
+
+
+def _as_fired(xyz_m: np.ndarray, poses: dict[str, np.ndarray], *, stamp: int, offset_ns: np.ndarray) -> np.ndarray:
+    """Points of the car's frame at `stamp` in its frame when each was measured."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    times = (poses["timestamp_ns"].astype(np.int64) - stamp) / 1e9
+    order = np.argsort(times)
+    turns = Rotation.from_quat(np.stack([poses[key] for key in ("qx", "qy", "qz", "qw")], axis=1)[order])
+    places = np.stack([poses[key] for key in ("tx_m", "ty_m", "tz_m")], axis=1)[order]
+    if not times.min() <= 0 <= times.max():
+        raise ValueError(f"argoverse2: sweep {stamp} lies outside the poses of its log; copy city_SE3_egovehicle again")
+    fired = np.clip(offset_ns.astype(np.float64) / 1e9, times.min(), times.max())
+    when = np.concatenate([[0.0], fired])
+    turn = Slerp(times[order], turns)(when)
+    place = np.stack([np.interp(when, times[order], places[:, k]) for k in range(3)], axis=1)
+    city = turn[0].apply(xyz_m) + place[0]
+    return turn[1:].apply(city - place[1:], inverse=True)
+
+
+def _feather(file: Path) -> dict[str, np.ndarray]:
+    feather = need("pyarrow.feather", "argoverse2", by="argoverse2")
+    with reading("argoverse2", file, "it is cut off, or no feather table; copy it again"):
+        table = feather.read_table(file)
+        return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _is_ouster(path: Path) -> bool:
+    if path.suffix == ".osf":
+        return True
+    return path.suffix == ".pcap" and path.with_suffix(".json").is_file()
+
+
+def _below(path: Path, pattern: str) -> bool:
+    return path.is_dir() and next(path.rglob(pattern), None) is not None
+
+
+SOURCES: dict[str, Source] = {
+    "ouster": Source("Ouster: .pcap with its .json, .osf", _is_ouster, ouster_items, "ouster"),
+    "velodyne": Source(
+        "Velodyne: .pcap", lambda p: p.suffix == ".pcap" and not _is_ouster(p), velodyne_items, "velodyne"
+    ),
+    "nuscenes": Source(
+        "nuScenes: LIDAR_TOP/*.pcd.bin",
+        lambda p: p.name.endswith(".pcd.bin") or _below(p, "*.pcd.bin"),
+        nuscenes_items,
+    ),
+    "argoverse2": Source(
+        "Argoverse 2: sensors/lidar/*.feather",
+        lambda p: p.suffix == ".feather" or _below(p, "sensors/lidar/*.feather"),
+        argoverse2_items,
+        "argoverse2",
+    ),
+    "kitti": Source(
+        "KITTI raw, object, odometry: velodyne*/**/*.bin",
+        lambda p: (p.suffix == ".bin" and not p.name.endswith(".pcd.bin")) or _below(p, "velodyne*/**/*.bin"),
+        kitti_items,
+    ),
+}

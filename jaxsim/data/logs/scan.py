@@ -1,0 +1,127 @@
+"""What a source of logs delivers, and what it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.config.ranges import Checked, Positive
+from jaxsim.data.sweeps import Sweep
+from jaxsim.geometry import LidarSpec
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One turn of a sensor as its log has it, point by point (host memory), before it lies on a grid."""
+
+    name: str
+    scene: str
+    """The recording."""
+    xyz_m: Float[np.ndarray, "n 3"]
+    """In the sensor's frame: x forward, y left, z up. Points that are not finite, or at the origin, are no returns."""
+    intensity: Float[np.ndarray, " n"]
+    """As the log has it; see `full_scale`."""
+    ring: Int[np.ndarray, " n"] | None = None
+    """The beam's number in the log; None where it has none."""
+    shape: tuple[int, int] | None = None
+    """Of an organised cloud, whose points lie in rows of so many; its ring may be left out."""
+    offset_s: Float[np.ndarray, " n"] | None = None
+    """When the point was measured, from the first on."""
+    time_s: float | None = None
+    full_scale: float | None = None
+    """The intensity that becomes 1; None where the format leaves it open."""
+    spec: LidarSpec | None = None
+    """The sensor's beams, where they are known: `ring` is then their row."""
+    columns: int | None = None
+    """Firings of a turn, where they are known."""
+    mount: Literal["sensor", "fit"] = "sensor"
+    """`fit`: the points are in a car's frame, and where the sensor was is told from its rings."""
+    layers: dict[str, np.ndarray] = field(default_factory=dict)
+    """Further values of each point by the names of polar frames: semantic, instance, incidence."""
+
+    def only(self, kept: Bool[np.ndarray, " n"]) -> Scan:
+        """The scan with some of its points. It is no longer organised."""
+        return replace(
+            self,
+            xyz_m=self.xyz_m[kept],
+            intensity=self.intensity[kept],
+            ring=None if self.ring is None else self.ring[kept],
+            shape=None,
+            offset_s=None if self.offset_s is None else self.offset_s[kept],
+            layers={key: value[kept] for key, value in self.layers.items()},
+        )
+
+
+@dataclass(frozen=True)
+class LogOptions(Checked):
+    """How a log is read."""
+
+    returns: Literal["strongest", "last"] = "strongest"
+    """Which return of a firing that has several."""
+    intensity: str = ""
+    """Field to take as intensity, where a log has several: `reflectivity`, `signal` (Ouster) ... Empty: the one of that
+    name, else reflectivity."""
+    full_scale: Positive | None = None
+    """The log's value that becomes intensity 1. None given: the format's own; where it has none, 255 for bytes, 65535
+    for 16-bit numbers, and for other numbers 1 or 255, whichever the first scans stay under."""
+    rings: str = ""
+    """Beams to take, by their numbers in the log: `0-31` is the upper LiDAR of Argoverse 2, its default. Empty: all."""
+    lines: int | None = None
+    """How many beams the sensor has, where the log does not say."""
+    columns: int | None = None
+    """Columns of the frames. None given: as many as a beam fires in a turn."""
+    mount: Literal["", "sensor", "fit"] = ""
+    """`fit`: the points are in a car's frame; where the sensor was is told from its beams. Empty: as the source has
+    it."""
+    topic: str = ""
+    """Of a bag or trace with several: the topic to read."""
+    frame: str = ""
+    """The frame that points of a bag must be in (`header.frame_id`); others are an error."""
+    meta: Path | None = None
+    """The sensor's description beside a recording: Ouster's .json, the calibration (.yml) of an HDL-64E, CARLA's
+    attributes.json."""
+    version: str = "0.9.15"
+    """CARLA's version: its tags of classes changed with 0.9.14."""
+
+
+class Item(NamedTuple):
+    """A scan of a log, read when asked for."""
+
+    name: str
+    read: Callable[[], Scan | Sweep]
+
+
+class Source(NamedTuple):
+    """A family of logs. Others join by entry points of the group `jaxsim.sources`, whose values are Sources."""
+
+    title: str
+    takes: Callable[[Path], bool]
+    """Whether a path looks like one of the family's; without reading more than its head."""
+    items: Callable[[Path, LogOptions], Iterable[Item]]
+    """The scans, in order. A source that can only be read from front to back reads them as it is asked for the next."""
+    extra: str = ""
+    """What to install for it: `pip install jaxsim-lidar[EXTRA]`."""
+
+
+@contextmanager
+def reading(by: str, path: Path, hint: str) -> Iterator[None]:
+    """What a library raises on a file that is not what it should be becomes a ValueError that names the file."""
+    try:
+        yield
+    except (ValueError, ModuleNotFoundError) as error:
+        if str(error).startswith(f"{by}:") or isinstance(error, ModuleNotFoundError):
+            raise
+        raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+    except Exception as error:  # libraries of formats have no common base for their errors
+        raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+
+
+def _words(error: BaseException) -> str:
+    first = (str(error).strip() or "no message").splitlines()[0]
+    return f"{type(error).__name__}: {first[:200]}"

@@ -1,0 +1,153 @@
+"""Whether an answer passes: thresholds a channel, effects that may be missing, and what was so before.
+
+gate.json, all of it optional but one thing at least:
+
+    {"thresholds": {"intensity": 0.10, "range": 0.05, "drop": 0.02},
+     "allowed": ["random_dropout"],
+     "baseline": "verdict.json"}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from jaxsim.discover.quick import CHANNELS, Distance
+from jaxsim.discover.verdict import Verdict
+from jaxsim.effects import get_effect
+from jaxsim.files import check_keys, read_json, real
+
+Colour = Literal["pass", "gap", "unsure"]
+NOT_NAMED = "not_in_catalogue"
+"""Allowed where what nothing describes may be missing, too."""
+WORSE = 0.10
+"""Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What a gate asks."""
+
+    thresholds: Mapping[str, float]
+    """Largest distance a channel, in the units of the gap (`docs/verdict.md`) or, with --fast, of `quick.CHANNELS`."""
+    allowed: frozenset[str]
+    """Effects that may be missing; `not_in_catalogue` for what has no name. Only what is named beside these is a
+    gap."""
+    baseline: Mapping[str, Any] | None
+    """A verdict.json of before: what it names may be missing, and distances may be as large."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One question of a gate and its answer."""
+
+    name: str
+    colour: Colour
+    words: str
+
+
+def read_gate(path: Path) -> Gate:
+    """A gate.json. Raises ValueError where it is none, names an unknown channel or effect, or asks nothing."""
+    content = read_json(path, by="gate", hint='{"thresholds": {"intensity": 0.1}, "allowed": [], "baseline": "x.json"}')
+    if not isinstance(content, dict):
+        raise ValueError(f"gate: {path} must be an object with any of thresholds, allowed, baseline")
+    check_keys(content, ("thresholds", "allowed", "baseline"), where=f"gate: {path}")
+    if not content:
+        raise ValueError(f"gate: {path} asks nothing; give thresholds, allowed or baseline")
+    given = content.get("thresholds", {})
+    if not isinstance(given, dict):
+        raise ValueError(f"gate: {path}: thresholds must be an object of numbers by channel")
+    check_keys(given, tuple(CHANNELS), where=f"gate: {path}: thresholds")
+    thresholds = {}
+    for channel, value in given.items():
+        try:
+            thresholds[channel] = real(value)
+        except (TypeError, ValueError):
+            thresholds[channel] = -1.0
+        if not thresholds[channel] > 0:
+            raise ValueError(f"gate: {path}: the threshold of {channel} is {value!r}; it must be a number above 0")
+    allowed = content.get("allowed", [])
+    if not isinstance(allowed, list) or not all(isinstance(name, str) for name in allowed):
+        raise ValueError(f"gate: {path}: allowed must be a list of effects' names")
+    for name in allowed:
+        if name != NOT_NAMED:
+            get_effect(name)
+    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")))
+
+
+def _baseline(path: Path, name: Any) -> Mapping[str, Any] | None:
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise ValueError(f"gate: {path}: baseline is {name!r}; it must be the path of a verdict.json")
+    # Beside the gate, so that a checkout can be anywhere.
+    file = path.parent / name
+    content = read_json(file, by="gate")
+    if not isinstance(content, dict) or not isinstance(content.get("effects"), list):
+        raise ValueError(f"gate: {file} is no verdict.json; `jaxsim discover` writes one")
+    return content
+
+
+def judge(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
+    """The checks of a whole answer."""
+    before = {one.get("name") for one in (gate.baseline or {}).get("effects", [])}
+    checks = [_named(gate, verdict, before)]
+    for channel, most in gate.thresholds.items():
+        gap = verdict.gap.get(channel)
+        if gap is None or not np.isfinite(gap.before):
+            checks.append(Check(channel, "unsure", "the channel was not compared"))
+            continue
+        words = f"{gap.before:.4g} {gap.unit}, at most {most:g} may be"
+        checks.append(Check(channel, "pass" if gap.before <= most else "gap", words))
+    for channel, old in ((gate.baseline or {}).get("gap") or {}).items():
+        gap = verdict.gap.get(channel)
+        if gap is None or not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
+            continue
+        most = old["before"] * (1 + WORSE)
+        words = f"{gap.before:.4g} {gap.unit}, {old['before']:.4g} before"
+        checks.append(Check(f"{channel} against baseline", "pass" if gap.before <= most else "gap", words))
+    return tuple(checks)
+
+
+def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
+    new = [one for one in verdict.effects if one.name not in gate.allowed | before]
+    if new:
+        told = ", ".join(f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g})" for one in new)
+        return Check("effects", "gap", f"the simulation lacks {told}")
+    was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
+    if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
+        what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
+        return Check("effects", "gap", f"something that no effect describes, along {what}")
+    allowed = ", ".join(one.name for one in verdict.effects)
+    return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
+
+
+def judge_quickly(gate: Gate, distances: Mapping[str, Distance]) -> tuple[Check, ...]:
+    """The checks of --fast: a channel is a gap where its whole interval lies above its threshold.
+
+    Where the value alone does, chance can have done it, and the answer is unsure. Raises ValueError without thresholds,
+    which are all that can be asked without naming.
+    """
+    if not gate.thresholds:
+        raise ValueError("gate: --fast names nothing, so allowed and baseline say nothing to it; give thresholds")
+    checks = []
+    for channel, most in gate.thresholds.items():
+        one = distances[channel]
+        words = f"{one.value:.4g} ({one.low:.4g} .. {one.high:.4g}) {one.unit}, at most {most:g} may be"
+        if not np.isfinite(one.value):
+            checks.append(Check(channel, "unsure", "no ray shows it"))
+        elif one.value <= most:
+            checks.append(Check(channel, "pass", words))
+        else:
+            checks.append(Check(channel, "gap" if one.low > most else "unsure", words))
+    return tuple(checks)
+
+
+def colour_of(checks: tuple[Check, ...]) -> Colour:
+    """A gap where there is one, else unsure where something could not be judged."""
+    colours = {check.colour for check in checks}
+    return "gap" if "gap" in colours else "unsure" if "unsure" in colours else "pass"

@@ -1,0 +1,167 @@
+"""What `jaxsim discover` found, as numbers with intervals, and what an engine makes of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jaxsim.effects.chain import SensorModel
+from jaxsim.files import read_json
+
+
+class Fitted(NamedTuple):
+    """A fitted number and its 90 % interval; both ends are NaN where nobody gave one."""
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+
+    def mapped(self, function: Callable[[float], float]) -> Fitted:
+        """A monotone function of it."""
+        low, high = sorted((function(self.low), function(self.high)))
+        return Fitted(function(self.value), low, high)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A sensor.json, with the intervals of the verdict.json beside it where there is one."""
+
+    effects: dict[str, dict[str, tuple[Fitted, ...]]]
+    """By effect and parameter: one number, or one a beam or class."""
+    levels: dict[str, Fitted]
+    """Noise, losses and lattices that no effect explains, by the names of `effects.chain.LEVELS`."""
+    learned: int = 0
+    """Laws without a name."""
+
+    def one(self, effect: str, parameter: str) -> Fitted | None:
+        """A parameter that is one number; None where the effect was not found."""
+        values = self.effects.get(effect, {}).get(parameter)
+        return values[0] if values else None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A parameter of an engine."""
+
+    name: str
+    value: Fitted
+    unit: str
+    why: str
+    """What of the answer it expresses, and how."""
+    each: tuple[Fitted, ...] = ()
+    """Of a parameter with a value a beam: all of them, top beam first."""
+
+
+@dataclass(frozen=True)
+class Translation:
+    """An answer in an engine's own words."""
+
+    engine: str
+    settings: tuple[Setting, ...]
+    cannot: dict[str, str]
+    """What the engine cannot express, by effect or level, and what to do instead."""
+    text: str
+    """The settings in the engine's own format."""
+    notes: tuple[str, ...] = ()
+    """What must hold for the numbers to mean what they say."""
+
+
+class Engine(NamedTuple):
+    """A simulator that an answer can be written for."""
+
+    title: str
+    settings: Callable[[Answer, Mapping[str, float]], list[Setting]]
+    """What it can express; the mapping holds the values that it has now."""
+    expresses: frozenset[str]
+    """Effects and levels that `settings` uses."""
+    instead: Mapping[str, str]
+    """In words, by effect: what it cannot express, and what does it instead."""
+    text: Callable[[Sequence[Setting]], str]
+    suffix: str
+    """Of a file in its format."""
+    notes: tuple[str, ...]
+    links: tuple[str, ...]
+    """Its documents, of which the facts are."""
+    defaults: Mapping[str, float] = {}
+    """Its own values where nothing is set."""
+
+
+def read_answer(path: Path) -> Answer:
+    """The answer of a sensor.json. Raises ValueError where it is none, as `SensorModel.load`."""
+    model = SensorModel.load(path)
+    told: dict[str, Any] = {}
+    verdict = path.with_name("verdict.json")
+    if verdict.is_file():
+        told = read_json(verdict, by="engines")
+        if not isinstance(told, dict) or not isinstance(told.get("effects", []), list):
+            raise ValueError(f"engines: {verdict} is not what `jaxsim discover` writes; move it away, or run it again")
+    intervals = {one.get("name"): one.get("parameters", {}) for one in told.get("effects", []) if isinstance(one, dict)}
+    effects = {
+        name: {key: _fitted(value, intervals.get(name, {}).get(key)) for key, value in parameters.items()}
+        for name, parameters in model.effects
+    }
+    missing = {one["name"]: one["missing"] for one in told.get("levels", []) if isinstance(one, dict)}
+    levels = {name: _fitted(float(value), missing.get(name))[0] for name, value in model.levels.items()}
+    return Answer(effects, levels, len(model.learned))
+
+
+def _fitted(value: Any, interval: Any) -> tuple[Fitted, ...]:
+    values = value if isinstance(value, tuple | list) else (value,)
+    ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
+    return tuple(Fitted(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
+
+
+def _ends(interval: Any, key: str, count: int) -> list[float]:
+    """One end of a parameter's intervals as verdict.json has them: a number, or a list of one a beam or class."""
+    given = interval.get(key) if isinstance(interval, dict) else None
+    ends = given if isinstance(given, list) else [given] * count
+    if len(ends) != count:
+        return [math.nan] * count
+    return [float(end) if isinstance(end, int | float) else math.nan for end in ends]
+
+
+def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, float] | None = None) -> Translation:
+    """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults."""
+    settings = engine.settings(answer, {**engine.defaults, **(now or {})})
+    found = [*answer.effects, *answer.levels]
+    general = (
+        f"{engine.title} has no parameter for it; write its frames without it and add it behind: "
+        "`jaxsim simulate --effects sensor.json`, or jaxsim.effects on polar frames"
+    )
+    cannot = {what: engine.instead.get(what, general) for what in found if what not in engine.expresses}
+    if answer.learned:
+        cannot["learned law"] = general
+    return Translation(name, tuple(settings), cannot, engine.text(settings), engine.notes)
+
+
+def together(*parts: Fitted | None, how: Callable[[Sequence[float]], float]) -> Fitted | None:
+    """Several numbers as one (a root of squares, a product ...); None where none is given. Their ends go together,
+    which
+    makes the interval rather too wide than too narrow."""
+    given = [part for part in parts if part is not None]
+    if not given:
+        return None
+    return Fitted(*(how([part[k] for part in given]) for k in range(3)))
+
+
+def root_of_squares(values: Sequence[float]) -> float:
+    """As independent noises add up."""
+    return math.sqrt(sum(value * value for value in values))
+
+
+def any_loss(values: Sequence[float]) -> float:
+    """Share that is lost where independent losses follow one another."""
+    return 1 - math.prod(1 - value for value in values)
+
+
+def mean_of(values: Sequence[Fitted]) -> Fitted:
+    """The mean of numbers, with the mean of their intervals' ends."""
+    return Fitted(*(sum(value[k] for value in values) / len(values) for k in range(3)))
+
+
+def degrees(value: Fitted, sign: int = 1) -> Fitted:
+    """Radians as degrees, turned the other way with a sign of -1."""
+    return value.mapped(lambda radians: sign * math.degrees(radians))

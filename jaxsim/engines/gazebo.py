@@ -1,0 +1,82 @@
+"""Gazebo's lidar and gpu_lidar: the <range> and <noise> of SDF.
+
+Noise is Gaussian, one mean and one deviation for every ray; a laser's intensity is the visual's laser_retro. Sources:
+http://sdformat.org/spec?elem=sensor (lidar) and https://gazebosim.org/api/sensors/9/Lidar_8hh_source.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from jaxsim.engines.answer import Answer, Engine, Setting, mean_of, root_of_squares, together
+
+_RETRO = (
+    "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by "
+    "surface, and "
+    "apply what depends on range or angle in a node that reads the points"
+)
+_DROP = "no ray is lost but by range; drop points in a node that reads them"
+INSTEAD = {
+    **dict.fromkeys(
+        (
+            *("incidence_cosine", "oren_nayar", "specular_lobe", "retroreflection", "range_falloff"),
+            *("atmospheric_extinction", "beam_gain", "gamma_response", "intensity_offset", "saturation"),
+        ),
+        _RETRO,
+    ),
+    **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
+    "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of "
+    "few samples "
+    "come nearer",
+    "motion_distortion": "a scan is rendered at one moment; several sensors of a sector each, at different times, come "
+    "nearer",
+}
+
+
+def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+    """Elements of <lidar>."""
+    del now
+    found: list[Setting] = []
+    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    if bias:
+        found.append(Setting("noise.mean", mean_of(bias), "m", "beam_range_bias, its mean over the beams"))
+    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
+    if noise is not None:
+        why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
+        found.append(Setting("noise.stddev", noise, "m", why))
+    for parameter, name in (("minimum_m", "min"), ("maximum_m", "max")):
+        gate = answer.one("range_gate", parameter)
+        if gate is not None:
+            found.append(Setting(f"range.{name}", gate, "m", "range_gate"))
+    step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
+    if step is not None:
+        found.append(Setting("range.resolution", step, "m", "steps of the range"))
+    return found
+
+
+def text(found: Sequence[Setting]) -> str:
+    """The elements as SDF."""
+    values = {one.name: f"{one.value.value:.6g}" for one in found}
+    inner: list[str] = []
+    for group in ("range", "noise"):
+        own = [name.partition(".")[2] for name in values if name.startswith(f"{group}.")]
+        if not own:
+            continue
+        inner.append(f"  <{group}>")
+        if group == "noise":
+            inner.append("    <type>gaussian</type>")
+        inner += [f"    <{name}>{values[f'{group}.{name}']}</{name}>" for name in own]
+        inner.append(f"  </{group}>")
+    return "\n".join(["<lidar>", *inner, "</lidar>", ""])
+
+
+ENGINE = Engine(
+    title="Gazebo",
+    settings=settings,
+    expresses=frozenset({"beam_range_bias", "range_noise", "range_gate", "range_quantization", "range_step"}),
+    instead=INSTEAD,
+    text=text,
+    suffix=".sdf",
+    notes=("Compare with frames that have no <noise>: Gazebo's own would be part of the comparison.",),
+    links=("http://sdformat.org/spec?elem=sensor", "https://gazebosim.org/api/sensors/9/Lidar_8hh_source.html"),
+)

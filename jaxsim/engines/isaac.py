@@ -1,0 +1,108 @@
+"""Isaac Sim's RTX LiDAR: attributes of an OmniLidar prim, and of its emitters.
+
+Sources: https://docs.omniverse.nvidia.com/kit/docs/omni.sensors.nv.lidar/latest/lidar_extension.html and
+https://nvidia-omniverse.github.io/ovrtx/0.7.0/sensors/nonvisual/lidar_core/attributes.html
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from jaxsim.engines.answer import Answer, Engine, Fitted, Setting, degrees, mean_of, root_of_squares, together
+
+_CORE = "omni:sensor:Core:"
+_EMITTER = f"{_CORE}emitterState:s001:"
+_MATERIAL = (
+    "reflection belongs to the materials of the scene (their sensor attributes), not to the LiDAR: change "
+    "these, or apply "
+    "it behind the sensor"
+)
+INSTEAD = {
+    "incidence_cosine": _MATERIAL,
+    "oren_nayar": _MATERIAL,
+    "specular_lobe": _MATERIAL,
+    "retroreflection": _MATERIAL,
+    "random_dropout": "returns are lost by their power alone; drop points at random behind the sensor",
+    "random_loss": "returns are lost by their power alone; drop points at random behind the sensor",
+    "material_dropout": "returns are lost by their power alone; drop by class behind the sensor",
+    "snr_dropout": "minReflectance at minReflectionRangeM is its threshold, in its own power budget: set it so that a "
+    "surface which half returns at a range does so there",
+    "motion_distortion": "switch motion on for the renderer (Motion BVH) and give emitters their fireTimeNs",
+    "atmospheric_extinction": "it has no air; scale intensity by exp(-2 α range) behind the sensor",
+    "intensity_noise": "intensity has no noise; add it behind the sensor",
+}
+
+
+def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+    """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
+    del now
+    found: list[Setting] = []
+    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
+    if noise is not None:
+        why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
+        found.append(Setting(f"{_CORE}rangeAccuracyM", noise, "m", why))
+    step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
+    if step is not None:
+        found.append(Setting(f"{_CORE}rangeResolutionM", step, "m", "steps of the range"))
+    for parameter, name in (("minimum_m", "nearRangeM"), ("maximum_m", "farRangeM")):
+        gate = answer.one("range_gate", parameter)
+        if gate is not None:
+            found.append(Setting(f"{_CORE}{name}", gate, "m", "range_gate"))
+    divergence = answer.one("incidence_range_bias", "divergence_rad")
+    if divergence is not None:
+        for side in ("Hor", "Ver"):
+            why = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
+            found.append(Setting(f"{_CORE}divergence{side}Deg", degrees(divergence), "degrees", why))
+    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    if bias:
+        why = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
+        found.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], "m", why))
+    error = answer.effects.get("beam_elevation_error", {}).get("error_rad")
+    if error:
+        found.append(_emitters("elevationDeg", [degrees(e) for e in error], "degrees", "beam_elevation_error: add it"))
+    gain = answer.effects.get("beam_gain", {}).get("gain")
+    if gain:
+        power = [g.mapped(math.exp) for g in gain]
+        found.append(_emitters("emitterPeakPowerW", power, "times", "beam_gain: multiply the emitter's power by it"))
+    return found
+
+
+def _emitters(name: str, values: Sequence[Fitted], unit: str, why: str) -> Setting:
+    return Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))
+
+
+def text(found: Sequence[Setting]) -> str:
+    """USD: an `over` of the prim; changes of emitters stand in comments, since they are added to what is there."""
+    lines = ["#usda 1.0", "", 'over "Lidar"', "{"]
+    for one in found:
+        if one.each:
+            values = ", ".join(f"{value.value:.6g}" for value in one.each)
+            lines.append(f"    # {one.why} ({one.unit}), top beam first:")
+            lines.append(f"    # float[] {one.name} ... [{values}]")
+        else:
+            lines.append(f"    float {one.name} = {one.value.value:.6g}")
+    return "\n".join([*lines, "}", ""])
+
+
+ENGINE = Engine(
+    title="Isaac Sim",
+    settings=settings,
+    expresses=frozenset(
+        {
+            *("range_noise", "range_quantization", "range_step", "range_gate", "incidence_range_bias"),
+            *("beam_range_bias", "beam_elevation_error", "beam_gain"),
+        }
+    ),
+    instead=INSTEAD,
+    text=text,
+    suffix=".usda",
+    notes=(
+        "Compare with frames that have rangeAccuracyM 0: its own noise would be part of the comparison.",
+        "Intensity is comparable where omni:sensor:Core:intensityProcessing is the same on both sides.",
+    ),
+    links=(
+        "https://docs.omniverse.nvidia.com/kit/docs/omni.sensors.nv.lidar/latest/lidar_extension.html",
+        "https://nvidia-omniverse.github.io/ovrtx/0.7.0/sensors/nonvisual/lidar_core/attributes.html",
+    ),
+)

@@ -1,0 +1,79 @@
+"""Robotec GPU LiDAR (RGL): noise nodes of its graph.
+
+`rgl_node_gaussian_noise_distance(node, mean, st_dev_base, st_dev_rise_per_meter)` moves points along their rays, after
+the ray tracing. Sources: https://github.com/RobotecAI/RobotecGPULidar/blob/develop/docs/GaussianNoise.md and the
+library's api/core.h.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
+from jaxsim.engines.answer import Answer, Engine, Setting, mean_of
+
+_TEXTURE = (
+    "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: "
+    "write it "
+    "into the textures where it depends on the surface alone, else apply it behind the graph, with the fields "
+    "INTENSITY_F32, DISTANCE_F32, INCIDENT_ANGLE_F32 and ENTITY_ID_I32"
+)
+_DROP = "no node loses points at random; drop them behind the graph"
+INSTEAD = {
+    **dict.fromkeys(
+        (
+            *("incidence_cosine", "oren_nayar", "specular_lobe", "retroreflection", "range_falloff"),
+            *("atmospheric_extinction", "beam_gain", "gamma_response", "intensity_offset", "saturation"),
+        ),
+        _TEXTURE,
+    ),
+    **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
+    "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its "
+    "first or "
+    "last hit; points between two surfaces need a mean of hits behind the graph",
+    "range_scale": "move points along their rays behind the graph; the noise node's mean is one number for all ranges",
+    "beam_elevation_error": "add it to the ray poses that rgl_node_rays_from_mat3x4f is given",
+    "motion_distortion": "rgl_node_raytrace_configure_velocity with time offsets of the rays "
+    "(rgl_node_rays_set_time_offsets) does it",
+}
+
+
+def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
+    """The arguments of the noise of distances."""
+    del now
+    found: list[Setting] = []
+    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    if bias:
+        why = "beam_range_bias, its mean over the beams: the node knows no beams"
+        found.append(Setting("distance.mean", mean_of(bias), "m", why))
+    base = answer.levels.get("range_noise")
+    if base is not None:
+        found.append(Setting("distance.st_dev_base", base, "m", "noise of the range that is the same for all"))
+    grows = answer.one("range_noise", "sd_m")
+    if grows is not None:
+        rise = grows.mapped(lambda sd: sd / REFERENCE_M)
+        why = "range_noise grows as the echo weakens, so over the range of one surface evenly; at reference power"
+        found.append(Setting("distance.st_dev_rise_per_meter", rise, "1", why))
+    return found
+
+
+def text(found: Sequence[Setting]) -> str:
+    """The C call that makes the node."""
+    values = {one.name: one.value.value for one in found}
+    arguments = (values.get(f"distance.{key}", 0.0) for key in ("mean", "st_dev_base", "st_dev_rise_per_meter"))
+    return (
+        "rgl_node_t noise = nullptr;\n"
+        f"rgl_node_gaussian_noise_distance(&noise, {', '.join(f'{value:.6g}f' for value in arguments)});\n"
+    )
+
+
+ENGINE = Engine(
+    title="RGL",
+    settings=settings,
+    expresses=frozenset({"beam_range_bias", "range_noise"}),
+    instead=INSTEAD,
+    text=text,
+    suffix=".cpp",
+    notes=("RGL adds base and rise, not their squares: where both are given, near the sensor a little too much.",),
+    links=("https://github.com/RobotecAI/RobotecGPULidar/blob/develop/docs/GaussianNoise.md",),
+)

@@ -1,0 +1,54 @@
+"""`jaxsim frames`: what it lists, what it says, and what it asks for."""
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.data.polar_frames import open_polar_frames
+from tests.data.logs.conftest import room
+from tests.data.logs.test_files import pcd
+
+
+def test_the_families_are_listed_with_their_extras(capsys):
+    main(["frames", "--list"])
+    printed = capsys.readouterr().out
+    assert "pip install jaxsim-lidar[ros]" in printed
+    assert len(printed.splitlines()) >= 11
+
+
+def test_a_folder_of_clouds_becomes_frames_and_the_command_says_how(tmp_path, capsys):
+    (tmp_path / "drive").mkdir()
+    for k in range(3):
+        pcd(tmp_path / f"drive/{k:03d}.pcd", room(seed=k, turned=0.3 * k), "binary")
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert "pcd: 3 frames of 16 x 180 cells" in printed
+    assert "intensity 0..255 became 0..1" in printed
+    frames = open_polar_frames(tmp_path / "out")
+    assert {about["scene"] for about in frames.about.values()} == {"drive"}
+    assert all(np.asarray(frames.read(name)[0].valid).mean() > 0.99 for name in frames.names)
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "out"), "--every", "1"])
+    assert "3 were there" in capsys.readouterr().out
+
+
+def test_a_log_and_a_folder_must_be_given(tmp_path):
+    with pytest.raises(SystemExit, match="give the log and --out FOLDER"):
+        main(["frames"])
+
+
+def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
+    pytest.importorskip("mcap_ros2", reason="mcap-ros2-support is not installed")
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    (tmp_path / "drive").mkdir()
+    for k in range(2):
+        pcd(tmp_path / f"drive/{k:03d}.pcd", room(seed=k), "binary")
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "a")])
+    main(["frames", str(tmp_path / "a"), "--to", "mcap", "--out", str(tmp_path / "a.mcap")])
+    main(["frames", str(tmp_path / "a.mcap"), "--out", str(tmp_path / "b"), "--log.full-scale", "1"])
+    first, second = open_polar_frames(tmp_path / "a"), open_polar_frames(tmp_path / "b")
+    np.testing.assert_allclose(first.grid.elevation_rad, second.grid.elevation_rad, atol=1e-5)
+    for one, other in zip(first.names, second.names, strict=True):
+        (image, more), (again, later) = first.read(one), second.read(other)
+        np.testing.assert_allclose(image.range_m, again.range_m, atol=1e-4)
+        np.testing.assert_allclose(image.intensity, again.intensity, atol=1e-6)
+        np.testing.assert_allclose(more["time"], later["time"], atol=1e-6)

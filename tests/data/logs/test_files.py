@@ -1,0 +1,188 @@
+"""Clouds in files of general formats, written here by other libraries or byte by byte."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxsim.data.logs import LogOptions, source_for, write_log
+from jaxsim.data.polar_frames import open_polar_frames
+from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected
+
+
+def frames_of(path, out, **options):
+    kind, source = source_for(path)
+    write_log(path, kind, source, out=out, options=LogOptions(**options))
+    return kind, open_polar_frames(out)
+
+
+def check(frames, fields, rtol=1e-5):
+    image, _ = frames.read(frames.names[0])
+    range_m, intensity = expected(fields)
+    assert image.valid.all()
+    np.testing.assert_allclose(image.range_m, range_m, rtol=rtol)
+    np.testing.assert_allclose(image.intensity, intensity, atol=1e-6)
+
+
+def pcd(path, fields, encoding, **more):
+    pypcd4 = pytest.importorskip("pypcd4", reason="pypcd4 is not installed")
+    values = [fields[name] for name in fields]
+    cloud = pypcd4.PointCloud.from_points(values, tuple(fields), tuple(v.dtype.type for v in values))
+    cloud.save(path, encoding=pypcd4.Encoding(encoding))
+    return path
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_pcd_of_every_encoding(tmp_path, fields, encoding):
+    kind, frames = frames_of(pcd(tmp_path / "scan.pcd", fields, encoding), tmp_path / "out")
+    assert kind == "pcd"
+    check(frames, fields)
+
+
+def test_pandasets_scan_keeps_its_rows_and_nearly_all_its_points(samples, tmp_path):
+    pytest.importorskip("pypcd4", reason="pypcd4 is not installed")
+    _, frames = frames_of(samples / "pandaset", tmp_path)
+    image, _ = frames.read(frames.names[0])
+    assert image.range_m.shape[0] == 64
+    assert (np.diff(frames.grid.elevation_rad) < 0).all()
+    # 77 295 points; two that were put into neighbouring cells of 0.194 degrees may share one of 0.2.
+    assert image.valid.sum() > 0.97 * 77295
+    # Neighbouring columns see neighbouring places: no seams.
+    both = image.valid[:, 1:] & image.valid[:, :-1]
+    assert np.median(np.abs(np.diff(image.range_m, axis=1))[both]) < 0.1
+
+
+@pytest.mark.parametrize("order", ["<", ">", "ascii"])
+def test_ply_of_every_byte_order(tmp_path, fields, order):
+    plyfile = pytest.importorskip("plyfile", reason="plyfile is not installed")
+    vertices = np.empty(len(fields["x"]), [(name, value.dtype) for name, value in fields.items()])
+    for name, value in fields.items():
+        vertices[name] = value
+    ascii_text = order == "ascii"
+    data = plyfile.PlyData(
+        [plyfile.PlyElement.describe(vertices, "vertex")], text=ascii_text, byte_order="=" if ascii_text else order
+    )
+    data.write(str(tmp_path / "scan.ply"))
+    kind, frames = frames_of(tmp_path / "scan.ply", tmp_path / "out")
+    assert kind == "ply"
+    check(frames, fields)
+
+
+def las(path, fields, *, ring=True):
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    header = laspy.LasHeader(point_format=3, version="1.4")
+    header.scales = np.full(3, 1e-4)
+    if ring:
+        header.add_extra_dim(laspy.ExtraBytesParams(name="ring", type=np.uint16))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = fields["x"], fields["y"], fields["z"]
+    data.intensity = fields["intensity"]
+    data.gps_time = fields["t"] * 1e-9
+    if ring:
+        data.ring = fields["ring"]
+    data.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize(("ring", "suffix"), [(True, ".las"), (False, ".las"), (True, ".laz")])
+def test_las_with_and_without_rings(tmp_path, fields, ring, suffix):
+    if suffix == ".laz":
+        pytest.importorskip("lazrs", reason="lazrs is not installed")
+    kind, frames = frames_of(las(tmp_path / f"scan{suffix}", fields, ring=ring), tmp_path / "out", lines=RINGS)
+    assert kind == "las"
+    check(frames, fields, rtol=2e-5)
+    _, more = frames.read("scan")
+    assert more["time"].max() == pytest.approx((FIRINGS - 1) * 5e-4 + (RINGS - 1) * 1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".las"])
+@pytest.mark.parametrize("damage", ["cut", "empty", "other"])
+def test_damaged_files_are_named(tmp_path, fields, suffix, damage):
+    path = tmp_path / f"scan{suffix}"
+    if suffix == ".ply":
+        path.write_bytes(
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nend_header\n" + bytes(36)
+        )
+    else:
+        (pcd(path, fields, "binary") if suffix == ".pcd" else las(path, fields))
+    whole = path.read_bytes()
+    path.write_bytes({"cut": whole[: len(whole) * 3 // 4], "empty": b"", "other": b"\x00" * 4096}[damage])
+    module = {".pcd": "pypcd4", ".ply": "plyfile", ".las": "laspy"}[suffix]
+    pytest.importorskip(module, reason=f"{module} is not installed")
+    with pytest.raises(ValueError, match=rf"{suffix[1:]}: .*scan\{suffix}"):
+        frames_of(path, tmp_path / "out")
+
+
+def test_a_missing_extra_is_named(tmp_path, monkeypatch):
+    (tmp_path / "scan.ply").write_bytes(b"ply\n")
+    monkeypatch.setitem(__import__("sys").modules, "plyfile", None)
+    with pytest.raises(ModuleNotFoundError, match=r"ply: this needs plyfile; pip install 'jaxsim-lidar\[ply\]'"):
+        frames_of(tmp_path / "scan.ply", tmp_path / "out")
+
+
+ATTRIBUTES = {
+    "channels": str(RINGS),
+    "upper_fov": "12",
+    "lower_fov": "-18",
+    "range": "100",
+    "points_per_second": str(RINGS * FIRINGS * 10),
+    "rotation_frequency": "10",
+}
+"""As `dict(lidar.attributes)` has them: all are texts."""
+
+
+def carla_buffer(folder, fields, *, semantic):
+    """Points by channel, the upper first, y to the right; 24 or 16 bytes each, as the server sends them."""
+    order = np.lexsort((np.arange(len(fields["x"])), -fields["ring"].astype(int)))
+    names = ("x", "y", "z", "cos", "idx", "tag") if semantic else ("x", "y", "z", "intensity")
+    points = np.zeros(len(order), [(n, "<u4" if n in ("idx", "tag") else "<f4") for n in names])
+    for axis, sign in (("x", 1), ("y", -1), ("z", 1)):
+        points[axis] = sign * fields[axis][order]
+    if semantic:
+        points["cos"], points["idx"], points["tag"] = 0.5, 77, 14
+    else:
+        points["intensity"] = fields["intensity"][order] / 255
+    (folder / "000010.raw").write_bytes(points.tobytes())
+    name = "sensor.lidar.ray_cast_semantic" if semantic else "sensor.lidar.ray_cast"
+    (folder / "attributes.json").write_text(json.dumps(ATTRIBUTES | {"type": name}))
+    return folder
+
+
+def test_carlas_ray_cast(tmp_path, fields):
+    kind, frames = frames_of(carla_buffer(tmp_path, fields, semantic=False), tmp_path / "out")
+    assert kind == "carla"
+    np.testing.assert_allclose(frames.grid.elevation_rad, ELEVATION, atol=1e-6)
+    check(frames, fields)
+
+
+def test_carlas_semantic_lidar_is_range_incidence_class_and_object(tmp_path, fields):
+    _, frames = frames_of(carla_buffer(tmp_path, fields, semantic=True), tmp_path / "out")
+    image, more = frames.read("000010")
+    range_m, _ = expected(fields)
+    np.testing.assert_allclose(image.range_m, range_m, rtol=1e-5)
+    np.testing.assert_allclose(image.intensity, np.exp(-0.004 * range_m), rtol=1e-4)
+    np.testing.assert_allclose(more["incidence"], np.pi / 3, rtol=1e-5)
+    assert (more["semantic"] == 26).all()  # tag 14 of 0.9.15 is a car
+    assert (more["instance"] == 77).all()
+
+
+def test_carlas_buffers_are_checked(tmp_path, fields):
+    folder = carla_buffer(tmp_path, fields, semantic=False)
+    raw = (folder / "000010.raw").read_bytes()
+    (folder / "000010.raw").write_bytes(raw[:-4])
+    with pytest.raises(ValueError, match=r"no whole number of points of sensor.lidar.ray_cast"):
+        frames_of(folder, tmp_path / "out")
+    (folder / "000010.raw").write_bytes(raw)
+    (folder / "attributes.json").write_text(
+        json.dumps(ATTRIBUTES | {"type": "sensor.lidar.ray_cast", "upper_fov": "2"})
+    )
+    with pytest.raises(ValueError, match=r"degrees off the beams of attributes.json"):
+        frames_of(folder, tmp_path / "out")
+    (folder / "attributes.json").write_text('{"type": "sensor.lidar.ray_cast"}')
+    with pytest.raises(ValueError, match="lacks channels, upper_fov"):
+        frames_of(folder, tmp_path / "out")
+    points = bytearray((carla_buffer(tmp_path, fields, semantic=True) / "000010.raw").read_bytes())
+    points[20:24] = (25).to_bytes(4, "little")
+    (folder / "000010.raw").write_bytes(points)
+    with pytest.raises(ValueError, match=r"CARLA 0.9.10 has 23"):
+        frames_of(folder, tmp_path / "out", version="0.9.10")

@@ -1,0 +1,148 @@
+"""Recordings of makers and data sets: real ones, and small ones in their formats."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from jaxsim.data.logs import LogOptions, known_sources, source_for, write_log
+from jaxsim.data.polar_frames import open_polar_frames
+from tests.data.logs.conftest import RINGS, room
+from tests.data.logs.test_files import frames_of
+
+
+def test_velodynes_packets(samples, tmp_path):
+    pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
+    kind, frames = frames_of(samples / "velodyne_vlp16/my.pcap", tmp_path)
+    assert kind == "velodyne"
+    image, more = frames.read(frames.names[0])
+    np.testing.assert_allclose(np.rad2deg(frames.grid.elevation_rad), np.arange(15, -16, -2), atol=0.01)
+    # The sensor's window is 78 degrees wide; beyond it the decoder interpolates, and nothing was measured.
+    assert np.rad2deg(frames.grid.azimuth_rad[[0, -1]]) == pytest.approx((38.7, -39.9), abs=0.2)
+    assert image.valid.mean() > 0.99
+    assert 0 < more["time"].max() < 0.21
+    # The window slides on from turn to turn: of the second only a quarter is in the recording.
+    assert len(frames.names) == 1
+
+
+def test_a_pcap_of_something_else(tmp_path):
+    pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
+    (tmp_path / "x.pcap").write_bytes(bytes(100))
+    with pytest.raises(ValueError, match=r"velodyne: .*x.pcap"):
+        frames_of(tmp_path / "x.pcap", tmp_path / "out")
+
+
+def test_ousters_recording(samples, tmp_path):
+    pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    kind, frames = frames_of(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap", tmp_path)
+    image, more = frames.read(frames.names[0])
+    assert kind == "ouster"
+    assert image.range_m.shape == (32, 1024)
+    assert 0.08 < more["time"].max() < 0.11
+    # Without the sensor's description the packets are taken for another maker's, and are none of those.
+    shutil.copy(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap", tmp_path / "alone.pcap")
+    with pytest.raises((ValueError, ModuleNotFoundError), match="velodyne: "):
+        frames_of(tmp_path / "alone.pcap", tmp_path / "out")
+
+
+@pytest.mark.parametrize(("rings", "top"), [("", 15.0), ("32-63", 25.0)])
+def test_each_of_argoverses_two_sensors_is_told_from_its_beams(samples, tmp_path, rings, top):
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    kind, frames = frames_of(samples / "argoverse2", tmp_path, rings=rings)
+    assert kind == "argoverse2"
+    image, _ = frames.read(frames.names[0])
+    elevation = np.rad2deg(frames.grid.elevation_rad)
+    # A VLP-32C's table, which nothing here was told; the lower sensor hangs upside down.
+    table = np.array([15, 10.333, 7, 4.667, 3.333, 2.333, 1.667, 1.333, 1, 0.667, 0.333, 0, -0.333, -0.667, -1, -1.333])
+    rest = [
+        -1.667,
+        -2,
+        -2.333,
+        -2.667,
+        -3,
+        -3.333,
+        -3.667,
+        -4,
+        -4.667,
+        -5.333,
+        -6.148,
+        -7.254,
+        -8.843,
+        -11.31,
+        -15.639,
+        -25,
+    ]
+    table = np.concatenate([table, rest])
+    np.testing.assert_allclose(elevation, table if top == 15 else -table[::-1], atol=0.06)
+    assert image.range_m.shape == (32, 1808)
+    assert image.valid.mean() > 0.8  # the lower one looks up, into the sky
+
+
+def test_argoverses_damaged_tables(tmp_path):
+    feather = pytest.importorskip("pyarrow.feather", reason="pyarrow is not installed")
+    pa = pytest.importorskip("pyarrow")
+    folder = tmp_path / "log/sensors/lidar"
+    folder.mkdir(parents=True)
+    feather.write_feather(pa.table({"x": np.zeros(3, np.float16)}), folder / "315973157959879000.feather")
+    with pytest.raises(ValueError, match="has no column y, z, intensity, laser_number, offset_ns; it has x"):
+        frames_of(tmp_path / "log", tmp_path / "out")
+    (folder / "315973157959879000.feather").write_bytes(b"ARROW1")
+    with pytest.raises(ValueError, match=r"argoverse2: .*feather cannot be read"):
+        frames_of(tmp_path / "log", tmp_path / "out")
+
+
+def test_nuscenes_sweeps(samples, tmp_path):
+    kind, frames = frames_of(samples / "nuscenes", tmp_path)
+    assert kind == "nuscenes"
+    assert frames.read(frames.names[0])[0].range_m.shape == (32, 900)
+
+
+def test_kittis_raw_drive_lies_on_its_units_own_beams(samples, tmp_path):
+    kind, source = source_for(samples / "kitti_raw")
+    written = write_log(samples / "kitti_raw", kind, source, out=tmp_path, options=LogOptions(), most=2)
+    assert (kind, written.frames, written.rows) == ("kitti", 2, 64)
+    frames = open_polar_frames(tmp_path)
+    assert {about["scene"] for about in frames.about.values()} == {"2011_09_26_drive_XXXX_sync"}
+    assert frames.grid.origin_m[0] == pytest.approx(0.209, abs=0.01)
+    assert frames.read(frames.names[0])[0].valid.mean() > 0.7
+
+
+def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
+    with pytest.raises(ValueError, match="looks like no log that is known; name its kind: --kind carla or pcd or"):
+        source_for(tmp_path)
+    with pytest.raises(ValueError, match="no source 'sick'; known: carla, pcd"):
+        source_for(tmp_path, "sick")
+    with pytest.raises(ValueError, match="there is no"):
+        source_for(tmp_path / "nothing")
+
+
+def test_a_package_adds_a_source(tmp_path, monkeypatch):
+    from jaxsim.data.logs import Item, Scan, Source
+
+    def items(path, options):
+        for k in range(2):
+            fields = room(seed=k)
+            scan = Scan(
+                name=f"{k:03d}",
+                scene="acme",
+                xyz_m=np.stack([fields[a] for a in "xyz"], axis=1),
+                intensity=fields["intensity"].astype("f4"),
+                ring=fields["ring"].astype(int),
+                full_scale=255.0,
+            )
+            yield Item(scan.name, lambda scan=scan: scan)
+
+    class Point:
+        name, value = "acme", "acme_lidar.log:SOURCE"
+
+        def load(self):
+            return Source("ACME", lambda path: path.suffix == ".acme", items)
+
+    monkeypatch.setattr("jaxsim.data.logs.entry_points", lambda group: [Point()] if group == "jaxsim.sources" else [])
+    assert next(iter(known_sources())) == "acme"
+    (tmp_path / "x.acme").write_bytes(b"")
+    kind, frames = frames_of(tmp_path / "x.acme", tmp_path / "out")
+    assert (kind, frames.names, len(frames.grid.elevation_rad)) == ("acme", ("000", "001"), RINGS)
+    Point.load = lambda self: 5
+    with pytest.raises(ValueError, match="must be a Source"):
+        known_sources()

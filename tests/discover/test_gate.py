@@ -1,0 +1,179 @@
+"""A gate: what passes, what is a gap, what cannot be judged; and its distances against the plainest computation."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import discover, main
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.discover.gate import colour_of, judge, judge_quickly, read_gate
+from jaxsim.discover.quick import over_scenes, quick_distances
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.report.gate import junit
+from tests.report import results
+
+ROWS, COLUMNS = 8, 48
+
+
+def write(folder, frames, scenes):
+    azimuth = np.linspace(0.6, -0.6, COLUMNS).astype(np.float32)
+    grid = PolarGrid(azimuth, np.linspace(0.0, -0.3, ROWS).astype(np.float32), np.zeros(ROWS, np.float32))
+    write_grid(folder, grid, frames={f"{k:03d}": {"scene": scene} for k, scene in enumerate(scenes)})
+    for k, (range_m, intensity) in enumerate(frames):
+        write_frame(folder, f"{k:03d}", PolarImage(range_m, intensity, range_m > 0))
+
+
+def sides(tmp_path, *, seed=0, scenes=8, noise=0.01, gain=1.0, lost=0.02, range_noise=0.01):
+    """Two folders of one street a scene: the measured one noisy, brighter by `gain`, with losses."""
+    rng = np.random.default_rng(seed)
+    ours, theirs = [], []
+    for _ in range(scenes):
+        range_m = rng.uniform(3, 60, (ROWS, COLUMNS)).astype(np.float32)
+        intensity = rng.uniform(0.1, 0.6, (ROWS, COLUMNS)).astype(np.float32)
+        seen = np.where(rng.random((ROWS, COLUMNS)) < lost, 0, range_m + rng.normal(0, range_noise, range_m.shape))
+        brighter = np.clip(intensity * gain + rng.normal(0, noise, intensity.shape), 0, 1)
+        ours.append((range_m, intensity))
+        theirs.append((seen.astype(np.float32), brighter.astype(np.float32)))
+    names = [f"drive{k}" for k in range(scenes)]
+    write(tmp_path / "simulated", ours, names)
+    write(tmp_path / "measured", theirs, names)
+    return tmp_path / "simulated", tmp_path / "measured"
+
+
+def test_distances_are_the_plainest_means_over_scenes(tmp_path):
+    simulated, measured = sides(tmp_path, scenes=5)
+    found = quick_distances(simulated, measured)
+    rows = []
+    for k in range(5):
+        a, b = (np.load(folder / f"{k:03d}.npz") for folder in (simulated, measured))
+        both = (a["range"] > 0) & (b["range"] > 0)
+        rows.append(
+            (
+                np.abs(a["intensity"] - b["intensity"])[both].mean(),
+                np.median(np.abs(a["range"] - b["range"])[both]),
+                ((a["range"] > 0) != (b["range"] > 0)).sum() / (a["range"] > 0).sum(),
+            )
+        )
+    expected = np.array(rows)
+    for k, one in enumerate(found.values()):
+        assert one.value == pytest.approx(expected[:, k].mean(), rel=1e-5)
+        assert one.low < one.value < one.high
+
+
+def test_of_a_hundred_means_at_the_threshold_at_most_five_turn_red():
+    """Scenes that scatter about the threshold itself, the hardest null: red where the whole interval lies above."""
+    rng = np.random.default_rng(0)
+    red = [over_scenes(rng.normal(0.1, 0.03, 8), "").low > 0.1 for _ in range(1000)]
+    assert np.mean(red) < 0.07
+
+
+def gate(tmp_path, **content):
+    (tmp_path / "gate.json").write_text(json.dumps(content))
+    return read_gate(tmp_path / "gate.json")
+
+
+def test_fast_is_red_for_a_gap_green_without_and_unsure_between(tmp_path):
+    simulated, measured = sides(tmp_path / "null")
+    asked = gate(tmp_path, thresholds={"intensity": 0.02, "range": 0.05, "drop": 0.05})
+    checks = judge_quickly(asked, quick_distances(simulated, measured))
+    assert {check.colour for check in checks} == {"pass"}
+    simulated, measured = sides(tmp_path / "bright", gain=1.2)
+    checks = judge_quickly(asked, quick_distances(simulated, measured))
+    assert {check.name: check.colour for check in checks} == {"intensity": "gap", "range": "pass", "drop": "pass"}
+    near = quick_distances(simulated, measured)["drop"]
+    asked = gate(tmp_path, thresholds={"drop": near.value - (near.value - near.low) / 2})
+    assert colour_of(judge_quickly(asked, quick_distances(simulated, measured))) == "unsure"
+
+
+def test_a_whole_answer_is_red_for_effects_that_may_not_be_missing(tmp_path):
+    verdict = results.named().verdict
+    effect = verdict.effects[0].name
+    most = {channel: 2 * gap.before for channel, gap in verdict.gap.items()}
+    (checks) = judge(gate(tmp_path, thresholds=most), verdict)
+    assert checks[0].colour == "gap"
+    assert effect in checks[0].words
+    assert {check.colour for check in checks[1:]} == {"pass"}
+    assert colour_of(judge(gate(tmp_path, thresholds=most, allowed=[effect]), verdict)) == (
+        "pass" if len(verdict.effects) == 1 else "gap"
+    )
+    everything = [one.name for one in verdict.effects]
+    least = {channel: gap.before / 2 for channel, gap in verdict.gap.items()}
+    checks = judge(gate(tmp_path, thresholds=least, allowed=everything), verdict)
+    assert [check.colour for check in checks] == ["pass", *["gap"] * len(least)]
+
+
+def test_a_baseline_allows_what_was_so_before(tmp_path):
+    verdict = results.named().verdict
+    verdict.save(tmp_path)
+    assert colour_of(judge(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
+    none = results.none().verdict
+    none.save(tmp_path)
+    assert colour_of(judge(gate(tmp_path, baseline="verdict.json"), verdict)) == "gap"
+
+
+def test_what_has_no_name_is_a_gap_unless_allowed(tmp_path):
+    verdict = results.not_in_catalogue().verdict
+    assert colour_of(judge(gate(tmp_path, allowed=[]), verdict)) == "gap"
+    allowed = ["not_in_catalogue", *(one.name for one in verdict.effects)]
+    assert colour_of(judge(gate(tmp_path, allowed=allowed), verdict)) == "pass"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({}, "asks nothing"),
+        ({"threshold": 1}, "threshold"),
+        ({"thresholds": {"colour": 1}}, "colour"),
+        ({"thresholds": {"range": -1}}, "must be a number above 0"),
+        ({"thresholds": {"range": "x"}}, "must be a number above 0"),
+        ({"allowed": ["fogg"]}, "fogg"),
+        ({"baseline": 5}, "must be the path of a verdict.json"),
+    ],
+)
+def test_gates_that_cannot_be(tmp_path, content, message):
+    with pytest.raises(ValueError, match=message):
+        gate(tmp_path, **content)
+
+
+@pytest.mark.parametrize(("gain", "code"), [(1.0, 0), (1.3, 1)])
+def test_the_command_ends_with_the_colour_and_writes_it_down(tmp_path, gain, code):
+    simulated, measured = sides(tmp_path, gain=gain)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    out = tmp_path / "out"
+    words = [
+        "--simulated",
+        str(simulated),
+        "--measured",
+        str(measured),
+        "--gate",
+        str(tmp_path / "gate.json"),
+        "--fast",
+    ]
+    with pytest.raises(SystemExit) as stop:
+        main(["discover", *words, "--out", str(out)])
+    assert stop.value.code == code
+    suite = ET.parse(out / "junit.xml").getroot()
+    assert suite.get("failures") == str(code)
+    assert ("**gap**" in (out / "gate.md").read_text()) == bool(code)
+
+
+def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
+    simulated, measured = sides(tmp_path, scenes=2)
+    (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')
+    asked = discover.Discover(
+        out=tmp_path / "out", simulated=simulated, measured=measured, gate=tmp_path / "gate.json", fast=True
+    )
+    with pytest.raises(SystemExit) as stop:
+        asked()
+    assert stop.value.code == 2
+    assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
+
+
+def test_junit_counts_failures_and_errors(tmp_path):
+    verdict = results.named().verdict
+    checks = judge(gate(tmp_path, thresholds={"range": 1e-9}), verdict)
+    suite = ET.fromstring(junit(checks, seconds=3.14))
+    assert int(suite.get("tests")) == len(suite) == len(checks)
+    assert int(suite.get("failures")) == len(suite.findall("testcase/failure"))

@@ -1,0 +1,135 @@
+"""Answers in engines' parameters: numbers that the engine's own law turns back into the effect."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.effects.catalogue import EFFECTS
+from jaxsim.effects.chain import LEVELS, SensorModel
+from jaxsim.engines import ENGINES, read_answer, translate
+
+ALPHA, LOST, SD = 0.003, 0.12, 0.02
+
+
+@pytest.fixture
+def answer(tmp_path):
+    """A sensor.json and the verdict.json beside it, as discover writes them."""
+    effects = (
+        ("atmospheric_extinction", {"coefficient_per_m": ALPHA}),
+        ("incidence_cosine", {"exponent": 0.7}),
+        ("beam_range_bias", {"bias_m": (0.02, -0.01)}),
+        ("extrinsic_rotation", {"yaw_rad": 0.02, "pitch_rad": -0.01}),
+        ("extrinsic_translation", {"x_m": 0.1, "y_m": 0.2}),
+        ("range_gate", {"maximum_m": 80.0}),
+    )
+    SensorModel(effects, levels={"range_noise": SD, "random_loss": LOST}).save(tmp_path / "sensor.json")
+    interval = {"value": ALPHA, "low": 0.002, "high": 0.004, "unit": "1/m"}
+    vector = {"value": [0.02, -0.01], "low": [0.01, -0.02], "high": [0.03, 0.0], "unit": "m"}
+    verdict = {
+        "effects": [
+            {"name": "atmospheric_extinction", "parameters": {"coefficient_per_m": interval}},
+            {"name": "beam_range_bias", "parameters": {"bias_m": vector}},
+        ],
+        "levels": [{"name": "range_noise", "missing": {"value": SD, "low": 0.018, "high": 0.022, "unit": "m"}}],
+    }
+    (tmp_path / "verdict.json").write_text(json.dumps(verdict))
+    return tmp_path / "sensor.json"
+
+
+def settings(path, name, **now):
+    told = translate(read_answer(path), name, ENGINES[name], now=now)
+    return {one.name: one for one in told.settings}, told
+
+
+def test_carlas_law_gives_the_effects_back(answer):
+    found, told = settings(answer, "carla")
+    rate = found["atmosphere_attenuation_rate"].value
+    distance = np.linspace(1, 100, 50)
+    # exp(-a d) of CARLA's source, against ours on top of its default 0.004.
+    ours = np.exp(-0.004 * distance) * np.exp(-2 * ALPHA * distance)
+    np.testing.assert_allclose(np.exp(-rate.value * distance), ours, rtol=1e-6)
+    assert (rate.low, rate.high) == pytest.approx((0.008, 0.012))
+    assert found["dropoff_general_rate"].value.value == pytest.approx(LOST)
+    assert found["noise_stddev"].value == pytest.approx((SD, 0.018, 0.022))
+    assert found["range"].value.value == 80
+    assert np.isnan(found["range"].value.low)
+    # CARLA's y points to the right, its yaw turns clockwise, its pitch lifts the nose.
+    assert found["transform.y"].value.value == pytest.approx(-0.2)
+    assert found["transform.yaw"].value.value == pytest.approx(-np.rad2deg(0.02))
+    assert found["transform.pitch"].value.value == pytest.approx(np.rad2deg(0.01))
+    assert set(told.cannot) == {"incidence_cosine", "beam_range_bias"}
+    plain = json.loads(told.text)
+    assert float(plain["attributes"]["noise_stddev"]) == pytest.approx(SD)
+    assert plain["add_to_transform"]["x"] == pytest.approx(0.1)
+
+
+def test_what_an_engine_has_now_is_counted(answer):
+    found, _ = settings(answer, "carla", atmosphere_attenuation_rate=0.0, noise_stddev=0.015, dropoff_general_rate=0.5)
+    assert found["atmosphere_attenuation_rate"].value.value == pytest.approx(2 * ALPHA)
+    assert found["noise_stddev"].value.value == pytest.approx(0.025)
+    assert found["dropoff_general_rate"].value.value == pytest.approx(1 - 0.5 * (1 - LOST))
+
+
+def test_isaacs_emitters_have_a_value_each(answer):
+    found, told = settings(answer, "isaac")
+    assert found["omni:sensor:Core:rangeAccuracyM"].value.value == pytest.approx(SD)
+    each = found["omni:sensor:Core:emitterState:s001:distanceCorrectionM"].each
+    assert [e.value for e in each] == pytest.approx([-0.02, 0.01])
+    assert (each[0].low, each[0].high) == pytest.approx((-0.03, -0.01))
+    assert told.text.startswith("#usda 1.0")
+    assert "float omni:sensor:Core:farRangeM = 80" in told.text
+
+
+def test_rgls_noise_node(answer):
+    found, told = settings(answer, "rgl")
+    assert found["distance.mean"].value.value == pytest.approx(0.005)
+    assert told.text.endswith("rgl_node_gaussian_noise_distance(&noise, 0.005f, 0.02f, 0f);\n")
+
+
+def test_gazebos_sdf_and_helios_xml_are_whole(answer):
+    lidar = ET.fromstring(settings(answer, "gazebo")[1].text)
+    assert float(lidar.findtext("noise/stddev")) == pytest.approx(SD)
+    assert lidar.findtext("noise/type") == "gaussian"
+    assert float(lidar.findtext("range/max")) == 80
+    scanner = ET.fromstring(settings(answer, "helios")[1].text)
+    assert float(scanner.get("accuracy_m")) == pytest.approx(SD)
+    # Koschmieder: 3.91 over the visibility in kilometres is the extinction in 1/km.
+    assert 3.912 / float(scanner.get("atmosphericVisibility_km")) == pytest.approx(1000 * ALPHA, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_nothing_that_was_found_is_passed_over(name, tmp_path):
+    """Every effect of the catalogue and every level is a parameter, or is said to be none."""
+    engine = ENGINES[name]
+    known = set(EFFECTS) | set(LEVELS)
+    assert engine.expresses <= known
+    assert set(engine.instead) <= known
+    effects = tuple((effect, {}) for effect in EFFECTS)
+    SensorModel(effects, levels={"intensity_step": 0.01}).save(tmp_path / "sensor.json")
+    told = translate(read_answer(tmp_path / "sensor.json"), name, engine)
+    assert set(told.cannot) == (set(EFFECTS) | {"intensity_step"}) - engine.expresses
+    assert all(one.why for one in told.settings)
+
+
+def test_the_command_says_it_in_words_and_in_the_engines_format(answer, tmp_path, capsys):
+    main(["engines", str(answer), "--for", "carla", "--out", str(tmp_path / "carla.json")])
+    printed = capsys.readouterr().out
+    assert "| `atmosphere_attenuation_rate` | 0.01 | 0.008 .. 0.012 | 1/m |" in printed
+    assert "- `incidence_cosine`: its intensity is exp(-rate" in printed
+    assert "not given" in printed
+    assert json.loads((tmp_path / "carla.json").read_text())["blueprint"] == "sensor.lidar.ray_cast"
+    assert (tmp_path / "carla.md").read_text() in printed
+
+
+def test_what_is_no_answer_is_refused(tmp_path, answer, capsys):
+    with pytest.raises(SystemExit, match=r"no file .*nothing\.json"):
+        main(["engines", str(tmp_path / "nothing.json"), "--for", "rgl"])
+    (tmp_path / "now.json").write_text('{"noise_stddev": "much"}')
+    with pytest.raises(SystemExit, match="must be an object of numbers"):
+        main(["engines", str(answer), "--for", "carla", "--now", str(tmp_path / "now.json")])
+    (answer.parent / "verdict.json").write_text("[]")
+    with pytest.raises(SystemExit, match="is not what `jaxsim discover` writes"):
+        main(["engines", str(answer), "--for", "carla"])

@@ -1,0 +1,83 @@
+"""Beams told from points, against what made the points and against another program."""
+
+import numpy as np
+import pytest
+
+from jaxsim.data.clouds import read_scan
+from jaxsim.geometry.beams import NoBeams, assign_columns, beams_of_rings, rings_by_elevation
+from jaxsim.geometry.mount import fit_mount
+from jaxsim.geometry.sensor import full_grid, preset
+
+
+def cloud(name: str, *, firings: int = 200, seed: int = 0):
+    """Points of a preset among walls at random distances, with the rings that they are of."""
+    spec, rng = preset(name), np.random.default_rng(seed)
+    azimuth = np.linspace(np.pi, -np.pi, firings, endpoint=False)[:, None]
+    rho = rng.uniform(3, 60, (firings, spec.rows))
+    z = spec.origin_m + rho * np.tan(spec.elevation_rad)
+    xyz = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z], axis=-1)
+    return xyz.reshape(-1, 3).astype("f4"), np.tile(np.arange(spec.rows), firings), spec
+
+
+@pytest.mark.parametrize("name", ["vlp16", "hdl32e", "hdl64e", "os1_128"])
+def test_the_table_that_made_the_points_comes_back(name):
+    xyz, ring, spec = cloud(name)
+    beams = beams_of_rings(xyz, ring)
+    np.testing.assert_allclose(beams.elevation_rad, spec.elevation_rad, atol=2e-5)
+    np.testing.assert_allclose(beams.origin_m, spec.origin_m, atol=1e-3)
+    np.testing.assert_array_equal(beams.rows_of(ring), ring)
+
+
+def test_unknown_rings_have_no_row():
+    xyz, ring, _ = cloud("vlp16")
+    assert (beams_of_rings(xyz, ring).rows_of(np.array([-3, 16, 99])) == -1).all()
+
+
+@pytest.mark.parametrize("name", ["vlp16", "hdl32e", "os1_128"])
+def test_gaps_between_elevations_tell_rings(name):
+    xyz, ring, spec = cloud(name)
+    found = rings_by_elevation(xyz)
+    np.testing.assert_array_equal(found, spec.rows - 1 - ring)
+    np.testing.assert_array_equal(rings_by_elevation(xyz, lines=spec.rows), found)
+
+
+@pytest.mark.slow
+def test_beams_of_a_real_scan_are_those_that_another_program_finds(samples):
+    """Of KITTI's first raw scan, whose beams start at two heights. alice-lri takes four minutes."""
+    alice_lri = pytest.importorskip("alice_lri", reason="alice-lri is not installed")
+    path = next((samples / "kitti_raw").rglob("velodyne_points/data/*.bin"))
+    scan = read_scan(path, "file_order")
+    xyz = np.asarray(scan.xyz_m).astype(np.float64)
+    theirs = alice_lri.estimate_intrinsics(*xyz.T)
+    angles = np.sort([line.vertical_angle for line in theirs.scanlines])[::-1]
+    ours = beams_of_rings(np.asarray(scan.xyz_m), np.asarray(scan.row).astype(np.int64))
+    assert len(angles) == 64
+    np.testing.assert_allclose(np.rad2deg(ours.elevation_rad), np.rad2deg(angles), atol=0.02)
+
+
+def test_a_mounting_comes_back_from_rings_alone():
+    xyz, ring, _ = cloud("hdl32e", firings=100)
+    tilt = np.deg2rad(2.0)
+    pose = np.array([[np.cos(tilt), 0, np.sin(tilt), 1.2], [0, 1, 0, -0.3], [-np.sin(tilt), 0, np.cos(tilt), 1.7]])
+    found, off_deg = fit_mount((xyz @ pose[:, :3].T + pose[:, 3]).astype("f4"), ring, near_m=(0.0, 0.0, 1.5))
+    np.testing.assert_allclose(found[:3], pose, atol=2e-3)
+    assert off_deg < 0.01
+
+
+def test_points_of_two_sensors_have_no_one_mounting():
+    xyz, ring, _ = cloud("hdl32e", firings=60)
+    mixed = np.concatenate([xyz, xyz + np.float32((0, 4, 1))])
+    with pytest.raises(NoBeams, match="from no one place"):
+        fit_mount(mixed, np.concatenate([ring, ring]))
+
+
+def test_columns_keep_the_distance_of_firings():
+    """Against the plainest oracle: firing k of a ring that fires steadily lies k columns on."""
+    grid = full_grid(preset("vlp16"), 360)
+    step = 2 * np.pi / 360
+    for phase in (0.1, 0.499, 0.501, 0.9):
+        k = np.arange(360)
+        azimuth = np.pi - (k + phase) * step + np.random.default_rng(3).uniform(-0.2, 0.2, 360) * step
+        column = assign_columns(azimuth, np.zeros(360, int), grid)
+        assert (np.diff(column[5:-5]) == 1).all()
+        assert np.abs(column - (k + phase - 0.5))[5:-5].max() <= 0.75 + 1e-6
