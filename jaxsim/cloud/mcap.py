@@ -52,10 +52,10 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, topic: str = "/points",
 def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> Any:
     seconds, rest = divmod(nanoseconds, 10**9)
     names = table.dtype.names or ()
-    offsets = table.dtype.fields or {}
+    offsets: Any = table.dtype.fields or {}
     fields = [
         types["sensor_msgs/msg/PointField"](
-            name=name, offset=int(offsets[name][1]), datatype=_TYPES[table.dtype[name].str[1:]], count=1
+            name=name, offset=int(offsets[name][1]), datatype=_TYPES[offsets[name][0].str[1:]], count=1
         )
         for name in names
     ]

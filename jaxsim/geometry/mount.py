@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import least_squares
@@ -58,8 +60,16 @@ def fit_mount(
 
     start = np.array([*near_m, 0.0, 0.0])
     first = np.bincount(group, elevations(start), len(known)) / size
+    # SciPy's signature says that the derivative is a word; a function is what its text asks for.
+    derivative: Any = slopes
     fit = least_squares(
-        misses, np.concatenate([start, first]), slopes, loss="soft_l1", f_scale=_SCALE_RAD, x_scale="jac", max_nfev=60
+        misses,
+        np.concatenate([start, first]),
+        derivative,
+        loss="soft_l1",
+        f_scale=_SCALE_RAD,
+        x_scale="jac",
+        max_nfev=60,
     )
     off_deg = float(np.rad2deg(np.median(np.abs(misses(fit.x)))))
     if off_deg > _FITS_DEG:
