@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 import jax
 import numpy as np
 import tyro
-from tqdm import tqdm
 
 from jaxsim.cloud.export import save_cloud, table_of
 from jaxsim.cloud.mcap import Stamped, write_mcap
@@ -19,6 +18,7 @@ from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.files import file_of
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
+from jaxsim.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def write_clouds(folder: Path, out: Path, to: str, *, every: int = 1, most: int 
     """Writes a folder's polar frames as clouds; how many there are. Files that are there are not written again."""
     frames = open_polar_frames(folder)
     names = frames.names[::every][: most or None]
-    bar = tqdm(names, unit="cloud", desc="writing")
+    bar = Progress(names, unit="cloud", desc="writing")
     if to == "mcap":
         return write_mcap(out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
     for name in bar:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from jaxsim.data.announced import Announced
 from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
@@ -24,6 +23,7 @@ from jaxsim.data.sweeps import Sweep
 from jaxsim.files import claim, file_of, read_json, write_text
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
+from jaxsim.progress import Progress
 
 RECORD = "log.json"
 WHOLE = 0.5
@@ -70,7 +70,7 @@ def write_log(
     grid, sensor, items = _begin(record, made, items, options, by=kind)
     written = already = partial = 0
     filled = 0.0
-    with Announced(out, grid, by="frames") as announced, tqdm(unit="frame", desc="reading") as bar:
+    with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
         for item in items:
             bar.update()
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
