@@ -15,7 +15,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -66,7 +66,8 @@ def _of_packages() -> Iterator[OwnEffect]:
         yield own_effect(_loaded(point, where), origin, where)
 
 
-def _loaded(point: EntryPoint, where: str) -> Any:
+def _loaded(point: Any, where: str) -> Any:
+    # Of no type: where importlib_metadata is installed too, the standard library gives entry points of its class.
     try:
         return point.load()
     except Exception as error:

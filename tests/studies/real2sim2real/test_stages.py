@@ -196,8 +196,9 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
     monkeypatch.setattr(f"{module}.load_detector", lambda run: SimpleNamespace(network=run.name))
     stages = stages_of(loop)
     stages.scenes_of |= {(kind, "validation"): both for kind, both in scenes.items()}
-    pictures = stages.pictures()
+    pictures, turned = stages.shown()
     assert asked == ["raw_64", "simulated_64", "real"]
+    assert len(turned) == 3
     width = PANEL + 4  # the tiny range is square
     assert pictures["clouds"].shape == (PANEL + 4, 2 * width, 3)
     assert pictures["found"].shape == (PANEL + 4, 3 * width, 3)
