@@ -87,9 +87,9 @@ def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str
     return canvas
 
 
-def colour_limit(maps: Sequence[Map]) -> float | None:
-    """The residual at which the colours end; None where no map has a value."""
-    known = np.abs(np.concatenate([values[np.isfinite(values)] for values in maps]))
+def colour_limit(residuals: Sequence[Float[np.ndarray, "..."]]) -> float | None:
+    """The residual at which the colours of maps or rays end, whatever their shapes; None where none has a value."""
+    known = np.abs(np.concatenate([values[np.isfinite(values)] for values in residuals]))
     if not known.size:
         return None
     # Few strong cells on a quiet map (lost rays) would saturate a scale that the many quiet ones set.

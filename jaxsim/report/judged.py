@@ -42,7 +42,7 @@ def residual_clouds(result: Result) -> tuple[Markup, Markup]:
 
 
 def _limit(result: Result, channel: str) -> float | None:
-    return colour_limit([np.atleast_2d(side[channel]) for one in result.frames for side in (one.before, one.after)])
+    return colour_limit([side[channel] for one in result.frames for side in (one.before, one.after)])
 
 
 def title(frame: JudgeFrame) -> str:

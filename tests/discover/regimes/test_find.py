@@ -44,7 +44,7 @@ def test_its_sensor_model_acts_there_alone_and_its_report_says_so(sector, tmp_pa
     assert SensorModel.load(tmp_path / "sensor.json").regions == {"beam_range_bias": result.verdict.regimes[0].where}
     page = write_report(tmp_path, result).read_text(encoding="utf-8")
     assert "beam_range_bias acts between" in page
-    assert (tmp_path / "figures" / "regime_beam_range_bias.png").is_file()
+    assert (tmp_path / "figures" / "regime_beam_range_bias.svg").is_file()
 
 
 @pytest.mark.slow
