@@ -71,8 +71,9 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
         if not writes:
             return {}
         scores, picture = training.judge(devices.nearby(training.used(state)), step)
-        log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
+        # The scores last: a resumed run takes a step that has them for judged, and draws no picture of it.
         save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
+        log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
         tell(scores)
         return scores
 

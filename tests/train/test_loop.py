@@ -1,5 +1,6 @@
 """The loop, on a training that only adds: what it saves, judges and writes, and that a stopped run ends the same."""
 
+import errno
 import json
 import os
 import signal
@@ -152,3 +153,18 @@ def test_a_signal_in_a_step_waits_for_its_end(tmp_path, monkeypatch, number):
         Stopped(tmp_path / "run").run(monkeypatch)
     assert Checkpoints(tmp_path / "run").steps == [3, 5]
     assert Adding(tmp_path / "run").run(monkeypatch) == whole
+
+
+def test_a_step_whose_picture_found_no_room_is_judged_again(tmp_path, monkeypatch):
+    whole = Adding(tmp_path / "whole").run(monkeypatch)
+
+    def full(path, picture):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    with monkeypatch.context() as no_room:
+        no_room.setattr("jaxsim.train.loop.save_picture", full)
+        with pytest.raises(OSError, match="No space left"):
+            Adding(tmp_path / "run").run(monkeypatch)
+    assert Adding(tmp_path / "run").run(monkeypatch) == whole
+    pictures = [sorted(path.name for path in (tmp_path / name / "figures").iterdir()) for name in ("whole", "run")]
+    assert pictures[0] == pictures[1]
