@@ -38,8 +38,17 @@ class Answer:
 
     def one(self, effect: str, parameter: str) -> Fitted | None:
         """A parameter that is one number; None where the effect was not found."""
-        values = self.effects.get(effect, {}).get(parameter)
+        values = self.each(effect, parameter)
         return values[0] if values else None
+
+    def each(self, effect: str, parameter: str) -> tuple[Fitted, ...]:
+        """A parameter's values, one a beam or class; none where the effect was not found."""
+        return self.effects.get(effect, {}).get(parameter, ())
+
+    @property
+    def range_noise(self) -> Fitted | None:
+        """Noise of the range as one number for all echoes; None where none was found."""
+        return together(self.one("range_noise", "sd_m"), self.levels.get("range_noise"), how=root_of_squares)
 
 
 @dataclass(frozen=True)
@@ -139,12 +148,23 @@ def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, fl
 
 def together(*parts: Fitted | None, how: Callable[[Sequence[float]], float]) -> Fitted | None:
     """Several numbers as one (a root of squares, a product ...); None where none is given. Their ends go together,
-    which
-    makes the interval rather too wide than too narrow."""
+    which makes the interval rather too wide than too narrow."""
     given = [part for part in parts if part is not None]
     if not given:
         return None
     return Fitted(*(how([part[k] for part in given]) for k in range(3)))
+
+
+def noise_of_range(answer: Answer, name: str) -> list[Setting]:
+    """The engine's setting `name` of the range's noise; none where there is no such noise."""
+    why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
+    return [Setting(name, answer.range_noise, "m", why)] if answer.range_noise else []
+
+
+def limits_of_range(answer: Answer, *, minimum: str, maximum: str) -> list[Setting]:
+    """The engine's settings of these names for the ranges that `range_gate` lets through."""
+    ends = {minimum: answer.one("range_gate", "minimum_m"), maximum: answer.one("range_gate", "maximum_m")}
+    return [Setting(name, end, "m", "range_gate") for name, end in ends.items() if end is not None]
 
 
 def root_of_squares(values: Sequence[float]) -> float:

@@ -27,17 +27,15 @@ INSTEAD = {
     "retroreflection": _SURFACE,
     "material_dropout": "drop-off knows intensity alone, and that knows distance alone; drop by class behind "
     "sensor.lidar.ray_cast_semantic",
-    "range_falloff": "it has no power law of range; an attenuation rate follows one only over a short stretch: "
-    "apply it "
-    "behind the sensor",
+    "range_falloff": "it has no power law of range; an attenuation rate follows one only over a short stretch: apply "
+    "it behind the sensor",
     "snr_dropout": "dropoff_intensity_limit and dropoff_zero_intensity make losses that grow evenly with distance, for "
     "dark and bright surfaces alike; a threshold on the echo's power needs the surface: apply it behind the sensor",
     "beam_gain": "all channels are alike; apply a gain by channel (points come channel by channel) behind the sensor",
     "motion_distortion": "all rays of a tick start from one place: let fixed_delta_seconds be a fraction of a turn, so "
     "that each tick casts a sector from where the sensor then is",
-    "beam_elevation_error": "channels lie evenly between lower_fov and upper_fov; several sensors of few "
-    "channels, each "
-    "with its own field of view, come nearer",
+    "beam_elevation_error": "channels lie evenly between lower_fov and upper_fov; several sensors of few channels, "
+    "each with its own field of view, come nearer",
     "range_noise": "noise_stddev is the same for all echoes; it is set to the noise at the reference power",
 }
 
@@ -57,7 +55,7 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
         found.append(
             Setting("dropoff_general_rate", loss.mapped(lambda p: any_loss((was, p))), "", "rays lost, every ray alike")
         )
-    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
+    noise = answer.range_noise
     if noise is not None:
         was = now["noise_stddev"]
         both = noise.mapped(lambda sd: root_of_squares((was, sd)))

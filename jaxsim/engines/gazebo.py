@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Setting, mean_of, root_of_squares, together
+from jaxsim.engines.answer import Answer, Engine, Setting, limits_of_range, mean_of, noise_of_range
 
 _RETRO = (
-    "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by "
-    "surface, and "
-    "apply what depends on range or angle in a node that reads the points"
+    "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "
+    "and apply what depends on range or angle in a node that reads the points"
 )
 _DROP = "no ray is lost but by range; drop points in a node that reads them"
 INSTEAD = {
@@ -25,9 +24,8 @@ INSTEAD = {
         _RETRO,
     ),
     **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
-    "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of "
-    "few samples "
-    "come nearer",
+    "beam_elevation_error": "vertical samples lie evenly between min_angle and max_angle; several sensors of few "
+    "samples come nearer",
     "motion_distortion": "a scan is rendered at one moment; several sensors of a sector each, at different times, come "
     "nearer",
 }
@@ -37,17 +35,11 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
     del now
     found: list[Setting] = []
-    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         found.append(Setting("noise.mean", mean_of(bias), "m", "beam_range_bias, its mean over the beams"))
-    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
-    if noise is not None:
-        why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
-        found.append(Setting("noise.stddev", noise, "m", why))
-    for parameter, name in (("minimum_m", "min"), ("maximum_m", "max")):
-        gate = answer.one("range_gate", parameter)
-        if gate is not None:
-            found.append(Setting(f"range.{name}", gate, "m", "range_gate"))
+    found += noise_of_range(answer, "noise.stddev")
+    found += limits_of_range(answer, minimum="range.min", maximum="range.max")
     step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
     if step is not None:
         found.append(Setting("range.resolution", step, "m", "steps of the range"))

@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Setting, root_of_squares, together
+from jaxsim.engines.answer import Answer, Engine, Setting, limits_of_range, noise_of_range
 
 _MATERIAL = (
-    "reflection is of the scene's materials (.mtl: helios_reflectance, and its Phong terms): change these for "
-    "the surfaces "
-    "concerned"
+    "reflection is of the scene's materials (.mtl: helios_reflectance, and its Phong terms): change these for the "
+    "surfaces concerned"
 )
 _CONTRAST = 0.02
 """Contrast at which Koschmieder's visibility ends in HELIOS++: attenuation is 3.91 over it, and 3.91 = -ln 0.02."""
@@ -29,8 +28,7 @@ INSTEAD = {
     "range_falloff": "its intensity is received power, which falls as the laser equation says; undo that in the points "
     "where the sensor's firmware does",
     "mixed_pixels": "beamSampleQuality above 1 casts several rays a pulse, and the waveform's peaks lie between "
-    "surfaces "
-    "that are closer than the pulse is long",
+    "surfaces that are closer than the pulse is long",
     "beam_elevation_error": "a multi-scanner has its channels one by one: give each its own rotation",
     "motion_distortion": "a platform that moves while the scanner turns has it already",
 }
@@ -40,10 +38,7 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of <scanner>."""
     del now
     found: list[Setting] = []
-    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
-    if noise is not None:
-        why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
-        found.append(Setting("accuracy_m", noise, "m", why))
+    found += noise_of_range(answer, "accuracy_m")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     if divergence is not None:
         found.append(Setting("beamDivergence_rad", divergence, "rad", "incidence_range_bias: the beam's divergence"))
@@ -52,10 +47,7 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
         visibility = extinction.mapped(lambda alpha: -math.log(_CONTRAST) / max(alpha, 1e-9) / 1000)
         why = "atmospheric_extinction: 3.91 / α at 550 nm; HELIOS++ scales it to the wavelength"
         found.append(Setting("atmosphericVisibility_km", visibility, "km", why))
-    for parameter, name in (("minimum_m", "rangeMin_m"), ("maximum_m", "rangeMax_m")):
-        gate = answer.one("range_gate", parameter)
-        if gate is not None:
-            found.append(Setting(name, gate, "m", "range_gate"))
+    found += limits_of_range(answer, minimum="rangeMin_m", maximum="rangeMax_m")
     return found
 
 

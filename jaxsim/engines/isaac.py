@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Fitted, Setting, degrees, mean_of, root_of_squares, together
+from jaxsim.engines.answer import Answer, Engine, Fitted, Setting, degrees, limits_of_range, mean_of, noise_of_range
 
 _CORE = "omni:sensor:Core:"
 _EMITTER = f"{_CORE}emitterState:s001:"
 _MATERIAL = (
-    "reflection belongs to the materials of the scene (their sensor attributes), not to the LiDAR: change "
-    "these, or apply "
-    "it behind the sensor"
+    "reflection belongs to the materials of the scene (their sensor attributes), not to the LiDAR: change these, or "
+    "apply it behind the sensor"
 )
 INSTEAD = {
     "incidence_cosine": _MATERIAL,
@@ -38,30 +37,24 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
     del now
     found: list[Setting] = []
-    noise = together(answer.one("range_noise", "sd_m"), answer.levels.get("range_noise"), how=root_of_squares)
-    if noise is not None:
-        why = "noise of the range, one number for all echoes; of range_noise that at the reference power"
-        found.append(Setting(f"{_CORE}rangeAccuracyM", noise, "m", why))
+    found += noise_of_range(answer, f"{_CORE}rangeAccuracyM")
     step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
     if step is not None:
         found.append(Setting(f"{_CORE}rangeResolutionM", step, "m", "steps of the range"))
-    for parameter, name in (("minimum_m", "nearRangeM"), ("maximum_m", "farRangeM")):
-        gate = answer.one("range_gate", parameter)
-        if gate is not None:
-            found.append(Setting(f"{_CORE}{name}", gate, "m", "range_gate"))
+    found += limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     if divergence is not None:
         for side in ("Hor", "Ver"):
             why = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
             found.append(Setting(f"{_CORE}divergence{side}Deg", degrees(divergence), "degrees", why))
-    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         why = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
         found.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], "m", why))
-    error = answer.effects.get("beam_elevation_error", {}).get("error_rad")
+    error = answer.each("beam_elevation_error", "error_rad")
     if error:
         found.append(_emitters("elevationDeg", [degrees(e) for e in error], "degrees", "beam_elevation_error: add it"))
-    gain = answer.effects.get("beam_gain", {}).get("gain")
+    gain = answer.each("beam_gain", "gain")
     if gain:
         power = [g.mapped(math.exp) for g in gain]
         found.append(_emitters("emitterPeakPowerW", power, "times", "beam_gain: multiply the emitter's power by it"))

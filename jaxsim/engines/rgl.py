@@ -13,9 +13,8 @@ from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
 from jaxsim.engines.answer import Answer, Engine, Setting, mean_of
 
 _TEXTURE = (
-    "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: "
-    "write it "
-    "into the textures where it depends on the surface alone, else apply it behind the graph, with the fields "
+    "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
+    "it into the textures where it depends on the surface alone, else apply it behind the graph, with the fields "
     "INTENSITY_F32, DISTANCE_F32, INCIDENT_ANGLE_F32 and ENTITY_ID_I32"
 )
 _DROP = "no node loses points at random; drop them behind the graph"
@@ -28,9 +27,8 @@ INSTEAD = {
         _TEXTURE,
     ),
     **dict.fromkeys(("random_dropout", "random_loss", "snr_dropout", "material_dropout", "edge_dropout"), _DROP),
-    "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its "
-    "first or "
-    "last hit; points between two surfaces need a mean of hits behind the graph",
+    "mixed_pixels": "rgl_node_raytrace_configure_beam_divergence casts several rays a beam, and returns of its first "
+    "or last hit; points between two surfaces need a mean of hits behind the graph",
     "range_scale": "move points along their rays behind the graph; the noise node's mean is one number for all ranges",
     "beam_elevation_error": "add it to the ray poses that rgl_node_rays_from_mat3x4f is given",
     "motion_distortion": "rgl_node_raytrace_configure_velocity with time offsets of the rays "
@@ -42,7 +40,7 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
     del now
     found: list[Setting] = []
-    bias = answer.effects.get("beam_range_bias", {}).get("bias_m")
+    bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         why = "beam_range_bias, its mean over the beams: the node knows no beams"
         found.append(Setting("distance.mean", mean_of(bias), "m", why))
