@@ -227,6 +227,7 @@ if __name__ == "__main__":
     parser.add_argument("--folds", type=int, nargs="+", default=list(range(len(FOLDS))))
     parser.add_argument("--seeds", type=int, nargs="+", default=[2])
     parser.add_argument("--config", default="kitti_drives")
-    parser.add_argument("flags", nargs="*", help="after --: flags of jaxsim train")
+    given = sys.argv[1:]
+    stop = given.index("--") if "--" in given else len(given)
     enable_compilation_cache()
-    main(**vars(parser.parse_args()))
+    main(**vars(parser.parse_args(given[:stop])), flags=given[stop + 1 :])
