@@ -61,15 +61,22 @@ class Doctor:
 Lines = list[tuple[str, str]]
 
 
-def requirements() -> tuple[list[str], dict[str, list[str]]]:
-    """Packages that jaxsim needs, and those of each extra, by the installed distribution's own metadata."""
+def requirements(package: str = NAME) -> tuple[list[str], dict[str, list[str]]]:
+    """Packages that a package needs, and those of each of its extras, by the installed distribution's own metadata.
+
+    A package that is asked for with an extra of its own (`jax[cuda13]`) brings what that extra holds.
+    """
     needs: list[str] = []
     extras: dict[str, list[str]] = {}
-    for line in distribution(NAME).requires or ():
-        name = re.match(r"[A-Za-z0-9._-]+", line)
+    for line in distribution(package).requires or ():
+        name = re.match(r"([A-Za-z0-9._-]+)(?:\[([^]]+)\])?", line)
         extra = re.search(r"""extra == ['"]([^'"]+)['"]""", line)
         if name:
-            (extras.setdefault(extra[1], []) if extra else needs).append(name[0])
+            found = extras.setdefault(extra[1], []) if extra else needs
+            found.append(name[1])
+            if name[2] and version_of(name[1]):
+                theirs = requirements(name[1])[1]
+                found += [one for asked in name[2].split(",") for one in theirs.get(asked.strip(), ())]
     return needs, extras
 
 

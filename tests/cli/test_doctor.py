@@ -23,6 +23,8 @@ def test_what_is_needed_and_what_is_extra_comes_from_the_package_itself():
     assert {"jax", "numpy"} <= {*needs}
     assert "torch" not in needs
     assert extras["convert"] == ["torch"]
+    # jax itself is there without a GPU; what its own extra brings tells whether this one is.
+    assert {"jax", "jax-cuda13-plugin"} <= {*extras["cuda"]}
 
 
 def test_an_extra_that_lacks_something_says_what():
