@@ -81,9 +81,13 @@ def standard_promotion():
         yield
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def scheduler():
-    """Address of a Dask scheduler with two workers, all of them threads of this process, that speak TCP."""
+    """Address of a Dask scheduler with two workers, all of them threads of this process, that speak TCP.
+
+    It ends with the module: a scheduler that waits still draws from Python's random state, which hypothesis takes for a
+    strategy of the test beside it.
+    """
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install -e '.[dask]'")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1", dashboard_address=":0"
