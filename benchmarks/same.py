@@ -237,7 +237,7 @@ def told(folder: Path) -> Iterator[tuple[str, Any]]:
         name = path.as_posix()
         if "checkpoints" in path.parts:
             # Orbax's files hold times; its item `sha256` holds those of our arrays.
-            if path.parent.name == "sha256" and not path.name.startswith("_"):
+            if path.parent.name == "sha256" and path.name == "metadata":
                 yield from leaves(json.loads(path.read_text()), f"{name}:")
         elif path.suffix == ".json":
             yield from leaves(json.loads(path.read_text()), f"{name}:")

@@ -19,6 +19,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
 from jaxsim.effects.covariates import covariates
 from jaxsim.effects.edits import brighten, lose, misread
+from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import Array, Rays
 
 ON_HOST = covariates(np)
@@ -74,11 +75,6 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
     if len(knots) < 2:
         return np.zeros((len(x), 0), np.float32)
     return hats(x, knots).astype(np.float32)
-
-
-def hats(x: Float[np.ndarray, " n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:
-    """Weights of the knots at each x: linear between two of them, the end's beyond."""
-    return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ class Learned:
                 height = height + jnp.hypot(heights[0], heights[1])
         elif self.kind == "product":
             grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
-            height = jnp.einsum("...i,ij,...j->...", _hats(x[0], knots[0]), grid, _hats(x[1], knots[1]))
+            height = jnp.einsum("...i,ij,...j->...", _weights(x[0], knots[0]), grid, _weights(x[1], knots[1]))
         else:
             height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)
         return jnp.where(rays.hit, height, 0.0)
@@ -170,8 +170,13 @@ class Learned:
         )
 
 
-def _hats(x: Float[Array, "*n"], knots: Float[Array, " k"]) -> Float[Array, "*n k"]:
-    """Weights of the knots at each place: linear between two of them, the end's beyond."""
+def hats(x: Float[np.ndarray, "*n"], knots: Float[np.ndarray, " k"]) -> Float[np.ndarray, "*n k"]:
+    """Hat functions: weights of the knots at each x, linear between two of them, the end's beyond."""
+    return np.stack([np.interp(x, knots, row) for row in np.eye(len(knots))], axis=-1)
+
+
+def _weights(x: Float[Array, "*n"], knots: Float[Array, " k"]) -> Float[Array, "*n k"]:
+    """`hats` on the device."""
     eye = jnp.eye(len(knots), dtype=jnp.float32)
     return jnp.stack([jnp.interp(x, knots, row) for row in eye], axis=-1)
 

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, hats, values_of
+from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, values_of
 from jaxsim.discover.find import Dependence
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
@@ -25,7 +25,7 @@ from jaxsim.discover.name.unexplained import agreed, written_at
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, folds, jackknife_sd, p_value
 from jaxsim.effects import Law
-from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, kind_of
+from jaxsim.effects.learned import CHANGE, LIMITS, TABLES, Learned, Numbers, hats, kind_of
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.model.cast import RayIndex
 from jaxsim.discover.model.noise_levels import STEEPEST_COSINE
+from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import FLOOR, Scan
-from jaxsim.frame import Array
 
 LEVEL_RAD = 0.15
 """Planes tilted by less than this are level ground."""
@@ -52,8 +52,9 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
         if there.any():
             knots = _knots(albedo[there])
             names += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
-            shares += [np.where(kind[index], hat, 0.0) for hat in _hats(albedo[index], knots)]
-    return Kinds(tuple(names), np.stack(shares, axis=-1).astype(np.float32))
+            # Every kind has columns of its own: a knot of the ground's curve says nothing of walls.
+            shares.append(np.where(kind[index][..., None], hats(albedo[index], knots), 0.0))
+    return Kinds(tuple(names), np.concatenate(shares, axis=-1).astype(np.float32))
 
 
 def _log_albedo(scan: Scan) -> Float[np.ndarray, "f r n"]:
@@ -74,8 +75,3 @@ def _knots(albedo: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         if not knots or knot - knots[-1] > LEAST_APART:
             knots.append(float(knot))
     return np.array(knots)
-
-
-def _hats(x: Float[np.ndarray, "*n"], knots: Float[np.ndarray, " k"]) -> list[Array]:
-    """Piecewise linear curves that are 1 at a knot and 0 at the others, constant past the outermost."""
-    return [np.interp(x, knots, row) for row in np.eye(len(knots))]

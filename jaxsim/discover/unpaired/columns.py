@@ -23,6 +23,7 @@ from jaxtyping import Float, Int
 from jaxsim.discover.model.parameters import LOOSE, fitted_parameters
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.effects import EFFECTS, Effect
+from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import Array, Rays
 
 OF_INTENSITY = (
@@ -141,19 +142,12 @@ def derivatives(
     return Columns(effect, values, np.concatenate(parts, axis=1), np.concatenate(precision))
 
 
-def hats(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
+def curve(x: np.ndarray, count: int, *, low: float = 0.01, high: float = 0.99) -> Float[np.ndarray, "n k"]:
     """Hat functions between quantiles of x; one column of ones where x does not vary."""
     knots = np.unique(np.quantile(x, np.linspace(low, high, count)))
     if len(knots) < 2:
         return np.ones((len(x), 1), np.float32)
-    # Between two knots the two hats that stand there share a ray; beyond the ends the last has it all.
-    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0, 1)
-    basis = np.zeros((len(x), len(knots)), np.float32)
-    rays = np.arange(len(x))
-    basis[rays, left] = 1 - share
-    basis[rays, left + 1] = share
-    return basis
+    return hats(x, knots).astype(np.float32)
 
 
 def one_hot(x: np.ndarray, values: np.ndarray | None = None) -> Float[np.ndarray, "n k"]:
@@ -185,12 +179,12 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
     height = np.clip(comparison.height_m, -1.0, 8.0)
     parts = [
         one_hot(r.row),
-        each(surfaces, hats(np.log(r.range_m), 10)),
-        each(surfaces, hats(r.incidence_rad, 8)),
-        each(surfaces, hats(height, 8)),
+        each(surfaces, curve(np.log(r.range_m), 10)),
+        each(surfaces, curve(r.incidence_rad, 8)),
+        each(surfaces, curve(height, 8)),
         # How far the surface bends stands for what it is: foliage bends, walls do not.
-        hats(np.log(comparison.bend + 1e-4), 6),
-        hats(r.azimuth_rad, 9),
+        curve(np.log(comparison.bend + 1e-4), 6),
+        curve(r.azimuth_rad, 9),
     ]
     if comparison.shared_classes:
         parts.append(one_hot(classes_of(comparison)))
@@ -220,9 +214,9 @@ def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray,
     """Free curves of the measured side along the covariates that both sides have."""
     r = comparison.rays
     curves = {
-        "range": hats(np.log(r.range_m), KNOTS),
-        "incidence": hats(r.incidence_rad, KNOTS),
-        "azimuth": hats(r.azimuth_rad, KNOTS),
+        "range": curve(np.log(r.range_m), KNOTS),
+        "incidence": curve(r.incidence_rad, KNOTS),
+        "azimuth": curve(r.azimuth_rad, KNOTS),
         "row": one_hot(r.row, np.arange(comparison.rows)),
     }
     return {**curves, "class": one_hot(classes_of(comparison))} if comparison.shared_classes else curves

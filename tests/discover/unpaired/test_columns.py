@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.discover.unpaired.columns import columns_of, derivatives, each, hats, one_hot, untold
+from jaxsim.discover.unpaired.columns import columns_of, curve, derivatives, each, one_hot, untold
 from jaxsim.effects import EFFECTS
 
 
@@ -29,11 +29,11 @@ def test_each_start_has_a_column_of_its_own_that_must_be_positive():
 
 def test_hat_functions_sum_to_one_and_draw_lines():
     x = np.random.default_rng(0).uniform(0, 1, 500)
-    basis = hats(x, 5, low=0.0, high=1.0)
+    basis = curve(x, 5, low=0.0, high=1.0)
     np.testing.assert_allclose(basis.sum(1), 1, atol=1e-6)
     knots = np.quantile(x, np.linspace(0, 1, 5))
     np.testing.assert_allclose(basis @ knots, x, atol=1e-6)
-    assert hats(np.ones(4), 5).shape == (4, 1)
+    assert curve(np.ones(4), 5).shape == (4, 1)
 
 
 def test_a_curve_for_each_part():

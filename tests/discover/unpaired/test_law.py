@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.unpaired.columns import hats
+from jaxsim.discover.unpaired.columns import curve
 from jaxsim.discover.unpaired.law import (
     Block,
     RandomEffects,
@@ -19,7 +19,7 @@ def model(n=600, scenes=6, seed=0):
     """A law, one column of the measured side, levels of patches: y with a side effect of 0.5."""
     rng = np.random.default_rng(seed)
     x, scene = rng.uniform(0, 1, n), np.arange(n) % scenes
-    law, side = hats(x, 5).astype(float), rng.normal(0, 1, (n, 1))
+    law, side = curve(x, 5).astype(float), rng.normal(0, 1, (n, 1))
     sensed, patch = np.arange(scenes) % 2 == 1, scene * 10 + rng.integers(0, 10, n)
     y = np.sin(3 * x) + 0.5 * side[:, 0] * sensed[scene] + rng.normal(0, 0.2, 60)[patch] + rng.normal(0, 0.1, n)
     return law, side, scene, sensed, patch, y
