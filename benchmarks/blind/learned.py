@@ -33,11 +33,11 @@ from benchmarks.blind.hidden.plan import Plan
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, code_version, read_rows
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import Chain, add_effects, in_place
+from jaxsim.discover.add import add_effects, in_place
 from jaxsim.discover.dependences import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import form_of
-from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
-from jaxsim.discover.model.fit import NOISE_SD, Fit, Objective, Problem, fit, on_top
+from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, all_on_top, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import as_implied
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
@@ -33,8 +33,6 @@ BOUND = 1e-6
 
 Numbers = Float[np.ndarray, "*k"] | np.floating
 """A parameter's: arithmetic on an array without dimensions gives a NumPy scalar."""
-Chain = Sequence[tuple[Law, dict[str, Any]]]
-"""Effects and their z."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +97,9 @@ def add_effects(
 
 def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
     """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
-    problem = null
     order = {name: k for k, name in enumerate(EFFECTS)}
-    for effect, z in sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order))):
-        problem = on_top(effect, problem, z, simulated=simulated)
-    return problem
+    physical = sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order)))
+    return all_on_top(physical, null, simulated=simulated)
 
 
 def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:

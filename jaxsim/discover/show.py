@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import Added, Chain, in_place, refit
+from jaxsim.discover.add import Added, in_place, refit
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.curves_and_maps import residual_curves, residual_maps
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
 from jaxsim.discover.judge_frames import joined, rays_of, whole_frames
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Problem, fit
+from jaxsim.discover.model.fit import Chain, Problem, fit
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import fit_null, with_own_weights

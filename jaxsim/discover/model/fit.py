@@ -6,6 +6,7 @@ The likelihood is compiled once for all effects: each effect's own function is s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -47,6 +48,8 @@ NO_LOSS = 1e12
 """Loss where a fit has gone to no number: the line search turns back."""
 CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
 """Effects that put false returns before surfaces: the mixture has that component for them alone."""
+Chain = Sequence[tuple[Law, dict[str, Any]]]
+"""Effects and their z, in the order in which they act."""
 NOTHING = Law(name="nothing", parameters={}, channels=CHANNELS, apply=lambda p, rays: rays)
 """The effect of the null."""
 
@@ -256,3 +259,10 @@ def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
     return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.plain_name in CLUTTER)
+
+
+def all_on_top(effects: Chain, problem: Problem, *, simulated: bool = False) -> Problem:
+    """The problem with effects in place, one `on_top` of another; its nuisances are not refitted."""
+    for effect, z in effects:
+        problem = on_top(effect, problem, z, simulated=simulated)
+    return problem

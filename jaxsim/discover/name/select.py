@@ -14,14 +14,14 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import Fit, Problem, fit, on_top
+from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.lattice import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
-from jaxsim.effects import Effect
+from jaxsim.effects import Effect, Law
 
 Log = Callable[[str], None]
 """Where lines on the progress go."""
@@ -112,6 +112,11 @@ class FittedStep(Step[Candidate]):
     fitted: Fit
     """Its fit to all find scenes."""
 
+    @property
+    def placed(self) -> tuple[Law, dict[str, Any]]:
+        """The effect and its z, to be put in place."""
+        return self.chosen.effect, self.fitted.z
+
 
 @dataclass(frozen=True)
 class Choice(Selection[Candidate]):
@@ -177,10 +182,7 @@ def look_back(
 
 def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
     """The null, refitted on top of the effects of `steps`."""
-    problem = null
-    for step in steps:
-        problem = on_top(step.chosen.effect, problem, step.fitted.z)
-    return refitted(problem)
+    return refitted(all_on_top([step.placed for step in steps], null))
 
 
 def refitted(problem: Problem) -> Problem:

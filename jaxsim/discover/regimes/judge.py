@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.fit import Problem, on_top
+from jaxsim.discover.model.fit import Problem, all_on_top, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import with_own_weights
@@ -53,9 +53,12 @@ class Judges:
         if one.region.scenes:
             one, trial = self._joined(one, trial, facts)
         # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
-        now = self.likelihood(_in_place(self.base, trial), trial.problem.noise)
-        was = self.likelihood(_in_place(self.base, choice), choice.problem.noise)
-        return one, float((now - was)[judged].sum())
+        return one, float((self._with(trial) - self._with(choice))[judged].sum())
+
+    def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
+        """Each block's log-likelihood with what is chosen in place."""
+        chosen = all_on_top([step.placed for step in choice.steps], self.base, simulated=True)
+        return self.likelihood(chosen, choice.problem.noise)
 
     def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
         """Takes in the judge scenes that are likelier with the effect than without it."""
@@ -69,10 +72,3 @@ class Judges:
         step = replace(one.step, chosen=replace(one.step.chosen, effect=wider))
         steps = tuple(step if old.chosen.effect is law else old for old in trial.steps)
         return replace(one, step=step, region=region, frames=frames), replace(trial, steps=steps)
-
-
-def _in_place(base: Problem, choice: Choice) -> Problem:
-    problem = base
-    for step in choice.steps:
-        problem = on_top(step.chosen.effect, problem, step.fitted.z, simulated=True)
-    return problem

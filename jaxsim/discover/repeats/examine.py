@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 
-from jaxsim.discover.add import Chain, in_place
+from jaxsim.discover.add import in_place
 from jaxsim.discover.model.cast import blocks, cast
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
