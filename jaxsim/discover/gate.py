@@ -16,8 +16,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jaxsim.discover.quick import CHANNELS, Distance
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.quick import CHANNELS
+from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.files import check_keys, read_json, real
 
@@ -126,7 +126,7 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
 
 
-def judge_quickly(gate: Gate, distances: Mapping[str, Distance]) -> tuple[Check, ...]:
+def judge_quickly(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
     """The checks of --fast: a channel is a gap where its whole interval lies above its threshold.
 
     Where the value alone does, chance can have done it, and the answer is unsure. Raises ValueError without thresholds,

@@ -1,43 +1,29 @@
 """How far simulated frames are from measured ones, in seconds and without a model: for a gate at every commit.
 
 A frame after the other is read and forgotten, so that any number of them takes the memory of one. The whole answer,
-with
-names for what is missing, is `discover`.
+with names for what is missing, is `discover`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.checks import check_one_grid
+from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarImage
+from jaxsim.metrics.intervals import mean_interval
 
 CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
-LEVEL = 0.90
-"""Of intervals, two-sided: five of a hundred lie above the upper end, five below the lower."""
 FEWEST = 4
 """Scenes below which the scatter between them says nothing."""
 
 
-@dataclass(frozen=True)
-class Distance:
-    """One channel's distance: the mean over scenes, its 90 % interval, and the scenes."""
-
-    value: float
-    low: float
-    high: float
-    unit: str
-    scenes: Float[np.ndarray, " s"]
-
-
-def quick_distances(simulated: Path, measured: Path) -> dict[str, Distance]:
+def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     """Distances of two folders' frames of one name.
 
     intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
@@ -60,7 +46,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Distance]:
             "drive share a scene in grid.json)"
         )
     table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
-    return {channel: over_scenes(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}
+    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}
 
 
 def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.ndarray, " channels"]:
@@ -74,14 +60,11 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     return np.array([intensity, range_m, (ours ^ theirs).sum() / max(int(ours.sum()), 1)], np.float64)
 
 
-def over_scenes(values: Float[np.ndarray, " s"], unit: str) -> Distance:
-    """The mean over scenes with Student's interval."""
-    known = values[np.isfinite(values)]
-    if len(known) < 2:
-        return Distance(float("nan"), float("nan"), float("nan"), unit, values)
-    half = float(student.ppf((1 + LEVEL) / 2, len(known) - 1) * known.std(ddof=1) / np.sqrt(len(known)))
-    mean = float(known.mean())
-    return Distance(mean, mean - half, mean + half, unit, values)
+def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
+    """The mean over the scenes that have a value."""
+    known = scenes[np.isfinite(scenes)]
+    low, high = mean_interval(known)
+    return Interval(float(known.mean()) if len(known) > 1 else float("nan"), low, high, unit)
 
 
 def _scene(side: PolarFrames, other: PolarFrames, name: str) -> str:

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.cli import discover, main
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover.gate import colour_of, judge, judge_quickly, read_gate
-from jaxsim.discover.quick import over_scenes, quick_distances
+from jaxsim.discover.quick import distance_of, quick_distances
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.report.gate import junit
 from tests.report import results
@@ -65,7 +65,7 @@ def test_distances_are_the_plainest_means_over_scenes(tmp_path):
 def test_of_a_hundred_means_at_the_threshold_at_most_five_turn_red():
     """Scenes that scatter about the threshold itself, the hardest null: red where the whole interval lies above."""
     rng = np.random.default_rng(0)
-    red = [over_scenes(rng.normal(0.1, 0.03, 8), "").low > 0.1 for _ in range(1000)]
+    red = [distance_of(rng.normal(0.1, 0.03, 8), "").low > 0.1 for _ in range(1000)]
     assert np.mean(red) < 0.07
 
 

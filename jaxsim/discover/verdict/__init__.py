@@ -1,0 +1,135 @@
+"""The answer, as plain values: what verdict.json holds and the report draws.
+
+Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` and `Result` hold all;
+their parts stand in the order in which they are found: sides, naming, judged.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.discover.verdict.judged import CurveLine, Gained, Gap, Judged, JudgeFrame
+from jaxsim.discover.verdict.naming import ClosedLaw, Named, Nulls, OwnCandidate, Rank, Regime, Repeat, Unexplained
+from jaxsim.discover.verdict.sides import Level, Registered, Sensitivity, Where
+from jaxsim.discover.verdict.values import Interval, plain
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
+from jaxsim.files import write_text
+from jaxsim.frame import PolarGrid, in_notebook
+
+__all__ = [
+    "ClosedLaw",
+    "CurveLine",
+    "Gained",
+    "Gap",
+    "Interval",
+    "JudgeFrame",
+    "Judged",
+    "Level",
+    "Named",
+    "Nulls",
+    "OwnCandidate",
+    "Rank",
+    "Regime",
+    "Registered",
+    "Repeat",
+    "Result",
+    "Sensitivity",
+    "Unexplained",
+    "Verdict",
+    "Where",
+]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `discover` answers."""
+
+    verdict: str
+    """named, none or not_in_catalogue."""
+    effects: tuple[Named, ...]
+    where: tuple[Where, ...]
+    unexplained: Unexplained | None
+    gap: dict[str, Gap]
+    closure: Interval | None
+    find: tuple[str, ...]
+    judge: tuple[str, ...]
+    sha256: str
+    frames: int
+    seconds: float
+    moved: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Noise scales and rates before and after the effects were added; ln of the overall `gain` and of each class's
+    reflectance over the simulator's (`class ID`); and, where several were added, each one's parameters
+    (`EFFECT.PARAMETER`) as fitted when it was added, and with the others in place."""
+    ranking: tuple[Rank, ...] = ()
+    nulls: Nulls | None = None
+    """Where the bar was set on nulls of these very data."""
+    levels: tuple[Level, ...] = ()
+    """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
+    own: tuple[OwnCandidate, ...] = ()
+    """Candidates that are no part of the catalogue."""
+    learned: tuple[Learned, ...] = ()
+    """What no effect describes, as it was added to the sensor model."""
+    law: ClosedLaw | None = None
+    """A formula for it."""
+    repeats: tuple[Repeat, ...] = ()
+    """What repeats in sensor coordinates and no named effect explains, most certain first."""
+    unconfirmed: tuple[Named, ...] = ()
+    """Effects that were found and by which the judge scenes do not gain: they are not named."""
+    registered: Registered | None = None
+    """None where frames are not compared one by one (unpaired)."""
+    unrelated: bool = False
+    """Whether the sides' intensities have no relation beyond chance, so that no effect on them was asked."""
+    regimes: tuple[Regime, ...] = ()
+    """Effects that act in a part of the recording alone."""
+    sensitivity: tuple[Sensitivity, ...] = ()
+    """What the find scenes could show of every candidate, least first; empty where frames are not compared one by one
+    (unpaired)."""
+    notes: tuple[str, ...] = ()
+    """What a reader must know: sectors instead of scenes, effects that could not be told apart unpaired ..."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of verdict.json (docs/verdict.md)."""
+        content = plain(self)
+        # A channel that was not compared (unpaired: all but the intensity) is null.
+        gap: dict[str, Any] = {name: content["gap"].get(name) for name in ("intensity", "range", "drop")}
+        for name, one in self.gap.items():
+            gap[name]["not_worse"] = one.not_worse
+        gap["closure"] = content.pop("closure")
+        splits = {name: content.pop(name) for name in ("find", "judge", "sha256")}
+        hidden = [one for one in self.sensitivity if not one.testable]
+        content["not_testable"] = [{"name": one.name, "why": one.why, "record": one.record} for one in hidden]
+        for shown, one in zip(content["sensitivity"], self.sensitivity, strict=True):
+            shown["smallest"] = plain(one.smallest)
+        return content | {"gap": gap, "splits": splits, "seconds": round(self.seconds, 2)}
+
+    def save(self, folder: Path) -> Path:
+        """Writes verdict.json."""
+        return write_text(Path(folder) / "verdict.json", json.dumps(self.to_json(), indent=1))
+
+
+@dataclass(frozen=True)
+class Result:
+    """The answer and its evidence. Maps are mean residuals of judge frames on the polar grid (rows, columns), NaN
+    where nothing was compared: measured minus simulated ln I (nats), range (m), and share of rays lost minus
+    expected."""
+
+    verdict: Verdict
+    sensor: SensorModel
+    grid: PolarGrid
+    maps_before: dict[str, Float[np.ndarray, "r c"]]
+    maps_after: dict[str, Float[np.ndarray, "r c"]]
+    curves: tuple[CurveLine, ...]
+    candidates: tuple[Any, ...] = ()
+    """The whole first ranking (`name.candidates.Candidate`) with its fits, for who wants to choose by another rule."""
+    frames: tuple[JudgeFrame, ...] = ()
+    """A few judge frames ray by ray; empty where frames are not compared one by one (unpaired)."""
+
+    def _repr_html_(self) -> str:
+        return in_notebook(self)
