@@ -34,12 +34,13 @@ def run(argv: Sequence[str]) -> None:
     loop.json of an earlier one. `--task segmentation` asks the same of networks that tell classes apart in labelled
     range images; it has flags of its own.
     """
-    task, flags = _value_of("--task", argv, DETECTION, "detection or segmentation")
+    task, flags = _value_of("--task", argv, default=DETECTION, wanted="detection or segmentation")
     if task == SEGMENTATION:
         return segment(flags)
     if task != DETECTION:
         raise ValueError(f"real2sim2real: no task {task!r}; there are {DETECTION} and {SEGMENTATION}")
-    name, flags = _value_of("--config", flags, DEFAULT, "a name: real2sim2real, real2sim2real_kitti, or a loop.json")
+    wanted = "a name: real2sim2real, real2sim2real_kitti, or a loop.json"
+    name, flags = _value_of("--config", flags, default=DEFAULT, wanted=wanted)
     config, words = load_loop(name)
     intro = f"    jaxsim real2sim2real --config {name}\n\n{inspect.getdoc(run)}\n\n{name}: {words}"
     asked = tyro.cli(
@@ -63,7 +64,7 @@ def segment(argv: Sequence[str]) -> None:
         print(f"table: {run_segmentation(asked)}")
 
 
-def _value_of(flag: str, argv: Sequence[str], default: str, wanted: str) -> tuple[str, list[str]]:
+def _value_of(flag: str, argv: Sequence[str], *, default: str, wanted: str) -> tuple[str, list[str]]:
     """The word after a flag, and all other words."""
     words = [part for word in argv for part in (word.split("=", 1) if word.startswith(f"{flag}=") else [word])]
     if flag not in words:

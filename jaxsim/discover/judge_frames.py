@@ -103,6 +103,8 @@ def rays_of(
         for curve in curves
     ]
     returned = np.asarray(before.ev.returned)[judged]
+    off_before = _off(old, judged)
+    off_after = _off(new, judged)
     range_m = np.where(returned, np.asarray(before.ev.range_m)[judged], np.asarray(rays.range_m))
     # A ray that hits nothing and brought nothing has no place.
     there = np.isfinite(range_m) & (range_m > 0)
@@ -117,19 +119,15 @@ def rays_of(
             column=np.asarray(rays.column)[k][keep],
             range_m=range_m[k][keep],
             returned=returned[k][keep],
-            before=_channels(old, judged, k, keep),
-            after=_channels(new, judged, k, keep),
+            before={name: off[k][keep] for name, off in off_before.items()},
+            after={name: off[k][keep] for name, off in off_after.items()},
             groups=tuple(group[k][keep] for group in groups),
         )
 
 
-def _channels(
-    by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"], k: int, keep: Bool[np.ndarray, "c r"]
-) -> dict[str, Float[np.ndarray, " n"]]:
-    return {
-        name: np.where(one.counts, one.off, np.nan)[judged][k][keep].astype(np.float32)
-        for name, one in by_channel.items()
-    }
+def _off(by_channel: Mapping[str, Residuals], judged: Bool[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "k c r"]]:
+    """Residuals of the judged blocks, NaN where nothing is compared."""
+    return {name: np.where(one.counts, one.off, np.nan)[judged].astype(np.float32) for name, one in by_channel.items()}
 
 
 def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:

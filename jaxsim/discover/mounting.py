@@ -81,7 +81,7 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
     return Mounting(named, replace(comparison, scan=seen_from(scan, motion), cast_again=True), rest)
 
 
-def settled(comparison: Comparison, mounting: Mounting, null: Problem, known: SensorModel) -> Mounting:
+def settled(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
     """The mounting with the lift of its beams fitted to the likelihood of the null in which it is in place.
 
     A frame's own pose takes up what the registration left of a turn or a shift; a lift of all beams it cannot, and on

@@ -138,7 +138,7 @@ def expected_gains(
     # The programs of naming, which are compiled already.
     there = effect_with_gradient(effect, z, before, scan=problem.scan)
     after = replace(before, **there.fields, **there.constant)
-    by_block = _expected(problem.ev, before, after, problem.noise, equations=problem.equations)
+    by_block = _expected(problem.ev, before, after, noise=problem.noise, equations=problem.equations)
     scene = np.asarray(problem.ev.scene)
     held, free = (np.bincount(scene, np.asarray(one, float), problem.ev.scenes)[np.unique(scene)] for one in by_block)
     return held, free
@@ -192,13 +192,13 @@ def _record(effect: Effect, scenes: int, *, times: float | None) -> str:
 
 
 @jax.jit
-def _expected(ev: Evidence, before: Rays, after: Rays, noise: Noise, *, equations: NormalEquations) -> Pair:
+def _expected(ev: Evidence, before: Rays, after: Rays, *, noise: Noise, equations: NormalEquations) -> Pair:
     """Expected gain of each block, nats: with nuisances held where they are, and with them free."""
     parts = [
-        _of_intensity(ev, before, after, equations),
-        _of_range(ev, before, after, equations),
-        _of_spread(ev, before, after, noise),
-        _of_loss(ev, before, after, noise),
+        _of_intensity(ev, before, after, equations=equations),
+        _of_range(ev, before, after, equations=equations),
+        _of_spread(ev, before, after, noise=noise),
+        _of_loss(ev, before, after, noise=noise),
     ]
     # No nuisance takes up what the null has no place for.
     strange = STRANGE_NATS * _strange(before, after).sum((1, 2))
@@ -206,7 +206,7 @@ def _expected(ev: Evidence, before: Rays, after: Rays, noise: Noise, *, equation
     return sum(held for held, _ in parts) + strange, sum(free for _, free in parts) + strange
 
 
-def _of_intensity(ev: Evidence, before: Rays, after: Rays, equations: NormalEquations) -> Pair:
+def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> Pair:
     change = jnp.minimum(after.log_intensity, jnp.log(after.intensity_top)) - before.log_intensity
     change = jnp.where(ev.compared & after.hit, change, 0)
     weight = OF_MEAN * equations.intensity
@@ -215,7 +215,7 @@ def _of_intensity(ev: Evidence, before: Rays, after: Rays, equations: NormalEqua
     return _nats(weight, change).sum((1, 2)), _nats(weight, change - explained).sum((1, 2)) + OF_MEAN * cost
 
 
-def _of_range(ev: Evidence, before: Rays, after: Rays, equations: NormalEquations) -> Pair:
+def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> Pair:
     change = jnp.where(ev.smooth & after.hit, after.reading_m - before.reading_m, 0)
     near = jnp.abs(change) < jnp.maximum(SURFACE_M, POSE_MOST * before.range_m)
     read = replace(ev, range_m=jnp.where(near, before.reading_m + change, before.reading_m))
@@ -230,7 +230,7 @@ def _nats(weight: Float[Array, "b c r"], off: Float[Array, "b c r"]) -> Float[Ar
     return jnp.minimum(0.5 * weight * off**2, MOST_NATS)
 
 
-def _of_spread(ev: Evidence, before: Rays, after: Rays, noise: Noise) -> Pair:
+def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:
     usual = reading_variance(before, ev, noise)
     more = jnp.where(ev.smooth, jnp.log(reading_variance(after, ev, noise) / usual), 0)
     # By the null's own scales the variance changes as their shares in it: of a direction, and of all ranges.
@@ -243,7 +243,7 @@ def _of_spread(ev: Evidence, before: Rays, after: Rays, noise: Noise) -> Pair:
     return _nats(weight, more).sum((1, 2)), _nats(weight, more - taken).sum((1, 2))
 
 
-def _of_loss(ev: Evidence, before: Rays, after: Rays, noise: Noise) -> Pair:
+def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:
     """Of single rays; each kind of place has a rate of its own, up to what the null allows."""
     usual = jnp.exp(log_reported(before, ev, noise))
     kept = jnp.where(after.hit, usual * jnp.exp(jnp.minimum(after.log_keep - before.log_keep, 0)), 0.0)

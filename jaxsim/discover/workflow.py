@@ -80,7 +80,7 @@ def discover(
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, mounting.known)
-    finer = settled(comparison, mounting, dependences.null, known)
+    finer = settled(comparison, mounting, dependences.null, known=known)
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
         dependences = find_dependences(division, mounting.known)

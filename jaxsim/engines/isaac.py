@@ -50,18 +50,20 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         why = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
-        found.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], "m", why))
+        found.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], unit="m", why=why))
     error = answer.each("beam_elevation_error", "error_rad")
     if error:
-        found.append(_emitters("elevationDeg", [degrees(e) for e in error], "degrees", "beam_elevation_error: add it"))
+        why = "beam_elevation_error: add it"
+        found.append(_emitters("elevationDeg", [degrees(e) for e in error], unit="degrees", why=why))
     gain = answer.each("beam_gain", "gain")
     if gain:
         power = [g.mapped(math.exp) for g in gain]
-        found.append(_emitters("emitterPeakPowerW", power, "times", "beam_gain: multiply the emitter's power by it"))
+        why = "beam_gain: multiply the emitter's power by it"
+        found.append(_emitters("emitterPeakPowerW", power, unit="times", why=why))
     return found
 
 
-def _emitters(name: str, values: Sequence[Fitted], unit: str, why: str) -> Setting:
+def _emitters(name: str, values: Sequence[Fitted], *, unit: str, why: str) -> Setting:
     return Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))
 
 

@@ -230,11 +230,12 @@ def curve_chart(
             for k, at in enumerate(x)
         ]
     if name:
-        _targets(canvas, x, across, name, [f"{x_label} {' '.join(row[:1])}" for row in canvas.rows[1:]] or [x_label])
+        words = [f"{x_label} {' '.join(row[:1])}" for row in canvas.rows[1:]] or [x_label]
+        _targets(canvas, x, across, name=name, words=words)
     return canvas
 
 
-def _targets(canvas: Canvas, x: Line, across: Coordinate, name: str, words: Sequence[str]) -> None:
+def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
     """Strips about the points of a chart, from halfway to the point before to halfway to the next."""
     between = (x[1:] + x[:-1]) / 2
     ends = [float(x[0]), *between.tolist(), float(x[-1])]
@@ -274,7 +275,6 @@ def interval_chart(
     canvas.rows = [(x_label, y_label, "90 % from", "to")]
     canvas.rows += [(str(k), *(number(float(one)) for one in row)) for k, row in enumerate(array)]
     if name:
-        _targets(
-            canvas, np.arange(len(array), dtype=float), across, name, [f"{x_label}: {k}" for k in range(len(array))]
-        )
+        words = [f"{x_label}: {k}" for k in range(len(array))]
+        _targets(canvas, np.arange(len(array), dtype=float), across, name=name, words=words)
     return canvas

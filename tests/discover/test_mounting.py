@@ -83,13 +83,13 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     monkeypatch.setattr(mounting, "fit", fit)
     null = object.__new__(Problem)
     object.__setattr__(null, "ev", SimpleNamespace(scene=np.arange(12)))
-    finer = settled(given, one, null, NOTHING_YET)
+    finer = settled(given, one, null, known=NOTHING_YET)
     assert asked == ["lift"]
     assert finer.effects == one.effects
     assert finer.comparison.registration.motion[LIFT] == pytest.approx(coarse.motion[LIFT] - 3e-4, abs=1e-7)
     assert finer.comparison.cast_again
     turned = brought(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
-    assert settled(given, turned, null, NOTHING_YET) is turned
+    assert settled(given, turned, null, known=NOTHING_YET) is turned
 
 
 def test_all_beams_are_lifted_alike():

@@ -67,7 +67,7 @@ def write_log(
         read=lambda text: {key: value for key, value in json.loads(text).items() if key != "sensor"},
     )
     items = _chosen(source.items(path, options), every, most)
-    grid, sensor, items = _begin(record, made, items, options, by=kind)
+    grid, sensor, items = _begin(record, made, items, options=options, by=kind)
     written = already = partial = 0
     filled = 0.0
     with Announced(out, grid, by="frames") as announced, Progress(unit="frame", desc="reading") as bar:
@@ -76,7 +76,7 @@ def write_log(
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
                 already += 1
                 continue
-            sweep = _sweep(item.read(), sensor, grid, options, by=kind)
+            sweep = _sweep(item.read(), sensor, grid, options=options, by=kind)
             if np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
                 partial += 1
                 continue
@@ -111,7 +111,7 @@ def _chosen(items: Any, every: int, most: int) -> Iterator[Item]:
 
 
 def _begin(
-    record: Path, made: dict[str, Any], items: Iterator[Item], options: LogOptions, *, by: str
+    record: Path, made: dict[str, Any], items: Iterator[Item], *, options: LogOptions, by: str
 ) -> tuple[PolarGrid, Sensor | None, Iterator[Item]]:
     """The grid and the sensor: those of a folder that is gone on with, else told from the first scans."""
     if record.is_file() and (record.parent / "grid.json").is_file():
@@ -129,7 +129,7 @@ def _begin(
     return grid, sensor, chain(again, items)
 
 
-def _sweep(scan: Scan | Sweep, sensor: Sensor | None, grid: PolarGrid, options: LogOptions, *, by: str) -> Sweep:
+def _sweep(scan: Scan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:
     if isinstance(scan, Scan):
         if sensor is None:
             raise ValueError(f"{by}: {scan.name} is a cloud, and the scans before had a grid of their own")

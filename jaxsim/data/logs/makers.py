@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -88,27 +89,27 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below."""
     files = kitti_files(path)
     rows = "elevation" if options.lines else "file_order"
+
+    def read(file: Path, *, name: str, scene: str, time_s: float | None) -> Scan:
+        cloud = read_scan(file, rows)
+        try:
+            spec = fitted_spec(files[0][2], rows)
+        except (ValueError, UnorderedCloud):
+            spec = preset("hdl64e")  # motion was taken out of the odometry's scans: no cone fits them
+        return Scan(
+            name=name,
+            scene=scene,
+            xyz_m=np.asarray(cloud.xyz_m),
+            intensity=np.asarray(cloud.intensity),
+            ring=np.asarray(cloud.row).astype(np.int64),
+            time_s=time_s,
+            full_scale=1.0,
+            spec=spec,
+            columns=_KITTI_COLUMNS,
+        )
+
     for name, scene, file, time_s in files:
-
-        def read(name: str = name, scene: str = scene, file: Path = file, time_s: float | None = time_s) -> Scan:
-            cloud = read_scan(file, rows)
-            try:
-                spec = fitted_spec(files[0][2], rows)
-            except (ValueError, UnorderedCloud):
-                spec = preset("hdl64e")  # motion was taken out of the odometry's scans: no cone fits them
-            return Scan(
-                name=name,
-                scene=scene,
-                xyz_m=np.asarray(cloud.xyz_m),
-                intensity=np.asarray(cloud.intensity),
-                ring=np.asarray(cloud.row).astype(np.int64),
-                time_s=time_s,
-                full_scale=1.0,
-                spec=spec,
-                columns=_KITTI_COLUMNS,
-            )
-
-        yield Item(name, read)
+        yield Item(name, partial(read, file, name=name, scene=scene, time_s=time_s))
 
 
 def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:

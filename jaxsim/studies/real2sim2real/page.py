@@ -36,7 +36,7 @@ PANEL = 620
 """Height of a cloud from above, pixels."""
 
 
-def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], clouds: Sequence[TurnedScene] = ()) -> Path:
+def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], *, clouds: Sequence[TurnedScene] = ()) -> Path:
     """Writes real2sim2real.json, .md and .html (self-contained), and what `write_checks` writes; gives the page.
 
     `clouds` turn in it.
@@ -46,11 +46,11 @@ def write_loop(loop: Loop, counts: Counts, pictures: Mapping[str, Rgb], clouds: 
         drawn["epochs"] = epochs
         save_figure(loop.out / "pictures", "epochs", epochs, words="AP on real clouds at each checkpoint")
     content, text = plain_tables(loop, counts), loop_tables(loop, counts)
-    page = _page(loop, counts, drawn, clouds)
+    page = _page(loop, counts, drawn, clouds=clouds)
     return write_results(loop.out, "real2sim2real", content, text=text, page=page, indent=1)
 
 
-def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], clouds: Sequence[TurnedScene]) -> str:
+def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, clouds: Sequence[TurnedScene]) -> str:
     def drawn(name: str, words: str) -> Markup:
         return figure(image(pictures[name], words), words) if name in pictures else NOTHING
 

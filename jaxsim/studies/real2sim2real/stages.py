@@ -167,7 +167,8 @@ class Stages:
         """Writes and prints all that was scored."""
         loop = self.loop
         counts = {kind: self.counted(kind) for kind in (REAL, *loop.config.kinds)}
-        page = write_loop(loop, counts, *self.shown())
+        pictures, clouds = self.shown()
+        page = write_loop(loop, counts, pictures, clouds=clouds)
         _log.info(f"\n{loop_tables(loop, counts)}\n\ntables, pictures and page: {page}")
 
     def shown(self) -> tuple[dict[str, Rgb], list[TurnedScene]]:

@@ -74,7 +74,7 @@ def _network(config: GeneratorConfig, channels: tuple[int, int]) -> tuple[Any, C
 
 
 @cache
-def _learner(config: SegmentationConfig, channels: tuple[int, int], loss: Loss, steps: int) -> tuple[Any, Any]:
+def _learner(config: SegmentationConfig, channels: tuple[int, int], *, loss: Loss, steps: int) -> tuple[Any, Any]:
     """Optimiser, and the jitted step: one program for all seeds, parts and kinds of intensity."""
     definition, _ = _network(config.network, channels)
     warm_up = max(1, min(50, steps // 4))
@@ -115,7 +115,7 @@ def train(
     """A network after `steps` updates by Adam on parts of the images; the rate falls to 0."""
     channels = inputs[0].shape[-1], out_channels
     _, parameters = nnx.split(UNet(config.network, channels[0], nnx.Rngs(seed), out_channels=out_channels))
-    adam, step = _learner(replace(config, root=None, out=Path(), seeds=()), channels, loss, steps)
+    adam, step = _learner(replace(config, root=None, out=Path(), seeds=()), channels, loss=loss, steps=steps)
     random, state = np.random.default_rng(seed), adam.init(parameters)
     columns = inputs[0].shape[1]
     # optax raises floats to integers, which strict promotion forbids.
