@@ -14,7 +14,6 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
@@ -96,10 +95,10 @@ def sparsify(
         index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
     else:
         index, found = _scatter_last(row, column, usable, shape=shape)
+    lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
     if beams is not None:
         # Winners are chosen on all lines first: which point is nearest does not depend on the lines that are kept.
-        index, found = index[..., np.array(beams), :], found[..., np.array(beams), :]
-    lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
+        index, found = index[..., lines, :], found[..., lines, :]
     *batch, rows, columns = index.shape
     flat, place = (*batch, rows * columns), index.reshape(*batch, rows * columns)
     return Cloud(

@@ -34,9 +34,9 @@ def grid_points(rois: Float[Array, "*b r 7"], grid: int) -> Float[Array, "*b r g
 
 def cell_of(xyz: Float[Array, "q 3"], voxels: VoxelConfig, stride: int) -> Int[Array, "q 3"]:
     """Cell (z, y, x) that a point lies in, which may be outside the grid."""
-    low = np.array(voxels.range_m[:3], np.float32)
-    size = np.array(voxels.size_m, np.float32)
-    size = jax.lax.optimization_barrier(jnp.broadcast_to(jnp.asarray(size), xyz.shape))  # a true division, see voxelize
+    low = jnp.asarray(voxels.range_m[:3], jnp.float32)
+    size = jnp.asarray(voxels.size_m, jnp.float32)
+    size = jax.lax.optimization_barrier(jnp.broadcast_to(size, xyz.shape))  # a true division, see voxelize
     fine = jnp.floor((xyz - low[None]) / size).astype(jnp.int32)
     return (fine // stride)[:, ::-1]
 
@@ -44,9 +44,9 @@ def cell_of(xyz: Float[Array, "q 3"], voxels: VoxelConfig, stride: int) -> Int[A
 def cell_centres(zyx: Int[Array, "*n 3"], voxels: VoxelConfig, stride: int) -> Float[Array, "*n 3"]:
     """Middles (x, y, z in metres) of cells."""
     lift = (1,) * (zyx.ndim - 1) + (3,)
-    low = np.array(voxels.range_m[:3], np.float32).reshape(lift)
-    size = np.array(voxels.size_m, np.float32).reshape(lift)
-    return (zyx[..., ::-1].astype(jnp.float32) + 0.5) * (size * np.float32(stride)) + low
+    low = jnp.asarray(voxels.range_m[:3], jnp.float32).reshape(lift)
+    size = jnp.asarray(voxels.size_m, jnp.float32).reshape(lift)
+    return (zyx[..., ::-1].astype(jnp.float32) + 0.5) * (size * stride) + low
 
 
 @lru_cache

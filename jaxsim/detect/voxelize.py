@@ -50,8 +50,8 @@ def voxelize(points: Float[Array, "p c"], valid: Bool[Array, " p"], config: Voxe
     """Voxels of one cloud: x, y, z in metres, then any features. Points outside the range are left out."""
     inner, shape = grid_shape(config), sparse_shape(config)
     count, outside = len(points), cells(shape)
-    low = jnp.asarray(np.array(config.range_m[:3], np.float32))
-    size = jnp.asarray(np.array(config.size_m, np.float32))
+    low = jnp.asarray(config.range_m[:3], jnp.float32)
+    size = jnp.asarray(config.size_m, jnp.float32)
     # A divisor a point, behind a barrier: by a common one XLA multiplies inversely, which moves points on borders.
     size = jax.lax.optimization_barrier(jnp.broadcast_to(size, (count, 3)))
     xyz = jnp.floor((points[:, :3] - low[None]) / size)

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -155,7 +154,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     inverse = np.zeros_like(hessian)
     inverse[np.ix_(free, free)] = (vectors / np.maximum(np.abs(values), 1 / NOISE_SD**2)) @ vectors.T
     scenes = np.unique(scene)
-    slopes = np.stack([objective.data(x, jnp.asarray(scene == one, jnp.float32))[1] for one in scenes])
+    slopes = np.stack([objective.data(x, (scene == one).astype(np.float32))[1] for one in scenes])
     slopes = slopes - slopes.mean(0)
     scatter = slopes.T @ slopes * len(scenes) / max(len(scenes) - 1, 1)
     sandwich = inverse @ scatter @ inverse

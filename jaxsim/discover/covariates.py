@@ -121,10 +121,17 @@ CURVES = {
 
 def with_basis(problem: Problem, covariate: str) -> Problem:
     """The problem whose rays carry the covariate's basis, so that the one program of a channel serves all curves."""
-    rays = problem.ev.rays
-    hit = np.asarray(rays.hit)
+    x = values_of(covariate, problem.ev.rays, np.asarray(problem.ev.rays.hit)).astype(np.float64)
+    return with_columns(problem, fixed_basis(x, covariate))
+
+
+def with_columns(problem: Problem, columns: Float[np.ndarray, "n k"]) -> Problem:
+    """The problem whose rays carry a basis, given for those that hit; at most COLUMNS columns."""
+    hit = np.asarray(problem.ev.rays.hit)
+    # Filled up to the width of every free curve, so that one compiled program serves all.
     basis = np.zeros((*hit.shape, COLUMNS), np.float32)
-    basis[hit] = fixed_basis(values_of(covariate, rays, hit).astype(np.float64), covariate)
+    basis[hit, : columns.shape[1]] = columns
+    # On the device once: every step of every fit reads it.
     return replace(problem, basis=jnp.asarray(basis))
 
 

@@ -64,7 +64,7 @@ def distance(
     """The distance of the scenes of those blocks that are not fitted. Likelihoods are to be held against each other at
     the same weights `eq`, as in naming: a problem's own would price reflectances and poses differently."""
     judged = np.asarray(fitted) == 0
-    shared = jnp.asarray(fitted, jnp.float32)
+    shared = np.asarray(fitted, np.float32)
     off_i, off_r = conditional_residuals(problem.ev, problem.equations, shared)
     errors = np.asarray(_errors(problem.ev, problem.noise, off_i=off_i, off_r=off_r))
     score = np.asarray(log_likelihood(problem.ev, problem.noise, equations=eq, fitted=shared, clutter=problem.clutter))

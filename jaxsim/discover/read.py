@@ -197,7 +197,7 @@ class Division:
         )
         if self.cast_again:
             between = get_effect("mixed_pixels")
-            ev = replace(ev, rays=between.apply({"probability": jnp.float32(UNKNOWN_BETWEEN)}, ev.rays))
+            ev = replace(ev, rays=between.apply({"probability": np.float32(UNKNOWN_BETWEEN)}, ev.rays))
         return (replace(ev, rays=known.apply(ev.rays, self.scan)) if known.effects or known.learned else ev), scene
 
     def all_evidence(self, known: SensorModel = NOTHING_YET) -> tuple[Evidence, Int[np.ndarray, " b"]]:

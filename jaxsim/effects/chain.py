@@ -190,14 +190,14 @@ class SensorModel:
             range_step_m=jnp.maximum(rays.range_step_m, levels["range_step"]),
         )
         default = get_effect("packet_loss").parameters["columns"].neutral
-        groups = [np.asarray(p.get("columns", default)) for name, p in self.effects if name == "packet_loss"]
+        groups = [float(p.get("columns", default)) for name, p in self.effects if name == "packet_loss"]
         return sample(
             key,
             rays,
             noise_m=math.hypot(noise_m, levels["range_noise"]),
             noise=math.hypot(noise, levels["intensity_noise"]),
             constant=levels["intensity_noise_constant"],
-            columns=round(groups[0].item()) if groups else 1,
+            columns=round(groups[0]) if groups else 1,
         )
 
     def simulate(self, scan: Scan, key: Array, *, noise_m: float = 0.0, noise: float = 0.0) -> PolarImage:

@@ -173,7 +173,7 @@ def _check_slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan:
             "`if` on arrays"
         ) from error
     for name, slope in slopes.items():
-        if not np.isfinite(np.asarray(slope)).all():
+        if not jnp.isfinite(slope).all():
             raise ValueError(
                 f"apply's derivative in {name} is not finite at {setting}; keep logarithms, roots and quotients away "
                 "from 0 on every ray, also where jnp.where does not choose them"

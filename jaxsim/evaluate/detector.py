@@ -10,7 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from pydantic import TypeAdapter
 
@@ -71,7 +70,7 @@ def make_find(experiment: DetectorExperiment) -> Find:
         points = points[in_range(points, voxels)]
         padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
         # A batch of one: clouds differ in size, and each size is a program of its own.
-        detections, dropped = detect(network, jnp.asarray(padded)[None], jnp.asarray(real)[None])
+        detections, dropped = detect(network, padded[None], real[None])
         detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
         valid = detections.valid[0]
         found = Found(detections.boxes[0][valid], detections.score[0][valid])

@@ -144,8 +144,8 @@ def _spectral_squares(one: Float[Array, "r c"], many: Float[Array, "n r c"]) -> 
 
 def _spectral(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     # Scaled by 100, squares of tiny shares stay far from float32's smallest numbers.
-    many = jnp.asarray(100 * b, jnp.float32)
-    rows = [np.asarray(_spectral_squares(jnp.asarray(100 * one, jnp.float32), many)) for one in a]
+    many = np.float32(100 * b)
+    rows = [np.asarray(_spectral_squares(np.float32(100 * one), many)) for one in a]
     return np.stack(rows).astype(np.float64) / 1e4
 
 

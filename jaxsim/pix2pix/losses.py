@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import LEVELS, Form
@@ -106,8 +105,8 @@ def quantile_loss(
     in `reconstruction`.
     """
     error = intensity[..., None] - (outputs[..., : len(LEVELS)] + 1) / 2
-    level = np.asarray(LEVELS, np.float32)[None, None, None]
-    share = np.where(level == np.float32(0.5), 2, 0.5).astype(np.float32)
+    level = jnp.asarray(LEVELS, jnp.float32)[None, None, None]
+    share = jnp.where(level == 0.5, 2.0, 0.5)
     loss = (share * jnp.maximum(level * error, (level - 1) * error)).sum(-1)
     return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 

@@ -7,7 +7,6 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.config import PrepareConfig
@@ -69,7 +68,7 @@ def network_inputs(
     def semantic() -> Array:
         known = (seen & ~painted.occluded)[..., None]
         # Shaped by hand below: arrays of different rank do not meet in this house.
-        ids = np.asarray(prepare.classes, np.int32)
+        ids = jnp.asarray(prepare.classes, jnp.int32)
         return (known & (painted.semantic[..., None] == ids.reshape((1,) * seen.ndim + (-1,)))).astype(jnp.float32)
 
     make = {

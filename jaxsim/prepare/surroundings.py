@@ -39,7 +39,7 @@ def surroundings(painted: Painted, incidence_rad: Raster) -> Float[Array, "*b ro
     known = lambda value: jnp.where(seen, value, 0.0)  # noqa: E731
     grey, exposure = _exposed(jnp.asarray(painted.rgb).mean(-1), seen)
     away = known(jnp.log(jnp.clip(painted.range_m, 1.0, 120.0)) - _MIDDLE)
-    angle = incidence_rad / np.float32(np.pi / 2)
+    angle = incidence_rad / (jnp.pi / 2)
     warm = known(2 * (painted.rgb[..., 0] - painted.rgb[..., 2]))
     green = known(2 * (painted.rgb[..., 1] - painted.rgb.mean(-1)))
 

@@ -11,7 +11,6 @@ from threading import Lock
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import PyTree, UInt8
@@ -120,8 +119,8 @@ def depth_training(experiment: DepthExperiment) -> Training:
         return train_step(
             state,
             DepthFrame(**batch),
-            jnp.float32(rate(config, stage, epoch)),
-            weight=jnp.float32(branch_weight(epoch)),
+            np.float32(rate(config, stage, epoch)),
+            weight=np.float32(branch_weight(epoch)),
             config=config,
             part=stage.part,
             norms=stage.norms,

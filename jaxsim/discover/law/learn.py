@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.covariates import COLUMNS, COVARIATES, CURVES, Heights, fixed_basis, values_of
+from jaxsim.discover.covariates import COVARIATES, CURVES, Heights, fixed_basis, values_of, with_columns
 from jaxsim.discover.find import Dependence
 from jaxsim.discover.model.fit import NULL_ENOUGH, Fit, Problem, fit
 from jaxsim.discover.model.parameters import to_values
@@ -128,10 +128,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
     weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
-    # Filled up to the width of every free curve, so that their compiled program serves products too.
-    basis = np.zeros((*hit.shape, COLUMNS), np.float32)
-    basis[hit, :size] = (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size)
-    tried = replace(problem, basis=jnp.asarray(basis))
+    tried = with_columns(problem, (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size))
     [candidate] = rank_effects(tried, [CURVES[channel]], null=problem.null_fits)
     nothing = (0.0,) * size
     return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate

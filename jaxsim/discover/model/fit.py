@@ -226,7 +226,7 @@ def partway(
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
     after = effect_with_gradient(effect, fit.z, objective.rays, scan=problem.scan)
     stages = (before.fields, before.constant, problem.noise), (after.fields, after.constant, fit.noise)
-    return np.asarray(objective.gradient_at(*_between(*stages, jnp.float32(share))).blocks)
+    return np.asarray(objective.gradient_at(*_between(*stages, np.float32(share))).blocks)
 
 
 Stage = tuple[Fields, Fields, Noise]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -40,11 +39,9 @@ class Judges:
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""
-        equations, fitted = self.base.equations, jnp.asarray(self.fitted)
-        clutter = problem.clutter
-        return np.asarray(log_likelihood(problem.ev, noise, equations=equations, fitted=fitted, clutter=clutter)).sum(
-            -1
-        )
+        equations = self.base.equations
+        by_channel = log_likelihood(problem.ev, noise, equations=equations, fitted=self.fitted, clutter=problem.clutter)
+        return np.asarray(by_channel).sum(-1)
 
     def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
         """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int
 
@@ -56,7 +55,7 @@ class Dense:
         problem = in_place(bare, effects, simulated=True)
         first = normal_equations(problem.ev, noise, first_residuals(problem.ev))
         # Student-t weights follow from residuals, which the effects in place have made smaller.
-        off = conditional_residuals(problem.ev, first, jnp.asarray(fitted))
+        off = conditional_residuals(problem.ev, first, fitted)
         problem = replace(problem, equations=normal_equations(problem.ev, noise, off))
         return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
 

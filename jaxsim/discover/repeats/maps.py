@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -70,7 +69,7 @@ def maps_of(
     shape = (int(scene.max()) + 1, row.shape[-1], columns)
     # Cells of all scenes in one long vector: sums by cell are one pass over the rays.
     cell = np.ravel_multi_index((of_scene, row, column), shape).ravel()
-    blocks = jnp.asarray(fitted, jnp.float32)
+    blocks = np.asarray(fitted, np.float32)
 
     def summed(values: np.ndarray) -> Sums:
         flat = np.where(np.isfinite(values), values, 0).ravel()
@@ -90,7 +89,7 @@ def maps_of(
 
         # Residuals if measured and simulated differed by the pattern alone: what levels and poses leave of it.
         def only(made: np.ndarray) -> np.ndarray:
-            shift = jnp.asarray(made, jnp.float32)
+            shift = made.astype(np.float32)
             alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
             return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
@@ -104,7 +103,7 @@ def _turned(
         boxes[k, :count, :3] = (middle - other)[:, [0, 2, 1]]
         boxes[k, :count, 3:6] = objects.size_m[index]
         boxes[k, :count, 6] = -objects.yaw_rad[index]
-    bev, volume = pair_overlap(jnp.asarray(boxes[0]), jnp.asarray(boxes[1]))
+    bev, volume = pair_overlap(boxes[0], boxes[1])
     return np.asarray(bev, np.float64)[:count], np.asarray(volume, np.float64)[:count]
 
 
