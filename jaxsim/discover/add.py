@@ -104,7 +104,6 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
 def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
     """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
     beside other effects."""
-    all_blocks = np.ones(len(null.ev.scene), np.float32)
     values = dict(enumerate(z))
     refits: dict[int, Refit] = {}
     for _ in range(SWEEPS if len(effects) > 1 else 1):
@@ -116,7 +115,7 @@ def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) ->
                 problem = refitted(problem)
             start = ({n: np.asarray(v) for n, v in to_values(effect, values[k]).items()},)
             # Values that are read off the data (steps of rounding) stay.
-            result = fit(effect, problem, all_blocks, starts=start, steps=80, fixed=effect.name in FINEST)
+            result = fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=effect.name in FINEST)
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
     return tuple(refits[k] for k in range(len(effects)))
@@ -135,7 +134,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
     """Variance of every z, in the raveled order: the larger of the curvature's and the sandwich's of White (1982),
     whose filling is the scatter of the scenes' slopes."""
     scene = np.asarray(problem.ev.scene)
-    objective = Objective(effect, problem, np.ones(len(scene), np.float32))
+    objective = Objective(effect, problem, problem.ev.all_blocks)
     x = ravel((result.z, result.noise))
     hessian = np.diag(1 / objective.sd**2)
     # Two gradients at both sides of the fit, column by column: the likelihood has no second derivative at hand.
@@ -195,7 +194,6 @@ def follows_power(effect: Law) -> bool:
 
 def fit_to_implied(effect: Law, problem: Problem, result: Fit) -> Fit:
     """The effect fitted again, to rays as bright as the measured intensities say that their surfaces are."""
-    all_blocks = np.ones(len(problem.ev.scene), np.float32)
     start = {name: np.asarray(value) for name, value in to_values(effect, result.z).items()}
     implied = replace(problem, ev=as_implied(problem.ev, problem.noise, problem.equations))
-    return fit(effect, implied, all_blocks, starts=(start,), steps=80)
+    return fit(effect, implied, problem.ev.all_blocks, starts=(start,), steps=80)

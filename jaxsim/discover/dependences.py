@@ -37,10 +37,9 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     for law in known.learned:
         law.check(division.scan)
     ev, scene = division.evidence(division.parts.find, known)
-    all_blocks = np.ones(len(scene), np.float32)
     clutter = any(name in CLUTTER for name, _ in known.effects)
-    null, _ = fit_null(division.scan, ev, all_blocks, clutter=clutter)
-    rays, residuals = standardised(null, all_blocks)
+    null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
+    rays, residuals = standardised(null, ev.all_blocks)
     single = localise(rays, residuals, scene)
     pairs = interactions(rays, residuals, scene)
     listed = reported([*single, *pairs])

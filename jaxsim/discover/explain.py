@@ -103,9 +103,9 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     z of each) the parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
-    all_blocks = np.ones(len(null.ev.scene), np.float32)
     levels = [
-        np.asarray(gain_and_classes(one.ev, one.equations, all_blocks)).tolist() for one in (null, choice.problem)
+        np.asarray(gain_and_classes(one.ev, one.equations, one.ev.all_blocks)).tolist()
+        for one in (null, choice.problem)
     ]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *levels, strict=True)}
     if len(choice.steps) > 1:

@@ -115,9 +115,8 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
     """The runner-up fitted as the answer is: to all find scenes, from the best of its folds' fits; and the noise that
     it leaves."""
     effect = rival.effect
-    all_blocks = np.ones(len(null.ev.scene), np.float32)
     starts = tuple(to_values(effect, one.z) for one in rival.fits)
-    result = fit(effect, null, all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
+    result = fit(effect, null, null.ev.all_blocks, starts=starts, steps=80, fixed=effect.name in FINEST)
     chain = [(effect, result.z)]
     return chain, refitted(in_place(null, chain)).noise
 
@@ -135,9 +134,8 @@ def judge_known(
     """
     effects = [get_effect(name) for name in known]
     division = Division.of(comparison)
-    ev, scene = division.evidence(division.parts.find)
-    all_blocks = np.ones(len(scene), np.float32)
-    null, _ = fit_null(division.scan, ev, all_blocks)
+    ev, _ = division.evidence(division.parts.find)
+    null, _ = fit_null(division.scan, ev, ev.all_blocks)
     starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
     chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
     shown = judge(division, null, chain, noise=refitted(in_place(null, chain)).noise)

@@ -115,6 +115,11 @@ class Evidence:
     """Features behind the kinds of surfaces."""
 
     @property
+    def all_blocks(self) -> Float[np.ndarray, " b"]:
+        """A mask that has every block fitted."""
+        return np.ones(len(self.scene), np.float32)
+
+    @property
     def smooth(self) -> Bool[Array, "b c r"]:
         """Whether the range is compared: both sides hit something, and at no edge."""
         return self.rays.hit & self.returned & ~self.edge

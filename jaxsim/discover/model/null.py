@@ -66,7 +66,7 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     all rays' where the class has few. 0 where nothing is hit."""
     hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
     residual = np.where(compared, np.asarray(ev.log_intensity) - np.asarray(ev.rays.log_intensity), 0)
-    unexplained, _ = conditional_residuals(ev, eq, np.ones(len(ev.scene), np.float32))
+    unexplained, _ = conditional_residuals(ev, eq, ev.all_blocks)
     explained = np.asarray(residual - np.asarray(unexplained), float)
     level = np.full(hit.shape, explained[compared].mean() if compared.any() else 0.0)
     # From coarse to fine: each group is off what the coarser ones say.

@@ -97,8 +97,7 @@ def decide(
 
 def named_answer(choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = ()) -> Answer:
     """What is chosen, and what a free curve still finds beside it, of other channels than those `without`."""
-    all_blocks = np.ones(len(scene), np.float32)
-    after = localise(*standardised(choice.problem, all_blocks), scene)
+    after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
     free = free_curves(choice.problem, after, without)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]

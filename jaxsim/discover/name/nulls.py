@@ -55,15 +55,14 @@ def run_nulls(
     and for free curves; at least the standing one. `scene` is that of each block."""
     catalogue = tuple(effects)
     scenes = len(np.unique(scene))
-    all_blocks = np.ones(len(scene), np.float32)
     names = []
     gains = []
     free = []
     for seed in range(count):
         drawn = bootstrap(problem, explained, seed)
-        null, _ = fit_null(problem.scan, drawn, all_blocks, clutter=problem.clutter)
+        null, _ = fit_null(problem.scan, drawn, drawn.all_blocks, clutter=problem.clutter)
         best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
-        dependences = localise(*standardised(null, all_blocks), scene)
+        dependences = localise(*standardised(null, drawn.all_blocks), scene)
         curve = _strongest(c for _, c in free_curves(null, dependences) if sure(c))
         names.append(best.effect.name if best else "")
         gains.append(best.total if best else 0.0)
@@ -90,7 +89,7 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     `explained`, the problem with the effects in place that the data show. Equal seeds draw the same."""
     ev, rng = problem.ev, np.random.default_rng(seed)
     sign = rng.choice(np.array([-1, 1], np.float32), ev.scenes)[np.asarray(ev.scene)]
-    off_i, off_r = conditional_residuals(explained.ev, explained.equations, jnp.ones(len(sign)))
+    off_i, off_r = conditional_residuals(explained.ev, explained.equations, ev.all_blocks)
     shine = _brighter(explained, np.asarray(off_i), sign, rng=rng)
     reading, returns, log_keep = _readings(problem, explained, np.asarray(off_r), sign=sign, rng=rng)
     lit = replace(ev.rays, log_intensity=jnp.where(ev.rays.hit, ev.rays.log_intensity + shine, ev.rays.log_intensity))
@@ -117,7 +116,7 @@ def _brighter(
     """Nats by which each surface shines brighter than simulated, noise included (b, c, r)."""
     ev, w = explained.ev, explained.equations
     residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, 0)
-    levels = jax.tree.map(np.asarray, levels_of(ev, w, jnp.ones(len(sign)), residual=residual))
+    levels = jax.tree.map(np.asarray, levels_of(ev, w, ev.all_blocks, residual=residual))
 
     def own(level: np.ndarray, block: Array, share: Array) -> np.ndarray:
         # A predicted level lacks the variance that its rays leave open: prediction with its sign, and that much drawn

@@ -143,7 +143,6 @@ def choose(
     steps: list[FittedStep] = []
     null = problem
     rest = list(effects)
-    all_blocks = np.ones(len(problem.ev.scene), np.float32)
     while True:
         ranking = rank_effects(problem, rest)
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
@@ -157,7 +156,7 @@ def choose(
         alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
         # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
         starts = tuple(to_values(best.effect, one.z) for one in best.fits)
-        result = fit(best.effect, problem, all_blocks, starts=starts, fixed=best.effect.name in FINEST)
+        result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
         steps.append(FittedStep(best, alike, tuple(ranking), result))
         problem = refitted(on_top(best.effect, problem, result.z))
@@ -187,5 +186,4 @@ def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
 
 def refitted(problem: Problem) -> Problem:
     """The null fitted again to the problem's rays, with the effects that are in place."""
-    all_blocks = np.ones(len(problem.ev.scene), np.float32)
-    return fit_null(problem.scan, problem.ev, all_blocks, clutter=problem.clutter)[0]
+    return fit_null(problem.scan, problem.ev, problem.ev.all_blocks, clutter=problem.clutter)[0]

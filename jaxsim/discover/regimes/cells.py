@@ -51,7 +51,7 @@ def cells(
     sectors: int,
 ) -> Cells:
     """The cells of an effect, fitted as `z` on top of `problem`; `sector`, of so many, is that of blocks' columns."""
-    objective = Objective(effect, problem, np.ones(len(problem.ev.scene), np.float32))
+    objective = Objective(effect, problem, problem.ev.all_blocks)
     neutral, _ = objective.restore(objective.first)
     before = effect_with_gradient(effect, neutral, objective.rays, scan=problem.scan)
     after = effect_with_gradient(effect, z, objective.rays, scan=problem.scan)

@@ -70,8 +70,7 @@ def confine(
     if best.total <= RULES.bar_nats or more < RULES.regime_nats:
         return None
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
-    everyone = np.ones(len(facts.scene), np.float32)
-    fitted = fit(best.effect, problem, everyone, starts=starts)
+    fitted = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not padded(c, best))
     step = FittedStep(best, alike, tuple(ranking), fitted)
