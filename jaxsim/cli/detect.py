@@ -16,7 +16,7 @@ from jaxsim.detect.scenes import seen_by
 from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
 from jaxsim.report import cloud_with_boxes, draw_above, draw_on_image, save_picture, write_clouds
-from jaxsim.report.scenes import Scene
+from jaxsim.report.scenes import TurnedScene
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Detect(Checked):
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
         found = 0
-        scenes: list[Scene] = []
+        scenes: list[TurnedScene] = []
         finder = make_find(experiment)
         detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
         for k, (name, boxes) in enumerate(detections):
@@ -98,7 +98,7 @@ class Detect(Checked):
         """The clouds, and what stands beside them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
 
-    def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> Scene:
+    def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> TurnedScene:
         """Writes a cloud's pictures; gives it for the page."""
         view = self.folder.view(name)
         labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
@@ -110,7 +110,7 @@ class Detect(Checked):
             save_picture(self.out / "pictures" / f"{name}_{kind}.png", picture)
         return cloud_with_boxes(name, points, found=found.boxes, labelled=labelled)
 
-    def write_page(self, scenes: list[Scene], kind: str) -> None:
+    def write_page(self, scenes: list[TurnedScene], kind: str) -> None:
         """Writes clouds.html, which turns the drawn clouds."""
         write_clouds(
             self.out / "clouds.html",

@@ -11,7 +11,7 @@ import tyro
 
 from jaxsim.config.ranges import Checked
 from jaxsim.effects.own import known_effects
-from jaxsim.engines import ENGINES, Fitted, Translation, read_answer, translate
+from jaxsim.engines import ENGINES, Estimate, Translation, read_answer, translate
 from jaxsim.files import read_json, write_text
 
 
@@ -76,5 +76,5 @@ def words(told: Translation) -> str:
     return "\n".join(lines)
 
 
-def _ends(value: Fitted) -> str:
+def _ends(value: Estimate) -> str:
     return "not given" if math.isnan(value.low) else f"{value.low:.4g} .. {value.high:.4g}"

@@ -41,7 +41,7 @@ MAKING = ".making"
 
 
 @dataclass(frozen=True)
-class Split:
+class SplitPairs:
     """One split's pairs, in the order of its records."""
 
     positions: tuple[int, ...]
@@ -67,7 +67,7 @@ class About:
     """Frames of the data set, of which some may be left out."""
     parts: dict[str, tuple[int, ...]]
     """Positions by the data set's own names of its parts."""
-    splits: dict[str, Split]
+    splits: dict[str, SplitPairs]
     files: dict[str, int]
     """Bytes of every file of records."""
     measured: bool = True

@@ -12,41 +12,41 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.files import read_json
 
 
-class Fitted(NamedTuple):
+class Estimate(NamedTuple):
     """A fitted number and its 90 % interval; both ends are NaN where nobody gave one."""
 
     value: float
     low: float = math.nan
     high: float = math.nan
 
-    def mapped(self, function: Callable[[float], float]) -> Fitted:
+    def mapped(self, function: Callable[[float], float]) -> Estimate:
         """A monotone function of it."""
         low, high = sorted((function(self.low), function(self.high)))
-        return Fitted(function(self.value), low, high)
+        return Estimate(function(self.value), low, high)
 
 
 @dataclass(frozen=True)
 class Answer:
     """A sensor.json, with the intervals of the verdict.json beside it where there is one."""
 
-    effects: dict[str, dict[str, tuple[Fitted, ...]]]
+    effects: dict[str, dict[str, tuple[Estimate, ...]]]
     """By effect and parameter: one number, or one a beam or class."""
-    levels: dict[str, Fitted]
+    levels: dict[str, Estimate]
     """Noise, losses and lattices that no effect explains, by the names of `effects.chain.LEVELS`."""
     learned: int = 0
     """Laws without a name."""
 
-    def one(self, effect: str, parameter: str) -> Fitted | None:
+    def one(self, effect: str, parameter: str) -> Estimate | None:
         """A parameter that is one number; None where the effect was not found."""
         values = self.each(effect, parameter)
         return values[0] if values else None
 
-    def each(self, effect: str, parameter: str) -> tuple[Fitted, ...]:
+    def each(self, effect: str, parameter: str) -> tuple[Estimate, ...]:
         """A parameter's values, one a beam or class; none where the effect was not found."""
         return self.effects.get(effect, {}).get(parameter, ())
 
     @property
-    def range_noise(self) -> Fitted | None:
+    def range_noise(self) -> Estimate | None:
         """Noise of the range as one number for all echoes; None where none was found."""
         return together(self.one("range_noise", "sd_m"), self.levels.get("range_noise"), how=root_of_squares)
 
@@ -56,11 +56,11 @@ class Setting:
     """A parameter of an engine."""
 
     name: str
-    value: Fitted
+    value: Estimate
     unit: str
     why: str
     """What of the answer it expresses, and how."""
-    each: tuple[Fitted, ...] = ()
+    each: tuple[Estimate, ...] = ()
     """Of a parameter with a value a beam: all of them, top beam first."""
 
 
@@ -117,10 +117,10 @@ def read_answer(path: Path) -> Answer:
     return Answer(effects, levels, len(model.learned))
 
 
-def _fitted(value: Any, interval: Any) -> tuple[Fitted, ...]:
+def _fitted(value: Any, interval: Any) -> tuple[Estimate, ...]:
     values = value if isinstance(value, tuple | list) else (value,)
     ends = [_ends(interval, key, len(values)) for key in ("low", "high")]
-    return tuple(Fitted(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
+    return tuple(Estimate(float(v), low, high) for v, low, high in zip(values, *ends, strict=True))
 
 
 def _ends(interval: Any, key: str, count: int) -> list[float]:
@@ -146,13 +146,13 @@ def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, fl
     return Translation(name, tuple(settings), cannot, engine.text(settings), engine.notes)
 
 
-def together(*parts: Fitted | None, how: Callable[[Sequence[float]], float]) -> Fitted | None:
+def together(*parts: Estimate | None, how: Callable[[Sequence[float]], float]) -> Estimate | None:
     """Several numbers as one (a root of squares, a product ...); None where none is given. Their ends go together,
     which makes the interval rather too wide than too narrow."""
     given = [part for part in parts if part is not None]
     if not given:
         return None
-    return Fitted(*(how([part[k] for part in given]) for k in range(3)))
+    return Estimate(*(how([part[k] for part in given]) for k in range(3)))
 
 
 def noise_of_range(answer: Answer, name: str) -> list[Setting]:
@@ -177,11 +177,11 @@ def any_loss(values: Sequence[float]) -> float:
     return 1 - math.prod(1 - value for value in values)
 
 
-def mean_of(values: Sequence[Fitted]) -> Fitted:
+def mean_of(values: Sequence[Estimate]) -> Estimate:
     """The mean of numbers, with the mean of their intervals' ends."""
-    return Fitted(*(sum(value[k] for value in values) / len(values) for k in range(3)))
+    return Estimate(*(sum(value[k] for value in values) / len(values) for k in range(3)))
 
 
-def degrees(value: Fitted, sign: int = 1) -> Fitted:
+def degrees(value: Estimate, sign: int = 1) -> Estimate:
     """Radians as degrees, turned the other way with a sign of -1."""
     return value.mapped(lambda radians: sign * math.degrees(radians))

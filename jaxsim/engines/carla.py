@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Fitted, Setting, any_loss, degrees, root_of_squares, together
+from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
 
 _SURFACE = (
     "its intensity is exp(-rate · distance) whatever the surface; apply it behind the sensor, to "
@@ -96,7 +96,7 @@ def text(found: Sequence[Setting]) -> str:
     )
 
 
-def _plain(value: Fitted) -> str:
+def _plain(value: Estimate) -> str:
     """CARLA takes texts."""
     return f"{value.value:.6g}"
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Fitted, Setting, degrees, limits_of_range, mean_of, noise_of_range
+from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, degrees, limits_of_range, mean_of, noise_of_range
 
 _CORE = "omni:sensor:Core:"
 _EMITTER = f"{_CORE}emitterState:s001:"
@@ -63,7 +63,7 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     return found
 
 
-def _emitters(name: str, values: Sequence[Fitted], *, unit: str, why: str) -> Setting:
+def _emitters(name: str, values: Sequence[Estimate], *, unit: str, why: str) -> Setting:
     return Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))
 
 

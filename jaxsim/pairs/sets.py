@@ -14,7 +14,7 @@ from typing import Any
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import Dataset, open_dataset, select
 from jaxsim.data.records import pair_settings
-from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, Split, cut
+from jaxsim.data.tfds_builder import MAKING, NAME, VERSION, About, JaxsimPairs, Shard, SplitPairs, cut
 from jaxsim.files import claim, parse_json, parse_settings, tidy, working_in
 from jaxsim.pairs.prepared import fingerprint
 from jaxsim.pairs.shards import Job, make_all, make_by_beam, make_on_cluster, read_note, write_shard
@@ -161,10 +161,10 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path)
         raise ValueError(
             f"prepare: {', '.join(lost)} are not in {making} though they were made; is it one disk for all?"
         )
-    splits: dict[str, Split] = {}
+    splits: dict[str, SplitPairs] = {}
     for name in dict.fromkeys(shard.split for shard in shards):
         own = {shard: note for shard, note in notes.items() if shard.split == name and note}
-        splits[name] = Split(
+        splits[name] = SplitPairs(
             positions=tuple(position for shard in own for position in shard.positions),
             names=tuple(value for note in own.values() for value in note["names"]),
             scenes=tuple(value for note in own.values() for value in note["scenes"]),

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from jaxsim.files import write_text
 from jaxsim.report.page import NOTHING, explorer, paragraph, section, table, whole_page
-from jaxsim.report.scenes import Boxes, Channel, Scene, Side, packed
+from jaxsim.report.scenes import Channel, Side, TurnedBoxes, TurnedScene, packed
 
 BRIGHT = 0.6
 """Intensity at which colours end: few surfaces are brighter."""
@@ -29,10 +29,12 @@ def side_of(name: str, points: Float32[np.ndarray, "n 4"]) -> Side:
     return Side(name, xyz, {"intensity": points[:, 3].astype(float), "height": xyz[:, 2], "range": distance})
 
 
-def compared_clouds(name: str, simulated: Float32[np.ndarray, "n 4"], measured: Float32[np.ndarray, "m 4"]) -> Scene:
+def compared_clouds(
+    name: str, simulated: Float32[np.ndarray, "n 4"], measured: Float32[np.ndarray, "m 4"]
+) -> TurnedScene:
     """A frame as it was simulated beside its measured cloud; alone where nothing was measured."""
     sides = (side_of("simulated", simulated), side_of("measured", measured))
-    return Scene(name, sides if len(measured) else sides[:1])
+    return TurnedScene(name, sides if len(measured) else sides[:1])
 
 
 def cloud_with_boxes(
@@ -41,13 +43,16 @@ def cloud_with_boxes(
     *,
     found: Float[np.ndarray, "d 7"],
     labelled: Float[np.ndarray, "g 7"] | None = None,
-) -> Scene:
+) -> TurnedScene:
     """A cloud with what was found in it (orange) and what is labelled (green)."""
-    boxes = (Boxes(np.asarray(found, float), True), *([] if labelled is None else [Boxes(np.asarray(labelled), False)]))
-    return Scene(name, (side_of("cloud", points),), boxes)
+    boxes = (
+        TurnedBoxes(np.asarray(found, float), True),
+        *([] if labelled is None else [TurnedBoxes(np.asarray(labelled), False)]),
+    )
+    return TurnedScene(name, (side_of("cloud", points),), boxes)
 
 
-def turning(scenes: Sequence[Scene], words: str) -> tuple[Markup, Markup]:
+def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     """A section with the viewer and a table of what it shows, and its scenes; nothing where there is none."""
     if not scenes:
         return NOTHING, NOTHING
@@ -65,7 +70,13 @@ def turning(scenes: Sequence[Scene], words: str) -> tuple[Markup, Markup]:
 
 
 def write_clouds(
-    path: Path, scenes: Sequence[Scene], *, title: str, sentence: str, words: str, facts: Sequence[tuple[str, str]] = ()
+    path: Path,
+    scenes: Sequence[TurnedScene],
+    *,
+    title: str,
+    sentence: str,
+    words: str,
+    facts: Sequence[tuple[str, str]] = (),
 ) -> Path:
     """Writes a page that opens from disk and turns the scenes; `words` say what they show."""
     body, packed_scenes = turning(scenes, words)

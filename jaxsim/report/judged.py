@@ -11,7 +11,7 @@ from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.report.charts import colour_limit
 from jaxsim.report.page import NOTHING, explorer, paragraph, section, table
-from jaxsim.report.scenes import Channel, Scene, Side, packed
+from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
 from jaxsim.report.words import CHANNELS, number
 
 
@@ -50,13 +50,13 @@ def title(frame: JudgeFrame) -> str:
     return f"{frame.scene}, frame {frame.name}" if frame.scene not in ("", frame.name) else f"frame {frame.name}"
 
 
-def _scene(frame: JudgeFrame, result: Result) -> Scene:
+def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:
     picks = {"row": frame.row, "column": frame.column}
     picks |= {f"curve {k}": group for k, group in enumerate(frame.groups)}
     before = Side("before", places(frame, result.grid), frame.before, picks)
     if not result.verdict.effects and not result.verdict.learned:
-        return Scene(title(frame), (before,))
-    return Scene(title(frame), (before, Side("after", None, frame.after)))
+        return TurnedScene(title(frame), (before,))
+    return TurnedScene(title(frame), (before, Side("after", None, frame.after)))
 
 
 def places(frame: JudgeFrame, grid: PolarGrid) -> np.ndarray:

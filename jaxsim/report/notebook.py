@@ -16,7 +16,7 @@ from jaxsim.report.clouds_page import side_of, turning
 from jaxsim.report.discovery import report_page
 from jaxsim.report.page import NOTHING, figure, image, paragraph, whole_page
 from jaxsim.report.pictures import depth_panel, intensity_panel, strip
-from jaxsim.report.scenes import Scene
+from jaxsim.report.scenes import TurnedScene
 from jaxsim.report.words import verdict_sentence
 
 HEIGHT_REM = 44
@@ -44,7 +44,7 @@ def _(value: Cloud) -> str:
     said = f"{len(points)} points{words}"
     if not len(points):
         return paragraph(said)
-    body, scenes = turning([Scene("cloud", (side_of("cloud", points),))], said)
+    body, scenes = turning([TurnedScene("cloud", (side_of("cloud", points),))], said)
     return _framed(whole_page(title="cloud", sentence=said, facts=(), sections=[body], scenes=scenes))
 
 

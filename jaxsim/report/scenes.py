@@ -51,7 +51,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Boxes:
+class TurnedBoxes:
     """Boxes of one kind, (x, y, z, length, width, height, yaw)."""
 
     boxes: Float[np.ndarray, "d 7"]
@@ -60,16 +60,16 @@ class Boxes:
 
 
 @dataclass(frozen=True)
-class Scene:
+class TurnedScene:
     """What the viewer shows at a time."""
 
     name: str
     sides: tuple[Side, ...]
-    boxes: tuple[Boxes, ...] = ()
+    boxes: tuple[TurnedBoxes, ...] = ()
 
 
 def packed(
-    scenes: Sequence[Scene], channels: Sequence[Channel], *, rows: int = 1, columns: int = 1, groups: int = 1
+    scenes: Sequence[TurnedScene], channels: Sequence[Channel], *, rows: int = 1, columns: int = 1, groups: int = 1
 ) -> Markup:
     """The viewer's JSON, at most MOST_BYTES: of larger clouds every second, third ... point is kept.
 
@@ -101,7 +101,7 @@ def _channel(one: Channel) -> dict[str, str]:
     }
 
 
-def _scene(scene: Scene, channels: Sequence[Channel], step: int) -> dict[str, Any]:
+def _scene(scene: TurnedScene, channels: Sequence[Channel], step: int) -> dict[str, Any]:
     first = scene.sides[0].xyz
     if first is None:
         raise ValueError(f"scenes: the first side of {scene.name} has no points; only the second may share them")

@@ -17,7 +17,7 @@ from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import open_polar_frames, read_grid, write_frame, write_grid
 from jaxsim.data.prepared_set import PreparedSet
 from jaxsim.data.records import PairRecord, example_of
-from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, Split, serialized
+from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, SplitPairs, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene
 from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.effects import EFFECTS
@@ -119,7 +119,7 @@ def _set(folder: Path) -> None:
     note = read_note(shard, place)
     assert note is not None
     settings = {"data": {"kind": "synthetic", "root": None}, "prepare": {}}
-    split = Split((0, 1), ("f0", "f1"), ("x", "x"), ((R, C), (R, C)))
+    split = SplitPairs((0, 1), ("f0", "f1"), ("x", "x"), ((R, C), (R, C)))
     files = {shard.file(place).name: note["bytes"]}
     about = About("0", settings, "x", preset("hdl64e"), 2, {"train": (0, 1)}, {"train": split}, files)
     JaxsimPairs(data_dir=folder, kind="synthetic", shards=[shard], about=about).settle(place)

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.report.clouds_page import cloud_with_boxes, compared_clouds, write_clouds
 from jaxsim.report.judged import residual_clouds
-from jaxsim.report.scenes import MOST_BYTES, Channel, Scene, Side, packed, quantised
+from jaxsim.report.scenes import MOST_BYTES, Channel, Side, TurnedScene, packed, quantised
 from tests.report import results
 
 CHANNEL = Channel("intensity", "intensity", 0.0, 0.5, "")
@@ -37,7 +37,7 @@ def test_values_are_levels_and_none_is_0():
     side = Side(
         "a", np.zeros((4, 3)), {"intensity": np.array([0.0, 0.5, 9.0, np.nan])}, {"row": np.array([0, 1, -1, 3])}
     )
-    got = plain(packed([Scene("s", (side,))], [CHANNEL]))["scenes"][0]["sides"][0]
+    got = plain(packed([TurnedScene("s", (side,))], [CHANNEL]))["scenes"][0]["sides"][0]
     assert decoded(got["values"]["intensity"], "u1").tolist() == [1, 255, 255, 0]
     assert decoded(got["picks"]["row"], "<u2").tolist() == [0, 1, 65535, 3]
 
@@ -46,7 +46,7 @@ def test_large_clouds_are_thinned_to_what_a_page_may_hold():
     count = 400_000
     rng = np.random.default_rng(1)
     side = Side("a", rng.normal(size=(count, 3)), {"intensity": rng.uniform(size=count)})
-    text = packed([Scene("s", (side, Side("b", None, side.values)))], [CHANNEL])
+    text = packed([TurnedScene("s", (side, Side("b", None, side.values)))], [CHANNEL])
     assert len(text) <= MOST_BYTES
     first, second = plain(text)["scenes"][0]["sides"]
     kept = len(decoded(first["xyz"], "<u2")) // 3
@@ -56,7 +56,7 @@ def test_large_clouds_are_thinned_to_what_a_page_may_hold():
 
 def test_names_stay_inside_the_script():
     side = Side("</script>", np.zeros((1, 3)), {})
-    text = packed([Scene("<b>", (side,))], [CHANNEL])
+    text = packed([TurnedScene("<b>", (side,))], [CHANNEL])
     assert "<" not in text
     assert plain(text)["scenes"][0]["name"] == "<b>"
 
@@ -65,7 +65,7 @@ def test_nothing_to_show_and_points_of_nobody_are_refused():
     with pytest.raises(ValueError, match="0 scenes"):
         packed([], [CHANNEL])
     with pytest.raises(ValueError, match="has no points"):
-        packed([Scene("s", (Side("a", None, {}),))], [CHANNEL])
+        packed([TurnedScene("s", (Side("a", None, {}),))], [CHANNEL])
 
 
 def test_a_reports_frames_are_seen_from_the_sensor_before_and_after():

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jaxsim.report.page import explorer, own_text, whole_page
-from jaxsim.report.scenes import MOST_BYTES, Channel, Scene, Side, packed
+from jaxsim.report.scenes import MOST_BYTES, Channel, Side, TurnedScene, packed
 from tests.report import results
 from tests.report.chromium import browser, coloured, opened, picture
 
@@ -152,7 +152,7 @@ def test_in_print_there_is_no_viewer(chromium, report):
 def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
     rng = np.random.default_rng(0)
     xyz = rng.normal(0, 15, (POINTS, 3)) * [1, 1, 0.1]
-    scene = Scene("many", (Side("cloud", xyz, {"intensity": rng.uniform(size=POINTS)}),))
+    scene = TurnedScene("many", (Side("cloud", xyz, {"intensity": rng.uniform(size=POINTS)}),))
     scenes = packed([scene], [Channel("intensity", "intensity", 0, 1, "")])
     assert len(scenes) < MOST_BYTES
     text = whole_page(

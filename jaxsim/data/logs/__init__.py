@@ -21,9 +21,9 @@ from pathlib import Path
 
 from jaxsim.data.logs import files, makers, messages
 from jaxsim.data.logs.folder import Written, write_log
-from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 
-__all__ = ["SOURCES", "Item", "LogOptions", "Scan", "Source", "Written", "known_sources", "source_for", "write_log"]
+__all__ = ["SOURCES", "Item", "LogOptions", "LogScan", "Source", "Written", "known_sources", "source_for", "write_log"]
 
 GROUP = "jaxsim.sources"
 SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES

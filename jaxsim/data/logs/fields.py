@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxsim.data.logs.scan import LogOptions, Scan
+from jaxsim.data.logs.scan import LogOptions, LogScan
 
 RING = ("ring", "laser_number", "channel", "beam", "beam_id", "line", "laser_id", "laserid", "scan_line", "row")
 """Names of the beam's number in drivers and data sets, the likeliest first."""
@@ -26,7 +26,7 @@ def scan_of_fields(
     scene: str,
     time_s: float | None = None,
     **more: Any,
-) -> Scan:
+) -> LogScan:
     """A scan of arrays by the names of their fields, which drivers and data sets spell as RING, TIME and INTENSITY say.
 
     `where` is what the errors name. Times in whole numbers are nanoseconds, others seconds. Raises ValueError where
@@ -51,7 +51,7 @@ def scan_of_fields(
             raise ValueError(f"{by}: {where} has rings that are no whole numbers; is it another field?")
         ring = ring.astype(np.int64)
     known: dict[str, Any] = {"full_scale": scale_of(values[key])} | more
-    return Scan(
+    return LogScan(
         name=name,
         scene=scene,
         xyz_m=np.stack([values[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32),

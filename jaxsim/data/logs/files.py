@@ -11,7 +11,7 @@ import numpy as np
 from jaxsim.data import carla
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.fields import scan_of_fields
-from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
 from jaxsim.files import files_in, need, read_json
 from jaxsim.geometry import LidarSpec
 
@@ -24,7 +24,7 @@ _RAY_CAST = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<
 ATTENUATION_PER_M = 0.004
 """CARLA's default atmosphere_attenuation_rate."""
 
-Read = Callable[[Path, LogOptions], Scan]
+Read = Callable[[Path, LogOptions], LogScan]
 
 
 def _items(suffixes: tuple[str, ...], read: Read, by: str) -> Callable[[Path, LogOptions], Iterator[Item]]:
@@ -40,7 +40,7 @@ def _items(suffixes: tuple[str, ...], read: Read, by: str) -> Callable[[Path, Lo
     return items
 
 
-def read_pcd(file: Path, options: LogOptions) -> Scan:
+def read_pcd(file: Path, options: LogOptions) -> LogScan:
     """A PCD of any encoding, organised or not."""
     pcd = need("pypcd4", "pcd", by="pcd")
     with reading("pcd", file, "it is cut off, or no PCD; write it again"):
@@ -54,7 +54,7 @@ def read_pcd(file: Path, options: LogOptions) -> Scan:
     return scan_of_fields(values, options, by="pcd", where=str(file), name=file.stem, scene=_scene(file), shape=shape)
 
 
-def read_ply(file: Path, options: LogOptions) -> Scan:
+def read_ply(file: Path, options: LogOptions) -> LogScan:
     """The vertices of a PLY, ascii or binary of either byte order."""
     ply = need("plyfile", "ply", by="ply")
     with reading("ply", file, "it is cut off, or no PLY; write it again"):
@@ -67,7 +67,7 @@ def read_ply(file: Path, options: LogOptions) -> Scan:
     return scan_of_fields(values, options, by="ply", where=str(file), name=file.stem, scene=_scene(file))
 
 
-def read_las(file: Path, options: LogOptions) -> Scan:
+def read_las(file: Path, options: LogOptions) -> LogScan:
     """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...), or user_data where it holds rings."""
     laspy = need("laspy", "las", by="las")
     with reading("las", file, "it is cut off, or no LAS; copy it again (.laz needs lazrs, in the extra, too)"):
@@ -85,7 +85,7 @@ def read_las(file: Path, options: LogOptions) -> Scan:
     return scan_of_fields(values, options, by="las", where=place, name=file.stem, scene=_scene(file), full_scale=scale)
 
 
-def read_carla(file: Path, options: LogOptions) -> Scan:
+def read_carla(file: Path, options: LogOptions) -> LogScan:
     """A buffer `raw_data` of CARLA's ray_cast (16 bytes a point) or ray_cast_semantic (24), as bytes in a file.
 
     `attributes.json` beside it holds the sensor's attributes, `json.dump(dict(lidar.attributes), ...)`: its type tells
@@ -132,7 +132,7 @@ def read_carla(file: Path, options: LogOptions) -> Scan:
         raise ValueError(
             f"carla: points of {file} lie {off:.2f} degrees off the beams of attributes.json; is it this sensor's?"
         )
-    return Scan(
+    return LogScan(
         name=file.stem,
         scene=_scene(file),
         xyz_m=xyz.astype(np.float32),

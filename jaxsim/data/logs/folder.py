@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxsim.data.announced import Announced
 from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
-from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.data.polar_frames import read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import claim, file_of, read_json, write_text
@@ -121,7 +121,7 @@ def _begin(
     first = [(item, item.read()) for item in islice(items, FIRST)]
     if not first:
         raise ValueError(f"{by}: {made['log']} holds no scan")
-    scans = [scan for _, scan in first if isinstance(scan, Scan)]
+    scans = [scan for _, scan in first if isinstance(scan, LogScan)]
     sensor = sensor_of([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
     grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
     write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
@@ -129,8 +129,8 @@ def _begin(
     return grid, sensor, chain(again, items)
 
 
-def _sweep(scan: Scan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:
-    if isinstance(scan, Scan):
+def _sweep(scan: LogScan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, options: LogOptions, by: str) -> Sweep:
+    if isinstance(scan, LogScan):
         if sensor is None:
             raise ValueError(f"{by}: {scan.name} is a cloud, and the scans before had a grid of their own")
         return to_sweep(_of_rings(scan, options), sensor, options, by=by)
@@ -142,7 +142,7 @@ def _sweep(scan: Scan | Sweep, sensor: Sensor | None, grid: PolarGrid, *, option
     return scan
 
 
-def _of_rings(scan: Scan, options: LogOptions) -> Scan:
+def _of_rings(scan: LogScan, options: LogOptions) -> LogScan:
     """The points of the rings that were asked for, which count from 0 now. Raises ValueError where there are none."""
     if not options.rings:
         return scan

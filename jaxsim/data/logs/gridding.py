@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.logs.fields import ring_of_shape
-from jaxsim.data.logs.scan import LogOptions, Scan
+from jaxsim.data.logs.scan import LogOptions, LogScan
 from jaxsim.data.sweeps import Sweep
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, columns_of, rings_by_elevation
@@ -61,7 +61,7 @@ class Sensor:
         )
 
 
-def sensor_of(scans: Sequence[Scan], options: LogOptions, *, by: str) -> Sensor:
+def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sensor:
     """The sensor of a log, from its first scans. Raises ValueError where the points do not tell it, saying what
     does."""
     scale = options.full_scale or _full_scale(scans)
@@ -79,7 +79,7 @@ def sensor_of(scans: Sequence[Scan], options: LogOptions, *, by: str) -> Sensor:
     raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
 
 
-def _sensor(scans: Sequence[Scan], options: LogOptions, *, scale: float, axis: int | None) -> Sensor:
+def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis: int | None) -> Sensor:
     pose = np.eye(4)
     parts = [returned(scan, axis) for scan in scans]
     first = scans[0]
@@ -105,14 +105,14 @@ def _sensor(scans: Sequence[Scan], options: LogOptions, *, scale: float, axis: i
     return Sensor(beams, grid, scale, pose, axis)
 
 
-def _all_rings(parts: Sequence[Scan], options: LogOptions) -> Int[np.ndarray, " n"]:
+def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray, " n"]:
     rings = [p.ring for p in parts if p.ring is not None]
     if len(rings) == len(parts):
         return np.concatenate(rings).astype(np.int64)
     return rings_by_elevation(np.concatenate([p.xyz_m for p in parts]), lines=options.lines).astype(np.int64)
 
 
-def _full_scale(scans: Sequence[Scan]) -> float:
+def _full_scale(scans: Sequence[LogScan]) -> float:
     """The format's own scale; else 1 or 255, whichever the scans stay under."""
     if scans[0].full_scale is not None:
         return scans[0].full_scale
@@ -126,7 +126,7 @@ def _full_scale(scans: Sequence[Scan]) -> float:
     return 1.0 if largest <= 1 else 255.0
 
 
-def returned(scan: Scan, axis: int | None = None) -> Scan:
+def returned(scan: LogScan, axis: int | None = None) -> LogScan:
     """The scan without points that are none: those not finite or at the origin. Rings are told along `axis`."""
     ring = scan.ring
     if ring is None and axis is not None and scan.shape is not None:
@@ -141,7 +141,7 @@ def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarra
     return moved.astype(np.float32)
 
 
-def to_sweep(scan: Scan, sensor: Sensor, options: LogOptions, *, by: str) -> Sweep:
+def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> Sweep:
     """A scan on the sensor's grid. Of several returns of a firing the one that is asked for is kept; of firings that
     share a cell, the nearest.
 
@@ -215,7 +215,7 @@ def _one_return(
 
 
 def _on_grid(
-    scan: Scan,
+    scan: LogScan,
     sensor: Sensor,
     kept: Int[np.ndarray, " m"],
     *,

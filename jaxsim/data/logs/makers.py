@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxsim.data.clouds import fitted_spec, read_scan
 from jaxsim.data.logs.fields import offsets
-from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.files import files_in, need
 from jaxsim.geometry import UnorderedCloud, preset
@@ -45,7 +45,7 @@ def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
         stem, number = path.stem, 0
         for stamp, points in decoder.read_pcap(str(path), config, as_pcl_structs=True):
             points = points[_fired(points)]
-            scan = Scan(
+            scan = LogScan(
                 name=f"{stem}-{number:06d}",
                 scene=stem,
                 xyz_m=np.stack([points[axis] for axis in "xyz"], axis=1).astype(np.float32),
@@ -90,13 +90,13 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
     files = kitti_files(path)
     rows = "elevation" if options.lines else "file_order"
 
-    def read(file: Path, *, name: str, scene: str, time_s: float | None) -> Scan:
+    def read(file: Path, *, name: str, scene: str, time_s: float | None) -> LogScan:
         cloud = read_scan(file, rows)
         try:
             spec = fitted_spec(files[0][2], rows)
         except (ValueError, UnorderedCloud):
             spec = preset("hdl64e")  # motion was taken out of the odometry's scans: no cone fits them
-        return Scan(
+        return LogScan(
             name=name,
             scene=scene,
             xyz_m=np.asarray(cloud.xyz_m),
@@ -154,7 +154,7 @@ def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:
         yield Item(f"{log[:8]}-{file.stem}", lambda file=file, log=log: _argoverse2_scan(file, log, options))
 
 
-def _argoverse2_scan(file: Path, log: str, options: LogOptions) -> Scan:
+def _argoverse2_scan(file: Path, log: str, options: LogOptions) -> LogScan:
     table = _feather(file)
     missing = [key for key in ("x", "y", "z", "intensity", "laser_number", "offset_ns") if key not in table]
     if missing:
@@ -164,7 +164,7 @@ def _argoverse2_scan(file: Path, log: str, options: LogOptions) -> Scan:
     stamp = int(file.stem) if file.stem.isdecimal() else None
     if poses.is_file() and stamp is not None:
         xyz = _as_fired(xyz, _feather(poses), stamp=stamp, offset_ns=table["offset_ns"])
-    scan = Scan(
+    scan = LogScan(
         name=f"{log[:8]}-{file.stem}",
         scene=log,
         xyz_m=xyz.astype(np.float32),

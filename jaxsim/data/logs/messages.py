@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxsim.data.logs.fields import scan_of_fields
-from jaxsim.data.logs.scan import Item, LogOptions, Scan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
 from jaxsim.files import need
 
 POINT_CLOUD = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
@@ -51,7 +51,7 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(points[name]).astype(points.dtype[name].newbyteorder("=")) for name in names}
 
 
-def scan_of_message(message: Any, options: LogOptions, *, name: str, scene: str) -> Scan:
+def scan_of_message(message: Any, options: LogOptions, *, name: str, scene: str) -> LogScan:
     """A PointCloud2 as a scan. Raises ValueError where its frame is not the one asked for (`options.frame`)."""
     frame = message.header.frame_id
     if options.frame and frame != options.frame:
@@ -172,7 +172,7 @@ def _osi_kind(path: Path, options: LogOptions) -> tuple[str, str | None]:
     return topics[topic], topic
 
 
-def _osi_scan(message: Any, kind: str, options: LogOptions, *, name: str, scene: str) -> Scan:
+def _osi_scan(message: Any, kind: str, options: LogOptions, *, name: str, scene: str) -> LogScan:
     time_s = message.timestamp.seconds + message.timestamp.nanos * 1e-9
     if kind == "SensorView":
         if not len(message.lidar_sensor_view):
@@ -184,7 +184,7 @@ def _osi_scan(message: Any, kind: str, options: LogOptions, *, name: str, scene:
     return _osi_detections(sensors[0].detection, options, name=name, scene=scene, time_s=time_s)
 
 
-def _osi_reflections(view: Any, options: LogOptions, *, name: str, scene: str, time_s: float) -> Scan:
+def _osi_reflections(view: Any, options: LogOptions, *, name: str, scene: str, time_s: float) -> LogScan:
     """Reflections in the order of the configuration's directions; time of flight is there and back.
 
     signal_strength is in dB of what was sent; --log.full-scale is in the same ratio once the logarithm is undone.
@@ -208,7 +208,7 @@ def _osi_reflections(view: Any, options: LogOptions, *, name: str, scene: str, t
     if (length[hit] > 0).all() and hit.any():
         cosine = np.abs((ray * normal).sum(axis=1)) / np.maximum(length, 1e-12)
         layers["incidence"] = np.arccos(np.clip(cosine, 0, 1)).astype(np.float32)
-    return Scan(
+    return LogScan(
         name=name,
         scene=scene,
         xyz_m=(ray * range_m[:, None]).astype(np.float32),
@@ -228,7 +228,7 @@ def _ring_of_rays(ray: np.ndarray) -> np.ndarray:
     return ring
 
 
-def _osi_detections(detections: Any, options: LogOptions, *, name: str, scene: str, time_s: float) -> Scan:
+def _osi_detections(detections: Any, options: LogOptions, *, name: str, scene: str, time_s: float) -> LogScan:
     """Detections in spherical coordinates; intensity in percent, or reflectivity. Source: osi_featuredata.proto."""
     distance = np.array([d.position.distance for d in detections], np.float64)
     azimuth = np.array([d.position.azimuth for d in detections], np.float64)
@@ -236,7 +236,7 @@ def _osi_detections(detections: Any, options: LogOptions, *, name: str, scene: s
     level = distance * np.cos(elevation)
     field = "reflectivity" if options.intensity == "reflectivity" else "intensity"
     beams = np.array([d.beam_id.value if d.HasField("beam_id") else -1 for d in detections], np.int64)
-    return Scan(
+    return LogScan(
         name=name,
         scene=scene,
         xyz_m=np.stack([level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)], 1).astype(

@@ -17,7 +17,7 @@ from jaxsim.geometry import LidarSpec
 
 
 @dataclass(frozen=True)
-class Scan:
+class LogScan:
     """One turn of a sensor as its log has it, point by point (host memory), before it lies on a grid."""
 
     name: str
@@ -45,7 +45,7 @@ class Scan:
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Further values of each point by the names of polar frames: semantic, instance, incidence."""
 
-    def only(self, kept: Bool[np.ndarray, " n"]) -> Scan:
+    def only(self, kept: Bool[np.ndarray, " n"]) -> LogScan:
         """The scan with some of its points. It is no longer organised."""
         return replace(
             self,
@@ -94,7 +94,7 @@ class Item(NamedTuple):
     """A scan of a log, read when asked for."""
 
     name: str
-    read: Callable[[], Scan | Sweep]
+    read: Callable[[], LogScan | Sweep]
 
 
 class Source(NamedTuple):

@@ -29,7 +29,7 @@ from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
 from jaxsim.effects.region import WHOLE, Region
 
 
-class Found(NamedTuple):
+class FoundRegion(NamedTuple):
     """The region of a question in which an effect is most clearly stronger than outside."""
 
     question: Question
@@ -37,14 +37,14 @@ class Found(NamedTuple):
     p_value: float
 
 
-def ask(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> Found:
+def ask(question: Question, of: Cells, scene: Int[np.ndarray, " b"]) -> FoundRegion:
     """The best region and how often chance makes some region of the question as good."""
     whole = question.between_scenes(scene)
     if whole is None:
         best, p = flipped(*_contrasts(question, of, scene))
     else:
         best, p = dealt(np.bincount(scene, of.excess.sum(1)), whole)
-    return Found(question, best, p)
+    return FoundRegion(question, best, p)
 
 
 def _contrasts(
@@ -95,12 +95,12 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
 
 
-def false_discovery_rates(found: list[Found]) -> list[float]:
+def false_discovery_rates(found: list[FoundRegion]) -> list[float]:
     """The q-value of each, over all questions that were asked."""
     return [float(q) for q in false_discovery_control([one.p_value for one in found])] if found else []
 
 
-def by_own_size(of: Cells, facts: Facts) -> Found | None:
+def by_own_size(of: Cells, facts: Facts) -> FoundRegion | None:
     """The scenes whose own sizes are large; `of` holds even and odd columns of each sector apart (2 a + parity).
 
     Scenes that differ by noise alone differ in both halves of their columns alike only by chance: the excesses of one
@@ -120,7 +120,7 @@ def by_own_size(of: Cells, facts: Facts) -> Found | None:
     names = {n: facts.names[facts.frame[np.argmax(facts.scene == n)]] for n in range(facts.scene_count)}
     region = Region(scenes=tuple(sorted(names[n] for n in np.flatnonzero(inside).tolist())))
     masks = inside[facts.scene][None, :, None]
-    return Found(Question("scene", (region,), masks), 0, p)
+    return FoundRegion(Question("scene", (region,), masks), 0, p)
 
 
 def alike(first: Float[np.ndarray, " n"], second: Float[np.ndarray, " n"]) -> float:
@@ -140,7 +140,7 @@ def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:
 class Disputed(NamedTuple):
     """A region that divides the scenes of some candidates."""
 
-    found: Found
+    found: FoundRegion
     candidates: tuple[Candidate, ...]
     """The candidates, those that it makes clearest first."""
     exists: bool
@@ -161,7 +161,7 @@ def disputed(candidates: Sequence[Candidate], asked: Sequence[Question], facts: 
         k, strength, p = divided(rates, whole)
         order = [tried[c] for c in np.argsort(-strength[:, k])]
         sure = p <= RULES.regime_level and existing(rates, whole) <= RULES.agreement_level
-        result.append(Disputed(Found(question, k, p), tuple(order), sure))
+        result.append(Disputed(FoundRegion(question, k, p), tuple(order), sure))
     return result
 
 

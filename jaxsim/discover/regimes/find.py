@@ -14,7 +14,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.cells import cells
-from jaxsim.discover.regimes.chance import Found, ask, by_own_size, disputed, false_discovery_rates
+from jaxsim.discover.regimes.chance import FoundRegion, ask, by_own_size, disputed, false_discovery_rates
 from jaxsim.discover.regimes.confine import Confined, confine, sharpened
 from jaxsim.discover.regimes.judge import Judges
 from jaxsim.discover.regimes.questions import Facts, Question, questions
@@ -43,7 +43,7 @@ class Divided:
 class Lead:
     """A region to look at: of an effect that is named, or of candidates of which none is."""
 
-    found: Found
+    found: FoundRegion
     candidates: tuple[Candidate, ...]
     """The effect first, then those that may be the better name there."""
     step: int | None
@@ -189,7 +189,9 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     return leads
 
 
-def _divisions(effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]) -> list[Found]:
+def _divisions(
+    effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]
+) -> list[FoundRegion]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
     their own sizes."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.

@@ -17,7 +17,7 @@ from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import Division
-from jaxsim.discover.repeats.find import Found, find_repeats
+from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.forms import form_of
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats
 from jaxsim.discover.repeats.maps import Maps, maps_of
@@ -59,7 +59,7 @@ class Dense:
         problem = replace(problem, equations=normal_equations(problem.ev, noise, off))
         return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
 
-    def learn(self, found: Sequence[Found], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
+    def learn(self, found: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
         """The laws of what was found on top of `effects`, which leave `noise`."""
 
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:

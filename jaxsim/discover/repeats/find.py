@@ -28,7 +28,7 @@ LEAST = {
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundPattern:
     """A pattern that repeats."""
 
     repeat: Repeat
@@ -46,7 +46,7 @@ def find_repeats(
     bins: int,
     rounds: int = RULES.repeats_tried,
     least: Mapping[str, float] = LEAST,
-) -> tuple[Found, ...]:
+) -> tuple[FoundPattern, ...]:
     """Patterns that scenes where `finding` share, and the others confirm, most certain first; each is looked for with
     the ones before taken out, and the chance of having looked at all scales, places and channels is paid for.
 
@@ -58,7 +58,7 @@ def find_repeats(
     looked = {
         channel: Look.at(one, finding, signs, bins=bins) for channel, one in remaining.items() if one.weight.any()
     }
-    patterns: list[Found] = []
+    patterns: list[FoundPattern] = []
     for _ in range(rounds):
         best = strongest(looked)
         if best is None:
@@ -78,7 +78,7 @@ def find_repeats(
         large = abs(size.value) >= np.hypot(least[channel], known.rounding(pattern))
         if large and convincing(p_judge, int((~finding).sum())):
             repeat = told(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
-            patterns.append(Found(repeat, scale, k, phase))
+            patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(known, total=known.total - height * response)
         looked[channel] = Look.at(remaining[channel], finding, signs, bins=bins)

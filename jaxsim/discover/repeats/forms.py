@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.repeats.find import Found
+from jaxsim.discover.repeats.find import FoundPattern
 from jaxsim.discover.repeats.maps import Pattern, Sums
 from jaxsim.effects.learned import LIMITS, Learned
 
@@ -16,10 +16,10 @@ Heights = Float[np.ndarray, " m"]
 
 
 @dataclass(frozen=True)
-class Form:
+class RepeatForm:
     """A pattern before its m heights are fitted."""
 
-    found: Found
+    found: FoundPattern
     count: int
     """How many heights there are."""
     spread: Callable[[Heights], Pattern]
@@ -54,7 +54,7 @@ class Form:
         return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
-def form_of(found: Found, rows: int, columns: int) -> Form:
+def form_of(found: FoundPattern, rows: int, columns: int) -> RepeatForm:
     """The form of a pattern on a grid of so many rows and columns."""
     scale, k = found.scale, found.number
     if scale.pattern is None:
@@ -68,11 +68,11 @@ def form_of(found: Found, rows: int, columns: int) -> Form:
             return np.broadcast_to(heights.reshape(shape), (rows, columns))
 
         size = found.repeat.size.value
-        return Form(found, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
+        return RepeatForm(found, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
     # A wave is free in its phase: its cosine and its sine.
     phases = (1, -1j) if scale.turns else (1,)
     made = np.stack([scale.pattern(k, one) for one in phases])
-    return Form(
+    return RepeatForm(
         found,
         len(made),
         lambda heights: np.einsum("m,mrc->rc", heights, made),

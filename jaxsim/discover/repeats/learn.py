@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.repeats.find import common_size, height_of, told
-from jaxsim.discover.repeats.forms import Form, Heights
+from jaxsim.discover.repeats.forms import Heights, RepeatForm
 from jaxsim.discover.repeats.maps import Maps, Pattern, Sums
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
@@ -47,7 +47,7 @@ class LearnedRepeat:
 
 
 def learn_repeats(
-    forms: Sequence[Form], finding: Finding, maps_with: Callable[[Sequence[Learned]], Mapping[str, Maps]]
+    forms: Sequence[RepeatForm], finding: Finding, maps_with: Callable[[Sequence[Learned]], Mapping[str, Maps]]
 ) -> tuple[LearnedRepeat, ...]:
     """Fits the forms together. `maps_with` gives the maps that are left with laws in place, their noise fitted again;
     levels that scenes share follow from the scenes where `finding`."""
@@ -73,7 +73,7 @@ def learn_repeats(
     return tuple(result[k] for k in range(len(forms)))
 
 
-def solve(maps: Maps, forms: Sequence[Form], finding: Finding) -> list[Heights]:
+def solve(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Heights]:
     """The heights of all forms that fit the find scenes best."""
     cuts = np.cumsum([form.count for form in forms])[:-1]
     stiff = np.concatenate([np.full(form.count, 1 / form.variance) for form in forms])
@@ -113,7 +113,9 @@ def conjugate_gradients(normal: Callable[[Heights], Heights], right: Heights, in
     return x
 
 
-def _learned(form: Form, heights: Heights, *, maps: Maps, rest: Sums, answer: Sums, finding: Finding) -> LearnedRepeat:
+def _learned(
+    form: RepeatForm, heights: Heights, *, maps: Maps, rest: Sums, answer: Sums, finding: Finding
+) -> LearnedRepeat:
     """The law of fitted heights, their standard deviations and the pattern's size. `maps` show the pattern and what
     remains, `rest` the latter alone, `answer` the former."""
     pattern = form.spread(heights)
@@ -142,7 +144,7 @@ def _learned(form: Form, heights: Heights, *, maps: Maps, rest: Sums, answer: Su
     return LearnedRepeat(repeat, learned, nats, int(finding.sum()), (pattern.shape[0], pattern.shape[1]))
 
 
-def _size(form: Form, heights: Heights, *, maps: Maps) -> tuple[Interval, complex]:
+def _size(form: RepeatForm, heights: Heights, *, maps: Maps) -> tuple[Interval, complex]:
     """The size that all scenes show, and the phase of a wave."""
     channel, scale = form.found.repeat.channel, form.found.scale
     if scale.pattern is None:

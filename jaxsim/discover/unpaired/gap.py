@@ -18,14 +18,14 @@ from jaxsim.discover.name.select import Step, runner_up
 from jaxsim.discover.unpaired.conditional import Conditional
 from jaxsim.discover.unpaired.law import Block, Equations, Solution, solve
 from jaxsim.discover.unpaired.refine import Refined, equations_without
-from jaxsim.discover.unpaired.select import Candidate
+from jaxsim.discover.unpaired.select import UnpairedCandidate
 from jaxsim.discover.verdict import CurveLine, Judged
 
 UNIT = "root mean square error of ln I, levels of surfaces taken out"
 CURVE_UNIT = "ln I, measured minus the law of both sides"
 
 
-def show_gap(problem: Conditional, steps: Sequence[Step[Candidate]], refined: Refined) -> Judged:
+def show_gap(problem: Conditional, steps: Sequence[Step[UnpairedCandidate]], refined: Refined) -> Judged:
     """Distances, maps and curves of the measured judge scenes."""
     near = problem.side[:, problem.nuisance.columns]
     plain = equations_without(problem, near, np.zeros(len(problem.y)))
@@ -77,7 +77,7 @@ def _residual(problem: Conditional, eq: Equations, change: Float[np.ndarray, " n
 
 def _curves(
     problem: Conditional,
-    steps: Sequence[Step[Candidate]],
+    steps: Sequence[Step[UnpairedCandidate]],
     before: Float[np.ndarray, " n"],
     *,
     after: Float[np.ndarray, " n"],

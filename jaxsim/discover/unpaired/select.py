@@ -35,7 +35,7 @@ NORMAL_REACH = 1.645
 
 
 @dataclass(frozen=True)
-class Candidate:
+class UnpairedCandidate:
     """A term with what the tests say of it."""
 
     term: Term
@@ -74,13 +74,13 @@ class Candidate:
         )
 
 
-Choice = Selection[Candidate]
+Choice = Selection[UnpairedCandidate]
 """The effects added."""
 
 
 def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
     """Adds the best accepted effect, and again, until none is accepted."""
-    steps: list[Step[Candidate]] = []
+    steps: list[Step[UnpairedCandidate]] = []
     rest = list(problem.terms)
     while True:
         ranking = rank_terms(problem, rest, draws, added=[step.chosen.term.block for step in steps])
@@ -93,7 +93,7 @@ def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
         rest = [term for term in rest if term.name != best.name]
 
 
-def _alike(candidate: Candidate, best: Candidate) -> bool:
+def _alike(candidate: UnpairedCandidate, best: UnpairedCandidate) -> bool:
     """Whether the scenes do not tell it from the best; it need not be accepted itself."""
     share = RULES.unpaired_alike_share
     if candidate.chance > RULES.unpaired_agreement_level or candidate.total < share * best.total:
@@ -103,7 +103,7 @@ def _alike(candidate: Candidate, best: Candidate) -> bool:
 
 def rank_terms(
     problem: Conditional, terms: Sequence[Term], draws: Float[np.ndarray, "d s"], *, added: Sequence[Block] = ()
-) -> list[Candidate]:
+) -> list[UnpairedCandidate]:
     """Every term tested on the find scenes with `added` blocks in place; largest held-out gain first. Of an effect with
     several starts the best is kept."""
     beside = [problem.nuisance, *added]
@@ -121,7 +121,7 @@ def rank_terms(
     highest = score[1:].max(1)
     gains = held_out(problem, near, blocks)
     tested = [
-        Candidate(
+        UnpairedCandidate(
             term,
             score=float(score[0, k]),
             chance=float((1 + (highest >= score[0, k]).sum()) / len(draws)) if gains[k].any() else 1.0,
@@ -169,7 +169,7 @@ def _folds(measured: np.ndarray) -> np.ndarray:
     return fold
 
 
-def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[Candidate]) -> Unexplained | None:
+def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[UnpairedCandidate]) -> Unexplained | None:
     """The best free curve if it gains so much more than the best effect that it is none of them."""
     good = [one for one in curves if one.accepted and one.name in CURVES]
     best = choice.steps[0].chosen.total if choice.steps else 0.0
@@ -178,7 +178,7 @@ def outside_catalogue(problem: Conditional, choice: Choice, curves: Sequence[Can
     return None
 
 
-def _described(problem: Conditional, curve: Candidate) -> Unexplained:
+def _described(problem: Conditional, curve: UnpairedCandidate) -> Unexplained:
     """The curve on the find scenes, at its knots."""
     name = curve.name
     basis = curve.term.columns.columns
@@ -201,7 +201,9 @@ def _described(problem: Conditional, curve: Candidate) -> Unexplained:
     return Unexplained("intensity", name, character, formula, tuple(knots[order]), tuple(y), tuple(band))
 
 
-def _heights(problem: Conditional, curve: Candidate, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+def _heights(
+    problem: Conditional, curve: UnpairedCandidate, weight: Float[np.ndarray, " s"]
+) -> Float[np.ndarray, " k"]:
     """The curve's coefficients in so weighted scenes."""
     solution = solve(problem.equations.pooled(weight, problem.measured), [problem.nuisance, curve.term.block])
     return solution.side[len(problem.nuisance.columns) :]

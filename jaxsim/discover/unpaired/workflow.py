@@ -28,7 +28,7 @@ from jaxsim.discover.unpaired.law import exchanged
 from jaxsim.discover.unpaired.lost import lattices, lost_rays
 from jaxsim.discover.unpaired.read import PER_SCENE, UnpairedComparison, read_unpaired
 from jaxsim.discover.unpaired.refine import refine
-from jaxsim.discover.unpaired.select import Candidate, Choice, choose, outside_catalogue, rank_terms
+from jaxsim.discover.unpaired.select import Choice, UnpairedCandidate, choose, outside_catalogue, rank_terms
 from jaxsim.discover.verdict import Interval, Named, Result, Verdict, Where
 from jaxsim.effects.chain import SensorModel
 
@@ -111,7 +111,9 @@ def divide(comparison: UnpairedComparison) -> tuple[Split, Bool[np.ndarray, " s"
 
 
 def named_by_law(
-    comparison: UnpairedComparison, step: Step[Candidate], parameters: dict[str, Interval | tuple[Interval, ...]]
+    comparison: UnpairedComparison,
+    step: Step[UnpairedCandidate],
+    parameters: dict[str, Interval | tuple[Interval, ...]],
 ) -> Named:
     """An effect on the law of ln I."""
     name = step.chosen.name
@@ -120,7 +122,7 @@ def named_by_law(
     return named(step, parameters, more_alike=alike, remedy="frames of the same streets on both sides")
 
 
-def where(problem: Conditional, curves: Sequence[Candidate]) -> tuple[Where, ...]:
+def where(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Where, ...]:
     """The covariates along which free curves gain."""
     squares = 2 * problem.equations.square[problem.find].sum()
     return tuple(
@@ -130,7 +132,7 @@ def where(problem: Conditional, curves: Sequence[Candidate]) -> tuple[Where, ...
     )
 
 
-def why_not(candidate: Candidate, choice: Choice) -> str:
+def why_not(candidate: UnpairedCandidate, choice: Choice) -> str:
     """Why a candidate of the first step is not what was named first; empty if it is."""
     first = choice.steps[0] if choice.steps else None
     if first and candidate.name == first.chosen.name:

@@ -20,7 +20,7 @@ from jaxsim.files import replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import Rgb
-from jaxsim.report.scenes import Scene as TurnedScene
+from jaxsim.report.scenes import TurnedScene
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks

@@ -91,7 +91,7 @@ def _learner(config: SegmentationConfig, channels: tuple[int, int], *, loss: Los
 
 
 @dataclass(frozen=True)
-class Learned:
+class TrainedNetwork:
     """A trained network."""
 
     config: GeneratorConfig
@@ -111,7 +111,7 @@ def train(
     steps: int,
     seed: int,
     config: SegmentationConfig,
-) -> Learned:
+) -> TrainedNetwork:
     """A network after `steps` updates by Adam on parts of the images; the rate falls to 0."""
     channels = inputs[0].shape[-1], out_channels
     _, parameters = nnx.split(UNet(config.network, channels[0], nnx.Rngs(seed), out_channels=out_channels))
@@ -126,7 +126,7 @@ def train(
             part = lambda rasters: np.stack([r[:, cut] for r, cut in zip(rasters, cuts, strict=True)])  # noqa: B023, E731
             batch = {name: part([targets[i][name] for i in chosen]) for name in targets[0]}
             parameters, state = step(parameters, state, part([inputs[i] for i in chosen]), batch)
-    return Learned(config.network, channels, parameters)
+    return TrainedNetwork(config.network, channels, parameters)
 
 
 def _cut(columns: int, width: int, random: np.random.Generator) -> Int[np.ndarray, " width"]:
@@ -135,7 +135,7 @@ def _cut(columns: int, width: int, random: np.random.Generator) -> Int[np.ndarra
 
 
 def simulate(
-    network: Learned, inputs: Sequence[np.ndarray], images: Sequence[RangeImage], *, seed: int
+    network: TrainedNetwork, inputs: Sequence[np.ndarray], images: Sequence[RangeImage], *, seed: int
 ) -> list[Float[np.ndarray, "rows columns"]]:
     """Intensities of the images, drawn from what the sensor holds possible; 0 where nothing came back."""
     found = []
@@ -147,6 +147,6 @@ def simulate(
     return found
 
 
-def classify(network: Learned, inputs: Sequence[np.ndarray]) -> list[Int[np.ndarray, "rows columns"]]:
+def classify(network: TrainedNetwork, inputs: Sequence[np.ndarray]) -> list[Int[np.ndarray, "rows columns"]]:
     """The likeliest class of each cell, never 0."""
     return [1 + np.asarray(network(x))[..., 1:].argmax(-1) for x in inputs]

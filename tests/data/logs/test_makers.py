@@ -117,12 +117,12 @@ def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
 
 
 def test_a_package_adds_a_source(tmp_path, monkeypatch):
-    from jaxsim.data.logs import Item, Scan, Source
+    from jaxsim.data.logs import Item, LogScan, Source
 
     def items(path, options):
         for k in range(2):
             fields = room(seed=k)
-            scan = Scan(
+            scan = LogScan(
                 name=f"{k:03d}",
                 scene="acme",
                 xyz_m=np.stack([fields[a] for a in "xyz"], axis=1),

@@ -5,14 +5,14 @@ import numpy as np
 from jaxsim.discover.unpaired.columns import Columns
 from jaxsim.discover.unpaired.conditional import Term
 from jaxsim.discover.unpaired.law import Block
-from jaxsim.discover.unpaired.select import Candidate
+from jaxsim.discover.unpaired.select import UnpairedCandidate
 from jaxsim.effects import EFFECTS
 
 SMALL = {"scenes": 12, "rows": 24, "columns": 192}
 RAYS = 1000
 
 
-def candidate(name: str, gain: float, *, chance: float = 0.0025, scenes: int = 10) -> Candidate:
+def candidate(name: str, gain: float, *, chance: float = 0.0025, scenes: int = 10) -> UnpairedCandidate:
     columns = Columns(EFFECTS[name], {}, np.zeros((1, 1)), np.ones(1))
     term = Term(name, columns, Block(np.zeros(1, int), np.ones(1)))
-    return Candidate(term, 5.0, chance, gain + 0.1 * np.arange(scenes, dtype=float))
+    return UnpairedCandidate(term, 5.0, chance, gain + 0.1 * np.arange(scenes, dtype=float))
