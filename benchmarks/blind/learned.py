@@ -34,7 +34,7 @@ from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, code_version, read_rows
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import add_effects, in_place
-from jaxsim.discover.dependences import find_dependences
+from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.model.fit import Chain, Problem

@@ -34,7 +34,7 @@ from benchmarks.blind.tables import rate
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover import Comparison, discover, read_comparison
-from jaxsim.discover.dependences import find_dependences
+from jaxsim.discover.find import find_dependences
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import Division

@@ -4,7 +4,6 @@ An experiment (`configs/*.py`) is one `Experiment`, `DetectorExperiment` or `Dep
 flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
 """
 
-from jaxsim.config.clouds import CloudRecipe, LoopConfig
 from jaxsim.config.data import DataConfig, DataKind, InputName, PrepareConfig, RunConfig
 from jaxsim.config.depth import DepthExperiment, Norms, Part, PenetConfig, Stage
 from jaxsim.config.detector import (
@@ -27,7 +26,7 @@ from jaxsim.config.intensity import (
     LossConfig,
     OptimConfig,
 )
-from jaxsim.config.segmentation import SegmentationConfig
+from jaxsim.config.studies import CloudRecipe, LoopConfig, SegmentationConfig
 
 __all__ = [
     "LEVELS",

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from jaxsim.data.calibration import APART_M, check_pinhole, check_rigid
-from jaxsim.data.motion import check_motion_of
+from jaxsim.data.polar_checks import check_motion_of
 from jaxsim.files import check_size, numbers, read_pixels, read_text
 from jaxsim.frame import Boxes, Camera
 from jaxsim.geometry import camera_from_projection

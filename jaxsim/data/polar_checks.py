@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.motion import TURNS_RAD, check_motion_of
 from jaxsim.files import check_keys, real
 from jaxsim.geometry.points import FAR_M
 
@@ -24,6 +23,10 @@ ABOUT = ("scene", "time", "speed", "heading", "tags")
 """What grid.json may say of a frame."""
 WHOLE = ("semantic", "instance")
 """Rasters of ids."""
+FASTEST_MPS = 150.0
+"""No car that carries a LiDAR drives faster: 540 km/h."""
+TURNS_RAD = 4 * np.pi
+"""A heading or a beam's angle beyond it is in degrees."""
 
 
 def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
@@ -179,3 +182,11 @@ def shown(value: Any) -> str:
     """A value for a message, cut off."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def check_motion_of(speed_mps: float, heading_rad: float, where: str) -> None:
+    """Raises ValueError, beginning with `where`, for a speed or a heading that no car has; it names the unit."""
+    if not abs(speed_mps) <= FASTEST_MPS:
+        raise ValueError(f"{where}: the speed is {speed_mps:g}; it must be in m/s, at most {FASTEST_MPS:g}")
+    if not abs(heading_rad) <= TURNS_RAD:
+        raise ValueError(f"{where}: the heading is {heading_rad:g}; it must be in radians, not degrees, within -pi..pi")

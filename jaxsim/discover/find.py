@@ -21,8 +21,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
 from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
+from jaxsim.discover.model.fit import CLUTTER, Problem
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best
+from jaxsim.discover.verdict import Where
+from jaxsim.effects.chain import SensorModel
 
 FITTED = (("intensity", "class"),)
 """Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
@@ -234,3 +240,34 @@ def _pair_gain(
 def spelled(covariate: str) -> str:
     """A covariate, or a pair, in a verdict's words. (`speed x time` is a covariate of its own.)"""
     return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))
+
+
+@dataclass(frozen=True)
+class Dependences:
+    """What the find scenes show before any effect is added."""
+
+    null: Problem
+    scene: Int[np.ndarray, " b"]
+    """The scene of each block."""
+    single: list[Dependence]
+    """Dependences of the null's residuals on single covariates, strongest first."""
+    where: tuple[Where, ...]
+    """Those that a verdict lists, pairs of covariates among them."""
+    pairs: tuple[Dependence, ...]
+    """Pairs of covariates that are sure enough for it, `A x B`."""
+
+
+def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
+    """The null model of the find scenes with the `known` effects in place, and what its residuals depend on. Raises
+    ValueError for a learned law of what the frames do not hold."""
+    for law in known.learned:
+        law.check(division.scan)
+    ev, scene = division.evidence(division.parts.find, known)
+    clutter = any(name in CLUTTER for name, _ in known.effects)
+    null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
+    rays, residuals = standardised(null, ev.all_blocks)
+    single = localise(rays, residuals, scene)
+    pairs = interactions(rays, residuals, scene)
+    listed = reported([*single, *pairs])
+    where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
+    return Dependences(null, scene, single, where, tuple(reported(pairs)))

@@ -30,8 +30,7 @@ from jaxsim.report.page import (
     whole_page,
 )
 from jaxsim.report.regimes import regimes
-from jaxsim.report.registered import where_it_stood
-from jaxsim.report.sensitivity import could_show
+from jaxsim.report.sides import could_show, where_it_stood
 from jaxsim.report.words import number, verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"

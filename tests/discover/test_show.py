@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.dependences import find_dependences
+from jaxsim.discover.find import find_dependences
 from jaxsim.discover.read import Comparison, Division
 from jaxsim.discover.show import judge
 from jaxsim.discover.verdict import CurveLine

@@ -8,8 +8,7 @@ import pytest
 
 from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.covariates import CURVES, with_basis
-from jaxsim.discover.dependences import find_dependences
-from jaxsim.discover.find import Dependence
+from jaxsim.discover.find import Dependence, find_dependences
 from jaxsim.discover.law.closed import closed_law
 from jaxsim.discover.law.learn import Form, form_of
 from jaxsim.discover.name.candidates import rank_effects

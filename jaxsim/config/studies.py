@@ -1,4 +1,5 @@
-"""Clouds of a renderer's frames, and Real2Sim2Real, which trains detectors on them."""
+"""What simulated intensity is worth: clouds of a renderer's frames and Real2Sim2Real, which trains detectors on them;
+and segmentation of range images, the second way of asking."""
 
 from __future__ import annotations
 
@@ -8,8 +9,8 @@ from typing import Literal
 
 from jaxsim.config.data import DataConfig
 from jaxsim.config.detector import DetectorExperiment
-from jaxsim.config.intensity import Experiment
-from jaxsim.config.ranges import Checked, Whole
+from jaxsim.config.intensity import Experiment, GeneratorConfig
+from jaxsim.config.ranges import Checked, Count, Positive, Whole
 
 
 @dataclass(frozen=True)
@@ -59,4 +60,33 @@ class LoopConfig(Checked):
     seeds: tuple[Whole, ...] = (0,)
     """Of the detectors: each seed trains all of them. The sensor and its clouds are made once."""
     out: Path = Path("runs/real2sim2real")
+    """Folder of everything. The same command again goes on where a killed one stopped."""
+
+
+@dataclass(frozen=True)
+class SegmentationConfig(Checked):
+    """Networks that tell the class of each cell of a range image, learned without, with simulated and with measured
+    intensity, and scored on measured ones."""
+
+    root: Path | None = None
+    """Folder of labelled range images: NAME.npz with `scan` of (rows, columns, 6): x, y, z, intensity, range, label."""
+    parts: Count = 3
+    """The images, in order of name, are cut into so many parts; each is judged by what learned from the others. Frames
+    of one street lie in one part, but for those at its ends."""
+    seeds: tuple[Whole, ...] = (0,)
+    network: GeneratorConfig = field(
+        default_factory=lambda: GeneratorConfig(
+            form="unet", filters=16, max_filters=64, downsamples=3, blocks=1, enhancers=0
+        )
+    )
+    """Of the segmentation and of the sensor: the U-Net of intensities, with other channels."""
+    steps: Count = 800
+    """Updates of each segmentation."""
+    sensor_steps: Count = 800
+    """Updates of each sensor, which gives the simulated intensities."""
+    batch: Count = 2
+    columns: Count = 256
+    """Columns that a step sees of an image, cut out anywhere."""
+    lr: Positive = 3e-3
+    out: Path = Path("runs/segmentation")
     """Folder of everything. The same command again goes on where a killed one stopped."""

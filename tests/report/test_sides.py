@@ -1,12 +1,13 @@
-"""A report's account of where the sensor stood."""
+"""A report's account of both sides: where the sensor stood, and what the frames could show."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from jaxsim.discover.verdict import Interval, Registered
-from jaxsim.report.registered import where_it_stood
+from jaxsim.discover.verdict import Interval, Registered, Sensitivity
+from jaxsim.report.sides import could_show, where_it_stood
 from jaxsim.report.words import verdict_sentence
 from tests.report import results
 from tests.report.results import page
@@ -18,6 +19,18 @@ TURNED = Registered(
     near=(0.82, 0.96),
     off_m=(0.31, 0.02),
 )
+HIDDEN = Sensitivity(
+    name="retroreflection",
+    size={"gain": 0.75, "tolerance_rad": 0.15},
+    nats=0.2,
+    needed=11.0,
+    taken=0.99,
+    times=None,
+    testable=False,
+    why="levels of classes, streets and surfaces take up 99% of what it does",
+    record="scenes that hold its surfaces & many of them",
+)
+SEEN = Sensitivity("range_falloff", {"exponent": 0.2}, 38.0, 10.5, 0.9, 0.5, testable=True, why="", record="")
 
 
 def test_a_turned_sensor_is_told_with_its_numbers_and_what_they_mend(tmp_path: Path):
@@ -48,3 +61,26 @@ def test_sides_without_a_relation_are_told_in_the_answer():
     sentence = verdict_sentence(verdict)
     assert "have no relation to each other" in sentence
     assert "are of other moments than the simulated ones" in sentence
+
+
+def test_none_says_what_it_does_not_rule_out(tmp_path: Path):
+    result = results.none()
+    verdict = replace(result.verdict, sensitivity=(HIDDEN, SEEN))
+    assert "could not have shown retroreflection: what to record" in verdict_sentence(verdict)
+    text = page(tmp_path, replace(result, verdict=verdict))
+    assert "What these frames could show" in text
+    assert "its surfaces &amp; many of them" in text
+    assert "exponent 0.1" in text
+
+
+def test_frames_that_show_everything_leave_nothing_to_record():
+    assert "would show every one" in could_show((SEEN,))
+    assert "could not have shown" not in verdict_sentence(replace(results.none().verdict, sensitivity=(SEEN,)))
+    assert could_show(()) == ""
+
+
+def test_verdict_json_lists_what_cannot_be_told(tmp_path: Path):
+    verdict = replace(results.none().verdict, sensitivity=(HIDDEN, SEEN))
+    content = json.loads(verdict.save(tmp_path).read_text())
+    assert content["not_testable"] == [{"name": "retroreflection", "why": HIDDEN.why, "record": HIDDEN.record}]
+    assert [one["smallest"] for one in content["sensitivity"]] == [{}, {"exponent": 0.1}]
