@@ -184,6 +184,7 @@ def kind_of(path: Path) -> str | None:
 
 def fingerprint(arrays: Arrays) -> str:
     """SHA-256 of names, shapes and values."""
+    # Not `files.digest`, which counts types too: this one names the statistics that users keep.
     digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(f"{name}{arrays[name].shape}".encode())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
-from jaxsim.files import check_name, read_arrays, write_arrays
+from jaxsim.files import check_name, making, read_arrays, write_arrays
 from jaxsim.frame import Boxes, Frame
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
@@ -139,20 +138,13 @@ def kept_scenes(
 
     `settings` says all that the frames depend on: scenes of other settings are kept apart.
     """
-    about = f"{settings}|{kind}|{in_image}".encode()
-    folder = cache / f"scenes-{hashlib.sha256(about + _code()).hexdigest()[:16]}"
+    about = f"{settings}|{kind}|{in_image}"
+    folder = cache / f"scenes-{making(about, 'data', 'geometry', 'frame.py', 'detect/scenes.py')}"
     files = [folder / f"{i:06d}.npz" for i in positions]
     missing = [(i, file) for i, file in zip(positions, files, strict=True) if not file.is_file()]
     for i, file in Progress(missing, desc="scenes", unit="frame", disable=not missing):
         write_scene(file, scene_of(dataset[i], kind, in_image=in_image))
     return Scenes(files)
-
-
-def _code() -> bytes:
-    """All code that a scene depends on: scenes made by other code are not these scenes."""
-    root = Path(__file__).parents[1]
-    files = [p for part in ("data", "geometry") for p in sorted((root / part).rglob("*.py"))]
-    return b"".join(path.read_bytes() for path in [*files, root / "frame.py", Path(__file__)])
 
 
 _PLAIN = ("points", "boxes", "target", "difficulty")

@@ -6,7 +6,6 @@ another making.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_i
 from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points
 from jaxsim.evaluate.detector import LearnedDetector
-from jaxsim.files import claim, files_in, parse_json
+from jaxsim.files import claim, digest_of_values, files_in, parse_json
 from jaxsim.geometry.boxes import lidar_boxes
 
 _AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -98,11 +97,9 @@ class CloudFolder:
 def made_with(learned: LearnedDetector) -> dict[str, Any]:
     """What of a detector decides its results: SHA-256 of its weights, the voxels with their cap, its score limit and
     all else of its settings. Where and on what it was trained is in the weights."""
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(learned.network):
-        digest.update(np.ascontiguousarray(leaf).tobytes())
+    weights = digest_of_values(jax.tree.leaves(learned.network))
     settings = TypeAdapter(DetectorExperiment).dump_python(learned.experiment, mode="json")
-    return {"weights": digest.hexdigest()} | {key: settings[key] for key in ("in_image", "voxels", "detector")}
+    return {"weights": weights} | {key: settings[key] for key in ("in_image", "voxels", "detector")}
 
 
 def write_detections(path: Path, found: Found, kind: str, *, view: View) -> None:

@@ -6,16 +6,16 @@
     texts.py    text, numbers and JSON
     arrays.py   .npz files, with the SHA-256 of what they hold
     images.py   PNG and JPEG
-    extras.py   packages that only some files need
+    code.py     packages that only some files need, and the sources that made others
 
 A file may be a stranger's: whatever is read is first measured, nothing in it is ever run or imported, and each reader
 raises ValueError that names the file, says what is wrong and what to do. Files' names that come out of data pass
 `file_of`.
 """
 
-from jaxsim.files.arrays import array_names, digest, read_arrays, write_arrays
+from jaxsim.files.arrays import array_names, digest, digest_of_values, read_arrays, write_arrays
 from jaxsim.files.claims import claim, differences
-from jaxsim.files.extras import need
+from jaxsim.files.code import making, need
 from jaxsim.files.images import check_image, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
 from jaxsim.files.texts import (
@@ -40,10 +40,12 @@ __all__ = [
     "claim",
     "differences",
     "digest",
+    "digest_of_values",
     "file_of",
     "files_in",
     "image_of",
     "lock",
+    "making",
     "need",
     "number",
     "numbers",

@@ -10,7 +10,7 @@ import threading
 import warnings
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,14 @@ def digest(arrays: Mapping[str, Any]) -> str:
         array = np.asarray(arrays[name])
         total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         total.update(array.tobytes())
+    return total.hexdigest()
+
+
+def digest_of_values(arrays: Iterable[Any], *, after: str = "") -> str:
+    """SHA-256 of arrays' values alone, in their order, after a text."""
+    total = hashlib.sha256(after.encode())
+    for array in arrays:
+        total.update(np.ascontiguousarray(array).tobytes())
     return total.hexdigest()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -24,7 +23,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, read_arrays, write_arrays
+from jaxsim.files import check_name, making, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -34,17 +33,10 @@ NAMES = (*ARRAYS, "name", "scene", "position")
 """Names of the arrays of a kept pair."""
 
 
-def _code() -> bytes:
-    """All code that preparation runs: pairs made by other code are not these pairs."""
-    root = Path(__file__).parents[1]
-    files = [p for part in ("data", "geometry", "prepare") for p in sorted((root / part).rglob("*.py"))]
-    return b"".join(path.read_bytes() for path in [*files, root / "frame.py"])
-
-
 def fingerprint(data: DataConfig, prepare: PrepareConfig) -> str:
     """Kind of data set, and a hash of all that pairs of these settings depend on: settings and code."""
     settings = json.dumps(pair_settings(data, prepare), sort_keys=True)
-    return f"{data.kind}-{hashlib.sha256(settings.encode() + _code()).hexdigest()[:16]}"
+    return f"{data.kind}-{making(settings, 'data', 'geometry', 'prepare', 'frame.py')}"
 
 
 def cache_folder(data: DataConfig, prepare: PrepareConfig) -> Path:

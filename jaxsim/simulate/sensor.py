@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from jaxsim.cloud import place_intensity
+from jaxsim.files import digest_of_values
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.pix2pix import make_generate
@@ -52,10 +52,7 @@ class LearnedSensor:
         """SHA-256 of its weights, beams, camera and preparation: of all that decides what it simulates."""
         run = self.run
         settings = (run.experiment.prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
-        digest = hashlib.sha256(repr(settings).encode())
-        for leaf in jax.tree.leaves(self.params):
-            digest.update(np.ascontiguousarray(leaf).tobytes())
-        return digest.hexdigest()
+        return digest_of_values(jax.tree.leaves(self.params), after=repr(settings))
 
     @cached_property
     def window(self) -> Window:

@@ -82,7 +82,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
 
     monkeypatch.setattr(mounting, "fit", fit)
     null = object.__new__(Problem)
-    object.__setattr__(null, "ev", SimpleNamespace(scene=np.arange(12)))
+    object.__setattr__(null, "ev", SimpleNamespace(all_blocks=np.ones(12, np.float32)))
     finer = settled(given, one, null, known=NOTHING_YET)
     assert asked == ["lift"]
     assert finer.effects == one.effects
