@@ -1,5 +1,7 @@
 """Which answer is given."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,8 @@ def test_a_curve_outdoes_only_what_it_explains_clearly_better(named, curve, outs
 
 def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     curve = candidate("curve", 9, "drop")
-    null, both, one = problem(), problem(), problem()
+    null, both = problem(), problem()
+    one = problem(ev=SimpleNamespace(all_blocks=None))
     refitted = []
     monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["drop"], curve)])
     monkeypatch.setattr(
