@@ -60,8 +60,8 @@ CASES = {
 }
 UNPAIRED = {"effect": "beam_gain", "severity": 4.0, "scenes": 16, "rows": 24, "columns": 192, "seed": 4711}
 STEPS = 20
-FRESH = ("seconds", "wall_s", "cpu_s", "code", "date", "time_s", "made_at", "total_s", "batches_s")
-"""Names of values that never come twice."""
+FRESH = ("seconds", "fingerprint")
+"""Names of values that never come twice: times, and hashes of code."""
 PAGES = (".html", ".md")
 """What tells times in its text."""
 
@@ -233,7 +233,7 @@ def needs(*names: str) -> None:
 
 def told(folder: Path) -> Iterator[tuple[str, Any]]:
     """Name and value of everything that lies in a folder."""
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".lock")):
         name = path.as_posix()
         if "checkpoints" in path.parts:
             # Orbax's files hold times; its item `sha256` holds those of our arrays.
@@ -264,7 +264,8 @@ def leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
         for k, one in enumerate(value):
             yield from leaves(one, f"{name}{k}.")
     else:
-        yield name.removesuffix("."), value
+        # Where OUT lies says nothing of what is in it.
+        yield name.removesuffix("."), value.replace(str(Path.cwd()), "") if isinstance(value, str) else value
 
 
 def compare(before: Path, after: Path) -> int:
