@@ -70,6 +70,7 @@ class Additive:
         self.x = np.concatenate([np.ones((len(z), 1), np.float32), *designs.values()], axis=1)
         ends = np.cumsum([1, *(design.shape[1] for design in designs.values())])
         self.columns = {name: np.arange(*ends[k : k + 2]) for k, name in enumerate(designs)}
+        # Whole scenes are held out: rays of one street would tell each other's residuals.
         folds = min(RULES.additive_folds, scenes)
         self.parts = [np.flatnonzero(scene % folds == k) for k in range(folds)]
         # Products in single precision are summed in double: the systems that are solved hold all folds but one.
@@ -81,6 +82,7 @@ class Additive:
         used = np.concatenate([[0], *(self.columns[name] for name in names)]).astype(int)
         prediction = np.zeros(len(self.z))
         for part, square, product in zip(self.parts, self.squares, self.products, strict=True):
+            # Sums over all folds less this one's: no curve is fitted again from its rays.
             gram = (sum(self.squares) - square)[np.ix_(used, used)] + RULES.ridge * np.eye(len(used))
             prediction[part] = self.x[np.ix_(part, used)] @ np.linalg.solve(gram, (sum(self.products) - product)[used])
         return prediction
@@ -120,7 +122,9 @@ def localise(
             continue
         index = _scene_index(scene, counts)
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
+        # A covariate of one value, or of no ray, has no curve.
         designs = {name: design for name, design in designs.items() if design.shape[1] > 1}
+        # Both would explain the same, and each would hide the other.
         if "time" in designs and _one_clock(rays, counts):
             del designs["time"]
         model = Additive(z[counts].astype(np.float64), designs, index, scenes=scenes)
@@ -187,10 +191,12 @@ def interactions(
         if counts.sum() < RULES.fewest_residuals or scenes < RULES.fewest_pair_scenes:
             continue
         index = _scene_index(scene, counts)
+        # Where losses are rare a few rays hold all the weight, and products of curves would be fitted to them.
         if _effective(z[counts]) < RULES.fewest_effective:
             continue
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         additive = Additive(z[counts].astype(np.float32), designs, index, scenes=scenes)
+        # What one covariate alone says is taken out first: a pair counts for what only both together tell.
         rest = additive.z - additive.predicted(list(designs))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
         pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
@@ -263,6 +269,7 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     for law in known.learned:
         law.check(division.scan)
     ev, scene = division.evidence(division.parts.find, known)
+    # The null needs the component of false returns as soon as a known effect makes some.
     clutter = any(name in CLUTTER for name, _ in known.effects)
     null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
     rays, residuals = standardised(null, ev.all_blocks)

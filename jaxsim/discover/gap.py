@@ -90,8 +90,10 @@ def _errors(
     # A ray does not return where its whole packet is lost, or of its own.
     gone = jnp.clip(rays.column_loss, 0, 0.999)
     lost = jnp.logaddexp(jnp.log1p(-gone) + log_lost(rays, ev, noise), jnp.log(gone + 1e-9))
+    # Probabilities of 0 and 1 are claims that one ray could refute for ever.
     lost = jnp.clip(lost, -30.0, -1e-7)
     miss = -jnp.where(ev.returned, jnp.log(-jnp.expm1(lost)), lost)
+    # A ray that met another surface is wrong, and not by how far the other stands.
     wrong = jnp.minimum(jnp.abs(off_r), CLIP_M)
     pairs = ((jnp.abs(off_i), ev.compared), (wrong, smooth), (miss, rays.hit))
     sums = [jnp.where(counts, x, 0).sum((1, 2)) for x, counts in pairs]
@@ -149,6 +151,7 @@ def closure(before: Distance, after: Distance, *, floor: Distance, channels: Ite
     """What the log-likelihood of the named effects' channels gains, as a share of what it gains with free curves (the
     floor)."""
     used = [k for k, name in enumerate(CHANNELS) if name in set(channels)]
+    # Channels that no named effect touches would only add their noise.
     gain = _gain(before, after)[:, used].sum(1)
     return share_of(gain, _gain(before, floor)[:, used].sum(1), unit="share of what free curves gain")
 
@@ -190,6 +193,7 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
         off, _, counts = by_channel[name]
         design = [curve_basis(values_of(one, rays, counts), one) for one in COVARIATES if one in covariates]
         x = np.concatenate([np.ones((int(counts.sum()), 1), np.float32), *design], axis=1)
+        # Of find scenes alone: what it reaches on judge scenes is held out as the answer's is.
         learn = np.broadcast_to(train[:, None, None], counts.shape)[counts]
         # One regression a channel: means of ln I and of readings add up, probabilities do on their log odds.
         regress = log_odds if name == "drop" else robust
@@ -207,6 +211,7 @@ def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
     """Coefficients by iteratively reweighted least squares, Student-t errors of scale `sd`."""
     beta = np.zeros(x.shape[1])
     for _ in range(STEPS):
+        # Student-t as a mixture of normals (EM): a far residual is one of a wide component.
         weight = (DEGREES + 1) / (DEGREES + ((y - x @ beta) / sd) ** 2) / sd**2
         beta = _solved(x, weight, x.T @ (weight * y), ridge=RULES.ridge * weight.mean())
     return beta
@@ -217,6 +222,7 @@ def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
     beta = np.zeros(x.shape[1])
     happened = off + p
     begin = np.log(p / (1 - p))
+    # In units of a ray's own information, so that rare and common losses are held alike.
     ridge = RULES.ridge * float(np.mean(p * (1 - p)))
     for _ in range(STEPS):
         now = 1 / (1 + np.exp(-(begin + x @ beta)))

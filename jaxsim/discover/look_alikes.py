@@ -63,6 +63,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
     rays = thinned(rays)
+    # At a visible size: near neutral any two effects are as good as linear, and more of them look alike.
     change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
     size = float(np.square(change).sum())
     others = [one for one in EFFECTS.values() if not isinstance(one, OwnEffect) and one.name not in FINEST]
@@ -90,6 +91,7 @@ def visible(effect: Effect, rows: int) -> dict[str, Any]:
     values: dict[str, Any] = dict(settings(effect)[1][1])
     for name, p in effect.parameters.items():
         if p.shape != "scalar":
+            # A vector alike for all beams would look like a single number of another effect.
             values[name] = np.clip(p.neutral + p.scale * rng.standard_normal(p.dims(rows)), p.low, p.high)
     return values
 
@@ -103,6 +105,7 @@ def _change(effect: Effect, values: dict[str, Any], rays: Rays, *, scan: Scan) -
 def _expected(rays: Rays) -> dict[str, Array]:
     """What of each ray the channels show, by the names of SD."""
     keep = jnp.where(rays.hit, jnp.exp(rays.log_keep) * (1 - rays.column_loss), 0.0)
+    # Above saturation nothing differs.
     bright = jnp.minimum(rays.log_intensity, jnp.log(rays.intensity_top))
     return {"log_intensity": bright, "keep": keep} | {
         name: getattr(rays, name) for name in ("reading_m", "noise_m", "between", "ghost", "clutter")
@@ -117,6 +120,7 @@ def _difference(after: dict[str, Array], before: dict[str, Array], rays: Rays) -
         # Bounded, and still with a slope from afar.
         change = jnp.where(hit, MOST * jnp.tanh(change / MOST), 0.0)
         if name == "log_intensity":
+            # A class's reflectance is a nuisance: an effect that shifts whole classes alone shows nothing.
             kind = rays.semantic.ravel()
             count = jnp.zeros(CLASSES, jnp.float32).at[kind].add(hit.astype(jnp.float32))
             mean = jnp.zeros(CLASSES, jnp.float32).at[kind].add(change) / jnp.maximum(count, 1.0)

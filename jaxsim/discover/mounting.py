@@ -74,6 +74,7 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
     stated = tuple(name for name in registered.sure if name in given)
     if not named and not stated:
         return Mounting((), comparison, known)
+    # One mounting for all frames: what single frames differ by is noise of their registration.
     everywhere = np.repeat(registered.motion[None], len(scan.range_m), axis=0)
     motion = {k: v for k, v in _of_frames(everywhere, rows=scan.range_m.shape[1]).items() if k in named}
     motion |= {name: _as_stated(name, known, scan) for name in stated}
@@ -193,10 +194,12 @@ def gains(
     names = np.asarray(scenes)
     find = list(parts.find)
     judge = list(parts.judge)
+    # Sectors of one drive share the sensor's motion: only frames are as good as independent here.
     if len(np.unique(names)) == 1:
         names = np.arange(len(motion)).astype(str)
         judge = list(names[::3])
         find = [name for name in names if name not in judge]
+    # In standard deviations of what a frame's own pose may be off by, so that squares are nats.
     z = motion[:, part] / SD[part]
 
     def gain(scene: str, others: Sequence[str]) -> float:

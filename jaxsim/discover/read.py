@@ -101,10 +101,12 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         raise ValueError(
             f"discover: {simulated} and {measured} hold the same readings; compare a simulation with a sensor"
         )
+    # The simulator's own facts win: its frames were made with them.
     about = [{**recorded.about.get(name, {}), **predicted.about.get(name, {})} for name in names]
     scenes = [str(fact.get("scene", name)) for name, fact in zip(names, about, strict=True)]
     scan = scan_of(grid, images, extra, about=about)
     heard = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
+    # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, heard.range_m, heard.valid, scenes=scenes)
     check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
@@ -119,6 +121,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
             )
     if registration.early_or_late:
         notes.append(other_moments(registration, np.asarray(scan.speed_mps)))
+    # Speeds that frames say are believed; only where none says any is it read from their distortion.
     speeds = None if any("speed" in fact for fact in about) else registration.speeds(scenes)
     if speeds:
         notes.append(speeds_read(speeds))

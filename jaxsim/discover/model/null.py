@@ -48,6 +48,7 @@ def fit_null(
 
 def with_own_weights(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
     """Random effects weighed by the residuals that the problem itself leaves, not by those of its null."""
+    # Weights follow from residuals and these from weights: the first round's are rough, the second's serve.
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
     off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
     return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
@@ -57,6 +58,7 @@ def with_own_weights(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Probl
 def first_residuals(ev: Evidence) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Residuals of ln I less their median, and of the range (m), before any nuisance; 0 where not compared."""
     residual = jnp.where(ev.compared, ev.log_intensity - ev.rays.log_intensity, jnp.nan)
+    # The median is the gain, roughly: without it every ray would be far off, and weigh little.
     of_intensity = jnp.where(ev.compared, residual - jnp.nanmedian(residual), 0)
     return of_intensity, jnp.where(ev.smooth, ev.range_m - ev.rays.reading_m, 0)
 
@@ -65,6 +67,7 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
     """Nats by which each ray's surface is brighter than simulated: of its compared rays, its class's where it has few,
     all rays' where the class has few. 0 where nothing is hit."""
     hit, compared = np.asarray(ev.rays.hit), np.asarray(ev.compared)
+    # What the random effects explain is brightness of surfaces; what they do not is noise of rays.
     residual = np.where(compared, np.asarray(ev.log_intensity) - np.asarray(ev.rays.log_intensity), 0)
     unexplained, _ = conditional_residuals(ev, eq, ev.all_blocks)
     explained = np.asarray(residual - np.asarray(unexplained), float)
@@ -90,6 +93,7 @@ def _group_offset(
     of = of.reshape(-1)
     total = np.bincount(of, value.reshape(-1))
     count = np.bincount(of, counted.reshape(-1))
+    # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
     expected = np.bincount(of, known.reshape(-1)) / np.maximum(count, 1)
     return ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
 

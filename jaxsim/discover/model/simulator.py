@@ -105,6 +105,7 @@ def meant(
             intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),
         )
         if noise.incidence_rad > 0:
+            # Noise on angles would pass for a wrong cosine.
             scan = replace(scan, incidence_rad=smooth.incidence_rad)
         if noise.range_m > 0:
             ranges = MeantRanges(noise.range_m**2 * smooth.range_leverage, smooth.plane_rad)
@@ -122,6 +123,7 @@ def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan,
     """The scan with the detail within surfaces shrunk to the share that is not noise."""
     detail = np.asarray(smooth.detail)
     level = np.asarray(smooth.albedo) * (cosine_of(scan) if noise.follows_cosine else 1.0)
+    # At the level of the surface, not of the ray: the noisy ray itself would be weighed by its own error.
     variance = noise.variance(level)
     trusted = np.asarray(scan.hit & smooth.trusted)
     trust = reliability(detail, variance, level, semantic=np.asarray(scan.semantic), where=trusted)
@@ -168,6 +170,7 @@ def at_rays(
         over_trend=nothing,
         variance=nothing,
         range_variance=nothing if ranges is None else NORMAL**2 * np.asarray(ranges.variance)[index],
+        # Without noise every ray is trusted.
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
@@ -191,6 +194,7 @@ def at_rays(
     over_trend = level - expected
     # By what is expected, not by what is read, which would take the darker of the noisy levels for dark surfaces.
     variance = noise.variance(np.exp(expected)) * np.asarray(intensities.leverage)[index]
+    # The same question once more, between surfaces: how much of a surface's own brightness is its noise.
     trust = reliability(over_trend, variance, np.exp(expected), semantic=semantic, where=trusted)
     still_over = np.log(np.maximum(np.asarray(scan.intensity)[index], FLOOR)) - level + trust * over_trend
     # How far noise hides what is meant differs between bright and dark surfaces.
@@ -222,6 +226,7 @@ def reliability(
         of = where & (semantic == kind)
         if of.sum() < FEWEST_OF_CLASS:
             continue
+        # Noise hides more of dark surfaces than of bright ones: one share for all would leave both wrong.
         order = np.argsort(level[of])
         bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
         at = np.array([np.median(level[of][b]) for b in bins])
@@ -241,6 +246,7 @@ def trend(
 ) -> Float[np.ndarray, " n"]:
     """What the simulator says of ln I by class, angle and range, and by the mean of each surface: of so many rays that
     their noise is gone."""
+    # Powers of the cosine and of the range are lines in logarithms; squares let them bend.
     slant = np.log(np.maximum(np.cos(incidence_rad), STEEPEST_COSINE))
     far = np.log(np.maximum(range_m, 0.1))
     design = np.stack([np.ones_like(slant), slant, slant**2, far, far**2], axis=-1)

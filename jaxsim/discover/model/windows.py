@@ -57,6 +57,7 @@ class Window:
 
 def half_width(scan: Scan) -> int:
     """Columns to each side that a window has."""
+    # Steps as turns: the seam of a full turn is one step too, not a jump of 360 degrees.
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
     step = float(np.median(np.abs(np.angle(np.exp(1j * np.diff(azimuth))))))
     return int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF))
@@ -80,6 +81,7 @@ def window_of(
     up_by = np.repeat(np.arange(-ROWS, ROWS + 1), len(across))[:, None]
     left_by = np.tile(across, 2 * ROWS + 1)[:, None]
     column = np.arange(columns) + left_by
+    # A full turn goes on at its other end; a sector has nothing beyond its ends.
     beyond = jnp.asarray((column < 0) | (column >= columns)) & ~spans_turn(scan.grid)
     beyond = beyond | (row + up_by < 0) | (row + up_by >= rows)
     at = jnp.clip(row + up_by, 0, rows - 1), column % columns
@@ -90,6 +92,7 @@ def window_of(
     def there(raster: Array) -> Array:
         return raster[frame, *at]
 
+    # 1 / range of a plane is linear in the ray's direction, whatever its slope: a plane is a straight line here.
     ratio = jnp.maximum(own(scan.range_m), 0.1) / jnp.maximum(there(scan.range_m), 0.1)
     e, own_e = elevation[at[0]], elevation[row]
     turn = left_by.astype(np.float32) * (azimuth[1] - azimuth[0])
@@ -106,6 +109,7 @@ def window_of(
     constant = intensity_sd[0] ** 2 * (1 / cosine**2 + 1 / own_cosine**2)
     noise = jnp.sqrt(constant + intensity_sd[1] ** 2 * (level**2 + own_level**2))
     unlike = jnp.abs(level - own_level) > OTHER_MATERIAL * (level + own_level) / 2 + OTHER_MATERIAL_SD * noise
+    # The neighbour's direction in axes of the ray itself, so that every window is solved alike.
     flat = jnp.cos(e) * jnp.cos(turn)
     return Window(
         ratio=ratio,
