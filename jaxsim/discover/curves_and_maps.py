@@ -67,6 +67,7 @@ def residual_curves(
         unit = RESIDUAL_UNITS[channel]
         lines.append(CurveLine(channel, covariate, unit, bins.centre, *bins.curve(*means), edges=bins.edges))
         if scatters and channel == "range":
+            # z has a variance of 1 where the noise is what the model expects; its square shows by how much it is not.
             squares = [z**2 for _, z in sides]
             spread = bins.curve(*squares, shown=lambda mean: np.sqrt(mean) - 1)
             lines.append(
@@ -89,6 +90,7 @@ class Bins:
     def of(cls, x: Float[np.ndarray, " n"], covariate: str, scene: Int[np.ndarray, " n"]) -> Bins | None:
         """One group a beam or class; of other covariates, as many rays in each. None where all rays are alike."""
         if covariate in CATEGORICAL:
+            # The last category is closed by infinity, as a bin needs two ends.
             edges = np.array([*np.unique(x), np.inf])
         else:
             # Ties make quantiles equal, and such groups are one.

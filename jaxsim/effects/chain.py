@@ -92,6 +92,7 @@ def sample(
     # Nine keys, one a draw, so that no draw depends on what another decides.
     early = (chance(0) < rays.clutter) & (end_m > rays.clutter_from_m)
     glare = (chance(1) < rays.ghost) & ~early
+    # In logarithms: probabilities near 1 would be rounded to it. 0 is certain, whatever is drawn.
     surface = (jnp.log(jnp.maximum(chance(2), 1e-30)) < rays.log_keep) | (rays.log_keep >= 0)
     surface = surface & rays.hit & ~early & ~glare
     mixed = chance(3) < rays.between
@@ -111,6 +112,7 @@ def sample(
     constant_noise = constant * jax.random.normal(jax.random.fold_in(keys[7], 1), shape)
     received = jnp.minimum(jnp.exp(log_intensity) + constant_noise, rays.intensity_top)
     intensity = _rounded(received, rays.intensity_step)
+    # After rounding: a multiple of the step may lie beyond the scale.
     intensity = jnp.clip(intensity, 0.0, 1.0)
 
     groups = -(-shape[-1] // columns)
@@ -146,6 +148,7 @@ class SensorModel:
 
     def __post_init__(self) -> None:
         checked = tuple((name, _checked(get_effect(name), parameters)) for name, parameters in self.effects)
+        # Physical order, whatever the file says: light meets the surface before it meets the receiver.
         order = list(EFFECTS)
         for name, value in self.levels.items():
             if name not in LEVELS:
@@ -186,6 +189,7 @@ class SensorModel:
             rays = lose(rays, jnp.full_like(rays.log_keep, levels["random_loss"]))
         rays = replace(
             rays,
+            # Rounded twice is rounded to the coarser of both steps, as far as anybody can see.
             intensity_step=jnp.maximum(rays.intensity_step, levels["intensity_step"]),
             range_step_m=jnp.maximum(rays.range_step_m, levels["range_step"]),
         )

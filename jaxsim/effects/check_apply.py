@@ -58,6 +58,7 @@ def check_apply(effect: Effect) -> None:
             _check_neutral(before, after)
             continue
         touched |= _touched(effect, before, after, scan=scan, values=values)
+    # The fit climbs the declared channels alone: what is changed elsewhere would never be held against the data.
     undeclared = sorted(touched - set(effect.channels))
     if undeclared:
         raise ValueError(
@@ -76,6 +77,7 @@ def _street() -> tuple[Scan, Rays]:
     rays = all_rays(scan)
     rng = np.random.default_rng(0)
     angle = np.where(rays.hit, rng.uniform(0, np.pi / 2, rays.hit.shape), 0).astype(np.float32)
+    # Head on and edge on exactly, where tangents and logarithms of cosines end.
     angle[:, 2, ::2], angle[:, 3, ::2] = 0, np.pi / 2
     dark = np.where(rng.random(angle.shape) < 0.2, np.log(1e-4), np.asarray(rays.log_intensity)).astype(np.float32)
     more = jnp.asarray(dark) - rays.log_intensity
@@ -94,6 +96,7 @@ def settings(effect: Effect) -> list[tuple[str, dict[str, float]]]:
         name: min(max(p.neutral + p.scale if p.neutral + p.scale <= p.high else p.neutral - p.scale, p.low), p.high)
         for name, p in parameters.items()
     }
+    # Bounds too: fits stop there, and must find numbers.
     many = [seen, {n: p.low for n, p in parameters.items()}, {n: p.high for n, p in parameters.items()}]
     many += [dict(start) for start in effect.starts]
     return [

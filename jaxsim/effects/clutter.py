@@ -39,6 +39,7 @@ def add_clutter(
 def clutter_range(chance: Float[Array, "*n"], rays: Rays, end_m: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The range below which that share of the rays' clutter lies, of density r**power exp(-r / scale) from
     `clutter_from_m` to `end_m`."""
+    # No closed form inverts this density: the integral is taken at nodes, once for all rays.
     start = jnp.log(rays.clutter_from_m)
     width = jnp.maximum(jnp.log(end_m) - start, 1e-6)
     node = jnp.linspace(0.0, 1.0, _NODES).reshape((_NODES,) + (1,) * chance.ndim)

@@ -29,6 +29,7 @@ def tangent(rays: Rays) -> Float[Array, "*n"]:
 
 def wrapped(angle_rad: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """The angle brought to -pi..pi."""
+    # By rounding, not by a remainder: the derivative is 1 everywhere.
     return angle_rad - 2 * jnp.pi * jnp.round(angle_rad / (2 * jnp.pi))
 
 

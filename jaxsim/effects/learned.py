@@ -113,6 +113,7 @@ class Learned:
             height = jnp.where(jnp.stack(seen).all(0), table[tuple(places)], 0.0)
         elif self.kind == "wave":
             angle = TURN * jnp.stack([one * of[0] for one, of in zip(x, knots, strict=True)]).sum(0)
+            # Amplitude and phase as a cosine and a sine: linear in both heights, as a fit wants it.
             height = heights[0] * jnp.cos(angle) + heights[1] * jnp.sin(angle)
             if self.channel == "drop":
                 # No share of echoes is less than none.
@@ -121,6 +122,7 @@ class Learned:
             grid = heights.reshape(len(self.knots[0]), len(self.knots[1]))
             height = jnp.einsum("...i,ij,...j->...", _weights(x[0], knots[0]), grid, _weights(x[1], knots[1]))
         else:
+            # Past the outermost knots a curve holds its ends: nothing was seen there to go on by.
             height = jnp.interp(x[0], knots[0], heights, period=TURN if self.kind == "periodic" else None)
         return jnp.where(rays.hit, height, 0.0)
 

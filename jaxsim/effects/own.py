@@ -52,8 +52,10 @@ def known_effects(files: Sequence[Path | str] = ()) -> dict[str, Effect]:
 def register(effect: OwnEffect) -> None:
     """Makes an effect known, at the end of its stage; one of the same name and from elsewhere gives way."""
     others = {name: one for name, one in EFFECTS.items() if name != effect.name}
+    # EFFECTS is in physical order, which chains follow.
     later = STAGES[STAGES.index(effect.stage) + 1 :]
     before = {name: one for name, one in others.items() if one.stage not in later}
+    # The very dict that other modules imported.
     EFFECTS.clear()
     EFFECTS.update({**before, effect.name: effect, **others})
 
@@ -88,6 +90,7 @@ def load_file(path: Path) -> OwnEffect:
     code = path.read_bytes()
     module = ModuleType(f"jaxsim_own_{path.stem}")
     module.__file__ = str(path)
+    # Dataclasses and pickles look their module up by name.
     sys.modules[module.__name__] = module
     try:
         exec(compile(code, str(path), "exec"), module.__dict__)

@@ -147,6 +147,7 @@ def neighbours_m(scan: Scan) -> Float[Array, "f r c 4"]:
     r = jnp.where(scan.hit, scan.range_m, jnp.inf)
     full = spans_turn(scan.grid)
     left, right = jnp.roll(r, 1, axis=2), jnp.roll(r, -1, axis=2)
+    # A border that repeats the ray itself shows no edge where nothing is known.
     left = left.at[:, :, 0].set(jnp.where(full, left[:, :, 0], r[:, :, 0]))
     right = right.at[:, :, -1].set(jnp.where(full, right[:, :, -1], r[:, :, -1]))
     up = jnp.concatenate([r[:, :1], r[:, :-1]], axis=1)

@@ -52,6 +52,7 @@ def recast(rays: Rays, scan: Scan, passes: int | Int[Array, ""] = 3) -> Rays:
         met, _ = _meet(rays, scan, surface, turned=held_turn, moved=held_move)
         return _look_up(rays, scan, held_turn, moved=held_move, met_m=met)
 
+    # The first look takes the surface for infinitely far: right for turns, and a start for moves.
     cell = _look_up(rays, scan, held_turn, moved=held_move, met_m=jnp.full(rays.range_m.shape, jnp.inf))
     row, column, inside = jax.lax.fori_loop(1, passes, again, cell)
     surface = _surface(scan, (rays.frame, row, column))
@@ -72,6 +73,7 @@ def _look_up(
     # In a frame whose x axis has the nominal azimuth.
     sine, cosine = jnp.sin(rays.azimuth_rad), jnp.cos(rays.azimuth_rad)
     elevation = rays.elevation_rad + turned[..., 1]
+    # A moved origin shifts a far point's direction by little: at infinity by nothing, which 1 / range says exactly.
     near = 1 / jnp.maximum(met_m, 0.1)
     x = jnp.cos(elevation) * jnp.cos(turned[..., 0]) + near * (moved[..., 0] * cosine + moved[..., 1] * sine)
     y = jnp.cos(elevation) * jnp.sin(turned[..., 0]) + near * (moved[..., 1] * cosine - moved[..., 0] * sine)
@@ -93,6 +95,7 @@ def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"])
     """The row of an elevation as a float, linear between beams and beyond them."""
     count = beams_rad.shape[0]
     beyond = 4.0 * BORDER
+    # Beyond the outermost beams rows go on at their last spacing, so that rays that leave are told by their row.
     first = beams_rad[:1] + beyond * (beams_rad[:1] - beams_rad[1:2])
     last = beams_rad[-1:] + beyond * (beams_rad[-1:] - beams_rad[-2:-1])
     rows = jnp.concatenate(
@@ -139,12 +142,14 @@ def _meet(
         jnp.sin(rise) + versine * jnp.sin(e),
     )
     x, y = moved[..., 0], moved[..., 1]
+    # The cell's own ray started at another height: its beam stands elsewhere in the head.
     z = moved[..., 2] + grid.origin_m[rays.row] - grid.origin_m[s.row]
     ahead = x * jnp.cos(a) + y * jnp.sin(a)
     left = y * jnp.cos(a) - x * jnp.sin(a)
     o = (ahead * jnp.cos(e) + z * jnp.sin(e), left, z * jnp.cos(e) - ahead * jnp.sin(e))
     # The clips bind on surfaces seen edge on alone, where a plane says nothing of the range.
     towards = jnp.clip(d[0] + s.u * d[1] + s.v * d[2], 0.3, 3.0)
+    # Where nothing is hit no quotient may come out as not a number, for its derivative would.
     safe = jnp.where(s.hit, s.range_m, 1.0)
     share = jnp.clip((1 - (o[0] + s.u * o[1] + s.v * o[2]) / safe) / towards, 0.3, 3.0)
     return jnp.where(s.hit, safe * share, FAR_M), towards

@@ -70,6 +70,7 @@ class Region:
         if self.azimuth_rad is None:
             return jnp.ones(jnp.shape(azimuth_rad), bool)
         low, high = self.azimuth_rad
+        # Counted from its begin on, so that a sector behind the sensor may cross the seam.
         return jnp.mod(azimuth_rad - low, TURN) <= high - low
 
     def in_time(self, time_s: Float[Array, "*n"]) -> Bool[Array, "*n"]:
@@ -105,6 +106,7 @@ def kept(inside: Bool[Array, "*n"], before: Rays, after: Rays) -> Rays:
     """Rays as they are `after` an effect where `inside`, else as they were; numbers of all rays together stay."""
 
     def choose(was: Array, now: Array) -> Array:
+        # Steps and tops are one number for all rays: no part of them lies in a region.
         if jnp.ndim(was) < inside.ndim:
             return was
         return jnp.where(inside.reshape(inside.shape + (1,) * (jnp.ndim(was) - inside.ndim)), now, was)

@@ -96,6 +96,7 @@ def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *
             raise ValueError(f"scan_of: frame {number}: {name} is {np.shape(raster)}, the grid {shape}")
     hit = np.asarray(image.valid) & (np.asarray(image.range_m) > 0)
     range_m = np.where(hit, image.range_m, 0).astype(np.float32)
+    # What did not return has no intensity, whatever a file keeps there.
     intensity = np.where(hit, image.intensity, 0).astype(np.float32)
     semantic = np.asarray(more.get("semantic", np.zeros(shape)), np.int32)
     if semantic.min() < 0 or semantic.max() >= CLASSES:
@@ -103,6 +104,7 @@ def _frame(grid: PolarGrid, image: PolarImage, more: Mapping[str, np.ndarray], *
             f"scan_of: frame {number}: semantic spans {semantic.min()}..{semantic.max()}; it must hold Cityscapes ids "
             f"0..{CLASSES - 1}, 0 where the class is not known"
         )
+    # A renderer that has no retroreflection still knows which surfaces are signs.
     glare_m, glare_rad = nearest_glare(grid, range_m, hit & ((intensity >= BRIGHT) | (semantic == SIGN)))
     return {
         "range_m": range_m,
@@ -143,6 +145,7 @@ def _phase(shape: tuple[int, int], hit: np.ndarray, time_s: np.ndarray | None) -
         t = np.asarray(time_s, np.float64)
         known = hit & np.isfinite(t)
         if known.any() and np.ptp(t[known]) > 0:
+            # By what returned: rays that did not often have a time of 0.
             first, last = t[known].min(), t[known].max()
             return np.clip((np.nan_to_num(t) - first) / (last - first), 0, 1).astype(np.float32)
     rows, columns = shape
@@ -164,11 +167,13 @@ def nearest_glare(
     # Squares of angles: that of elevations, then that of azimuths, which is smaller by the cosine of the elevation.
     elevation = np.asarray(grid.elevation_rad, np.float64)
     apart = np.square(elevation[:, None] - elevation[None, :])
+    # Few columns hold a bright target: all others are spared the search.
     lit = np.flatnonzero(bright.any(axis=0))
     cost = np.where(bright[None, :, lit], apart[:, :, None], np.inf)
     row = cost.argmin(axis=1)
     cost, lit_m = cost.min(axis=1), range_m[row, lit[None, :]]
     step = abs(float(grid.azimuth_rad[0]) - float(grid.azimuth_rad[-1])) / (columns - 1)
+    # Never past half a turn, where a target would be met again from the other side.
     reach = min(int(GLARE_REACH_RAD / step), (columns - 1) // 2)
     closed = bool(spans_turn(grid))
     for offset in range(-reach, reach + 1):
@@ -213,6 +218,7 @@ def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r
     def slope(near: slice, beyond: slice, *, even: Array, odd: Array) -> Array:
         """The slope that near and far neighbours give: on a plane a neighbour's ratio is even + slope * odd."""
         value = (ratio[near] - even[near]) / jnp.where(valid[near], odd[near], 1.0)
+        # By how much the far neighbour misses the plane through the near one.
         rough = ratio[beyond] - even[beyond] - value * odd[beyond]
         rough = jnp.where(continued[near.start - 1 : near.stop - 1], rough, ratio[near] - even[near])
         # Jiang and Shu 1996: the inverse square of how rough the surface is on this side.

@@ -33,6 +33,7 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90, seed: in
     step = 2 * np.pi / columns
     azimuth, elevation = np.pi - step * (np.arange(columns) + 0.5), np.deg2rad(np.linspace(4, -24, rows))
     grid = PolarGrid(azimuth.astype(np.float32), elevation.astype(np.float32), np.zeros(rows, np.float32))
+    # Directions of all rays, x ahead, y left, z up.
     ce = np.cos(elevation)[:, None]
     to = np.stack([ce * np.cos(azimuth), ce * np.sin(azimuth), np.sin(elevation)[:, None] + 0 * azimuth], -1)
     images = []
@@ -54,6 +55,7 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90, seed: in
 
 def _boxes(rng: np.random.Generator) -> list[Box]:
     """What stands in a street."""
+    # Fronts at various distances, so that range, angle and row do not say the same.
     left, right, ahead = rng.uniform((7, 7, 25), (14, 14, 60)).tolist()
     front = 4.0 - HEIGHT_M
     boxes: list[Box] = [

@@ -58,6 +58,7 @@ class _Side:
     def share(self, rows: Bool[np.ndarray, " r"], columns: Bool[np.ndarray, " c"]) -> Float[np.ndarray, " f"]:
         """The share that is lost of the rays on smooth surfaces in these rows and columns."""
         counts = self.smooth[:, rows] & columns
+        # Of rays that must have hit something: their neighbours did, on one surface.
         return (self.lost[:, rows] & counts).sum((1, 2)) / np.maximum(counts.sum((1, 2)), 1)
 
     def by_scene(self, of_frames: Float[np.ndarray, " f"]) -> Float[np.ndarray, " s"]:
@@ -94,6 +95,7 @@ def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"]
     """The longest run of hidden columns, known to a column's width; each scene shows it."""
     step = float(np.abs(np.diff(azimuth_rad)).mean())
     columns = np.flatnonzero(hidden)
+    # Single empty columns beside it may be chance; one thing before the sensor hides neighbours.
     run = max(np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1), key=len)
     middle = float(azimuth_rad[run].mean())
     width = len(run) * step
@@ -155,6 +157,7 @@ def _single_rays(
 def _compared(measured: Float[np.ndarray, " s"], simulated: Float[np.ndarray, " t"]) -> tuple[float, Interval]:
     """Chance that scenes exchanged at random differ as much, and by how much the measured ones lose more."""
     rng = np.random.default_rng(0)
+    # Where nothing differs any scene could have come from either side.
     both = np.concatenate([measured, simulated])
     n = len(measured)
     seen = measured.mean() - simulated.mean()

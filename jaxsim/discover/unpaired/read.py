@@ -169,6 +169,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     scenes = tuple(dict.fromkeys((*ours.scenes, *theirs.scenes)))
     frame_scene = np.array([scenes.index(name) for name in (*ours.scenes, *theirs.scenes)])
     height, rise, bend, smooth = _surface(scan, len(ours.names))
+    # A reading of 0 has no logarithm, and says only that it was too weak.
     lit = np.stack([np.asarray(image.intensity) > 0 for image in images])
     good = smooth & lit & (scan.incidence_rad < STEEPEST_RAD)
     at = _thinned(good, frame_scene, rng, most=per_scene)
@@ -217,6 +218,7 @@ def _same_streets(ours: SideFrames, theirs: SideFrames) -> tuple[str, ...]:
         b = theirs.images[theirs.names.index(name)]
         both = a.valid & b.valid
         agree.append(np.mean(np.abs(a.range_m - b.range_m)[both] < RULES.unpaired_same_m) if both.any() else 0.0)
+    # Names alone prove nothing: two recordings often number their frames alike.
     if agree and np.mean(agree) > RULES.unpaired_same_share:
         return (
             f"{len(common)} frames of the same name show the same street on both sides: without --unpaired they are "
@@ -252,6 +254,7 @@ def _steps(ours: SideFrames, theirs: SideFrames) -> dict[str, float]:
 def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Height above the ground, vertical part of the normal, bend, and where a ray meets a smooth surface."""
     grid = scan.grid
+    # Every beam from its own origin: those of a turning head stand centimetres apart.
     height = scan.range_m * np.asarray(directions(grid))[..., 2] + np.asarray(grid.origin_m)[:, None]
     rise = np.zeros_like(height)
     known = np.zeros(height.shape, bool)
@@ -260,6 +263,7 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
         rise[k] = np.abs(np.asarray(normal)[..., 2])
         known[k] = np.asarray(sure)
     for side in (slice(None, simulated), slice(simulated, None)):
+        # Roofs of cars and bridges are level too, but not below the sensor.
         level = known[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
         if level.any():
             # Zero is the ground under each side's own sensor, whatever height its grid claims.
