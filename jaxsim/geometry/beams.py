@@ -202,8 +202,7 @@ def rings_by_elevation(xyz_m: Float[np.ndarray, "n 3"], *, lines: int | None = N
     if ratio[cut] < _CLEAR or full.mean() < 0.5:
         raise NoBeams(
             "the points have no ring, and their elevations do not fall into lines (motion taken out, beams with "
-            "origins "
-            "of their own, or no spinning LiDAR): keep the ring when the cloud is written, or name the sensor"
+            "origins of their own, or no spinning LiDAR): keep the ring when the cloud is written, or name the sensor"
         )
     return np.searchsorted(edges, elevation).astype(np.int32)
 

@@ -66,6 +66,7 @@ def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sens
     does."""
     scale = options.full_scale or _full_scale(scans)
     first, problem = scans[0], NoBeams("no ring")
+    # An organised cloud does not say which of its axes counts beams: the one along which elevations agree.
     for axis in (None,) if first.ring is not None or first.shape is None else (0, 1):
         try:
             return _sensor(scans, options, scale=scale, axis=axis)
@@ -73,8 +74,7 @@ def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sens
             problem = error
     hint = (
         "give --log.mount fit where the points are in a car's frame, --log.rings 0-31 where they are of several "
-        "sensors, "
-        "or the log as the sensor's driver wrote it"
+        "sensors, or the log as the sensor's driver wrote it"
     )
     raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
 
@@ -119,10 +119,10 @@ def _full_scale(scans: Sequence[LogScan]) -> float:
     largest = max(float(np.nanmax(scan.intensity, initial=0)) for scan in scans)
     if largest > 255:
         raise ValueError(
-            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is "
-            f"full scale; "
+            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is full scale; "
             "give it: --log.full-scale 65535, or the sensor's own"
         )
+    # Drivers write shares or bytes; a dark scan in bytes still has one point above 1.
     return 1.0 if largest <= 1 else 255.0
 
 
@@ -137,6 +137,7 @@ def returned(scan: LogScan, axis: int | None = None) -> LogScan:
 
 def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
     """Points of the cloud's frame in the sensor's."""
+    # Map coordinates are thousands of kilometres: float32 keeps decimetres of them.
     moved = (xyz_m.astype(np.float64) - cloud_from_sensor[:3, 3]) @ cloud_from_sensor[:3, :3]
     return moved.astype(np.float32)
 
@@ -154,11 +155,11 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
     xyz = in_frame(scan.xyz_m, sensor.cloud_from_sensor)
     if scan.ring is not None:
         row = sensor.beams.rows_of(scan.ring)
+        # A beam that saw nothing in the first scans may come later; many of them are another sensor.
         strange = float((row < 0).mean())
         if strange > _STRANGE:
             raise ValueError(
-                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another "
-                f"sensor's "
+                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another sensor's "
                 "scan; give --log.lines if these are beams that saw nothing before"
             )
     else:
@@ -172,12 +173,12 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
         )
     intensity = scan.intensity / scale
     origin = np.asarray(sensor.grid.origin_m)[np.clip(row, 0, None)]
+    # From the beam's own origin, as the grid has its rays.
     range_m = np.sqrt(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 + (xyz[:, 2] - origin) ** 2)
     if range_m.max() > FAR_M:
         raise ValueError(
-            f"{where}: a point lies {range_m.max():g} off, and no LiDAR sees beyond {FAR_M:g} m; coordinates "
-            f"must be in "
-            "metres"
+            f"{where}: a point lies {range_m.max():g} off, and no LiDAR sees beyond {FAR_M:g} m; coordinates must be "
+            "in metres"
         )
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
     inside &= _one_return(azimuth, row, intensity=intensity, range_m=range_m, returns=options.returns)
@@ -201,6 +202,7 @@ def _one_return(
     returns: str,
 ) -> np.ndarray:
     """Which points stay where a firing came back several times: its strongest or its last return."""
+    # Returns of one firing share a beam and an azimuth, and need not follow one another in the log.
     order = np.lexsort((azimuth, row))
     apart = (np.diff(row[order]) != 0) | (np.diff(azimuth[order]) > _SAME_FIRING_RAD)
     if apart.all():

@@ -31,6 +31,7 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
     for field in message.fields:
         if field.datatype not in _TYPES:
             raise ValueError(f"ros: {where}: field {field.name} has the datatype {field.datatype}; known are 1 to 8")
+        # 0 is what some drivers write for 1; real arrays hold no single number a point.
         if field.count not in (0, 1):
             continue
         kind = np.dtype(order + _TYPES[field.datatype])
@@ -46,6 +47,7 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
             f"ros: {where} promises {message.height} rows of {message.width} points of {message.point_step} bytes and "
             f"holds {len(data)} bytes in rows of {message.row_step}; it was cut off, or its driver is broken"
         )
+    # Rows may be padded too: each is cut to its own points.
     rows = data[: message.height * message.row_step].reshape(message.height, message.row_step)
     points = np.ascontiguousarray(rows[:, : message.width * message.point_step]).view(dtype)
     return {name: np.ascontiguousarray(points[name]).astype(points.dtype[name].newbyteorder("=")) for name in names}
@@ -159,6 +161,7 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
 def _osi_kind(path: Path, options: LogOptions) -> tuple[str, str | None]:
     """Type of a trace's messages, and its topic: by the schema of an .mcap, by the name of an .osi (`..._sv_...`)."""
     if path.suffix != ".mcap":
+        # An .osi says nothing of its messages but in its name, as the standard recommends.
         words = path.stem.lower().replace("-", "_").split("_")
         return ("SensorData" if "sd" in words or "sensordata" in words else "SensorView"), None
     topics = {
@@ -205,6 +208,7 @@ def _osi_reflections(view: Any, options: LogOptions, *, name: str, scene: str, t
     normal = normal.reshape(-1, 3)
     length = np.linalg.norm(normal, axis=1)
     layers = {"instance": np.array([r.object_id.value for r in reflections], np.int64).astype(np.int32)}
+    # A normal of length 0 is one that the simulator did not give.
     if (length[hit] > 0).all() and hit.any():
         cosine = np.abs((ray * normal).sum(axis=1)) / np.maximum(length, 1e-12)
         layers["incidence"] = np.arccos(np.clip(cosine, 0, 1)).astype(np.float32)

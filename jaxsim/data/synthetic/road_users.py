@@ -53,6 +53,7 @@ def plane(through: tuple[float, float], other: tuple[float, float]) -> tuple[flo
 
 def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, float, float]]:
     """A car of that shape, slightly varied, and its length, width, height."""
+    # One model differs from the next of its kind by a few per cent.
     scale = rng.normal(1.0, 0.025, 3).clip(0.94, 1.06)
     length, width, height = np.multiply((shape.length, shape.width, shape.height), scale)
     belt, bonnet, tail = np.multiply((shape.belt, shape.bonnet, shape.tail), scale[2])
@@ -78,12 +79,14 @@ def car(rng: np.random.Generator, shape: CarShape) -> tuple[Model, tuple[float, 
         cuts=(
             plane((half, bonnet), (foot, belt)),
             plane((rear_foot, belt), (-half - 0.02, tail - 0.03)),
+            # Flanks lean in towards the belt, corners are cut: a box would reflect like a wall.
             (0.0, 1.0, 0.45, wide + 0.45 * 0.72 * belt),
             (0.0, -1.0, 0.45, wide + 0.45 * 0.72 * belt),
             (1.0, 0.8, 0.0, half + 0.8 * (wide - 0.32)),
             (1.0, -0.8, 0.0, half + 0.8 * (wide - 0.32)),
         ),
     )
+    # As wide as the leaning flanks are at the belt.
     inner = wide - 0.45 * 0.28 * belt
     model.box(
         (rear_foot - 0.02, -inner, belt - 0.05),
@@ -178,6 +181,7 @@ def pedestrian(rng: np.random.Generator) -> tuple[Model, tuple[float, float, flo
         model.limb((0.0, side * 0.085, 0.53 * h), knee, dress["trousers"], radius=0.085 * stout)
         model.limb((knee[0], knee[1], 0.31 * h), (foot, side * 0.1, 0.03 * h), dress["trousers"], radius=0.065 * stout)
         model.ball((foot + 0.06, side * 0.1, 0.035), (0.14, 0.05, 0.04), dress["shoes"])
+        # Arms swing against the legs.
         hand = (-0.7 * foot + 0.05, side * 0.26 * stout, 0.47 * h)
         model.limb((0.0, side * 0.2 * stout, 0.82 * h), hand, dress["coat"], radius=0.058 * stout)
     model.ball((0.0, 0.0, 0.67 * h), (0.13 * stout, 0.205 * stout, 0.195 * h), dress["coat"])

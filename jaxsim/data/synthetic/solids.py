@@ -121,6 +121,7 @@ class Model:
         if len(planes) > FACES:
             raise ValueError(f"a polyhedron has at most {FACES} faces, got {len(planes)}; use two solids")
         planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        # A plane without a normal, inside of which everything lies: every polyhedron has FACES.
         never = np.tile([0.0, 0.0, 0.0, 1.0], (FACES - len(planes), 1))
         self.polyhedra.append((np.concatenate([planes, never]), look))
         self.bounds[0].append((low, high))
@@ -152,6 +153,7 @@ def _axes(start: Vector, end: Vector, radius: float) -> Float[np.ndarray, "3 3"]
     """Columns: the half axes of a ball or cylinder whose third axis runs from start to end."""
     along = np.subtract(end, start) / 2
     length = np.linalg.norm(along)
+    # Any direction across will do, but for one along the axis itself.
     aside = np.cross(along, (0.0, 0.0, 1.0) if abs(along[2]) < 0.9 * length else (1.0, 0.0, 0.0))
     aside *= radius / np.linalg.norm(aside)
     return np.stack([aside, np.cross(along, aside) / length, along], axis=1)
@@ -166,5 +168,6 @@ def _conic(axes: Float[np.ndarray, "3 3"], centre: Vector) -> Float[np.ndarray, 
 def _extent(conic: Float[np.ndarray, "3 4"], roundness: float) -> tuple[Vector, Vector]:
     axes = np.linalg.inv(conic[:, :3])
     centre = -axes @ conic[:, 3]
+    # Of a ball the root of squares of its half axes, of a cylinder the rim of its disc and its length.
     reach = np.linalg.norm(axes, axis=1) if roundness else np.linalg.norm(axes[:, :2], axis=1) + abs(axes[:, 2])
     return tuple(centre - reach), tuple(centre + reach)

@@ -82,6 +82,7 @@ def cast_ground(
     ox, oy, oz = origin
     dx, dy, dz = direction
     falls = dz < -1e-6
+    # Rays that do not fall are taken out at the end; until then they must not divide by 0.
     steep = jnp.where(falls, dz, -1.0)
     high = (street.kerb_m - oz) / steep
     low = -oz / steep
@@ -106,6 +107,7 @@ def ground_normal(
     """Up, and at a kerb's face towards the road."""
     step = 0.02
     here = past_kerb(street, x, y)
+    # The kerb's course has no formula for its normal: the slope of the distance to it.
     gx = past_kerb(street, x + step, y) - here
     gy = past_kerb(street, x, y + step) - here
     size = jnp.maximum(jnp.sqrt(gx * gx + gy * gy), 1e-6)
@@ -121,6 +123,7 @@ def street_surface(
     x, y = at[0], at[1]
     off, beyond = aside(street, x, y), past_kerb(street, x, y)
     seed = street.seed.astype(jnp.int32)
+    # Texture finer than a pixel is left out, or it would flicker from frame to frame.
     fine = jnp.clip(1.0 - 5.0 * pixel_m, 0.0, 1.0)
     middle = jnp.clip(1.0 - 0.6 * pixel_m, 0.0, 1.0)
     grain = smooth_noise(x * 23.0, y * 23.0, seed) - 0.5
@@ -160,6 +163,7 @@ def _asphalt(street: Street, x, off, *, noise, seed):
     grain, blotch, field = noise
     grey = 0.065 + 0.11 * street.tone
     i, j = cell(x / 7.0), cell(off / 2.3)
+    # One number a patch says what became of it, wherever it is seen from.
     fate = cell_hash(i, j, seed + 5)
     u, v = x / 7.0 - jnp.floor(x / 7.0), off / 2.3 - jnp.floor(off / 2.3)
     mended = (fate < 0.10 * (0.3 + street.wear)) & (u > 0.2) & (u < 0.3 + 5.0 * fate) & (v > 0.1) & (v < 0.9)
@@ -211,6 +215,7 @@ def _markings(street: Street, x, off, *, beyond) -> Float[Array, "h w"]:
     edge = near(jnp.abs(off) - lane_edge, LINE_M) & clear & away
     bays = (street.parking > 0.5) & (jnp.abs(off) > lane_edge) & dashed(x, 5.8, 0.02) & clear & away
     stop = near(jnp.abs(x - street.crossing_x_m) - 3.4, 0.35) & (jnp.abs(off) < width - 0.3)
+    # A stop line lies in the lane that leads to the crossing alone.
     stop = stop & ((off < 0.0) == (x < street.crossing_x_m))
     painted = middle_line | edge | bays | stop | (zebra & dashed(off + 0.25, 1.0, 0.5)) | give_way
     return (painted & (beyond < -0.08)).astype(jnp.float32)

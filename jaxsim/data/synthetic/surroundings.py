@@ -59,6 +59,7 @@ def tree(rng: np.random.Generator) -> Model:
     model.cylinder((0, 0, 0), (0, 0, 1.15 * fork), bark, radius=radius)
     spread = height * float(rng.uniform(0.17, 0.26))
     count = int(rng.integers(6, 10))
+    # Balls of leaves all round, the first on top.
     turn = rng.uniform(0, 2 * np.pi)
     for i in range(count):
         angle = turn + 2 * np.pi * i / (count - 1)
