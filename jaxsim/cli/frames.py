@@ -101,7 +101,8 @@ def _stamped(frames: PolarFrames, name: str, number: int) -> Stamped:
 
 def _table() -> str:
     rows = [(name, source.title, source.extra) for name, source in known_sources().items()]
-    width, title = (max(len(row[k]) for row in rows) + 2 for k in (0, 1))
+    width = max(len(name) for name, _, _ in rows) + 2
+    title = max(len(what) for _, what, _ in rows) + 2
     return "\n".join(
         f"{name:<{width}}{what:<{title}}{f'pip install jaxsim-lidar[{extra}]' if extra else ''}".rstrip()
         for name, what, extra in rows

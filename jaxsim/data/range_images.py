@@ -66,7 +66,7 @@ def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:
     scan = scan.astype(np.float32)
     if not np.isfinite(scan).all():
         raise ValueError(f"range images: scan in {path} holds NaN or infinity; a cell without a return has range 0")
-    intensity, away, label = scan[..., 3], scan[..., 4], scan[..., 5]
+    intensity, away, label = np.moveaxis(scan[..., 3:6], -1, 0)
     if away.min() < 0 or intensity.min() < 0 or intensity.max() > EIGHT_BITS:
         raise ValueError(f"range images: scan in {path} has negative ranges, or intensities outside 0..1 and 0..255")
     if (label != np.round(label)).any() or label.min() < 0 or label.max() >= MOST_CLASSES:

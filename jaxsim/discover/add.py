@@ -52,7 +52,7 @@ class Added:
     parameters: tuple[dict[str, Interval | tuple[Interval, ...]], ...]
     """Parameters of each effect, with their intervals."""
     sensor: SensorModel
-    more: tuple[Refit, ...] = ()
+    law_refits: tuple[Refit, ...] = ()
     """The learned law, fitted with them."""
     learned: LearnedFit | None = None
     repeated: tuple[Law, ...] = ()
@@ -61,7 +61,7 @@ class Added:
     @property
     def chain(self) -> Chain:
         """The effects and the learned laws, and their z."""
-        fitted = [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.more)]
+        fitted = [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.law_refits)]
         return [*fitted, *((law, {}) for law in self.repeated)]
 
 
@@ -81,15 +81,15 @@ def add_effects(
         laws.append(form.law)
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     fitted = refit(null, laws, z)
-    refits, more = fitted[: len(steps)], fitted[len(steps) :]
+    refits, law_refits = fitted[: len(steps)], fitted[len(steps) :]
     named = [(one.effect.plain_name, parameters_of(one.effect, one.fit.z)) for one in refits]
-    learned = learn(form, more[0].problem, more[0].fit) if form else None
+    learned = learn(form, law_refits[0].problem, law_refits[0].fit) if form else None
     laws_learned = (*known.learned, *((learned.learned,) if learned else ()))
     return Added(
         refits,
         tuple(intervals(one.effect, one.problem, one.fit) for one in refits),
         SensorModel((*known.effects, *named), learned=laws_learned, regions={**known.regions, **(regions or {})}),
-        more,
+        law_refits,
         learned,
     )
 

@@ -107,11 +107,11 @@ def rays_of(
     off_after = _off(new, judged)
     range_m = np.where(returned, np.asarray(before.ev.range_m)[judged], np.asarray(rays.range_m))
     # A ray that hits nothing and brought nothing has no place.
-    there = np.isfinite(range_m) & (range_m > 0)
+    placed = np.isfinite(range_m) & (range_m > 0)
     for k, number in enumerate(chunk.frame):
         if number < 0:
             continue
-        keep = there[k]
+        keep = placed[k]
         yield JudgeFrame(
             name=chunk.division.names[number],
             scene=chunk.scene[k],

@@ -158,11 +158,11 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
     return np.asarray(slope(restore(best.x))[0][1])
 
 
-def _apart(left: np.ndarray, rays: Rays, *, share: float) -> str:
+def _apart(remainder: np.ndarray, rays: Rays, *, share: float) -> str:
     """The covariate that what one effect cannot imitate of the other depends on most, in words."""
     if share > RULES.same_share:
         return "no frames like these can; it takes other streets, or the sensor's maker"
-    part = left[int(np.square(left).sum(1).argmax())]
+    part = remainder[int(np.square(remainder).sum(1).argmax())]
     hit = np.asarray(rays.hit).ravel()
     of = {
         "range": rays.range_m,

@@ -169,8 +169,8 @@ class Division:
         )
         if comparison.other_moments:
             # Not before: a ray that counts on neither side would look like one that the simulator lost.
-            there, measured = jax.tree.map(jnp.asarray, same_surfaces(simulator.scan, measured))
-            simulator = replace(simulator, scan=there)
+            same_scan, measured = jax.tree.map(jnp.asarray, same_surfaces(simulator.scan, measured))
+            simulator = replace(simulator, scan=same_scan)
         given, ranges = simulator.scan, simulator.ranges
         chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)

@@ -136,12 +136,16 @@ def expected_gains(
     before = rays_for(effect, problem.ev)
     z = to_z(effect, dict(values), before.row.shape[-1])
     # The programs of naming, which are compiled already.
-    there = effect_with_gradient(effect, z, before, scan=problem.scan)
-    after = replace(before, **there.fields, **there.constant)
+    effected = effect_with_gradient(effect, z, before, scan=problem.scan)
+    after = replace(before, **effected.fields, **effected.constant)
     by_block = _expected(problem.ev, before, after, noise=problem.noise, equations=problem.equations)
     scene = np.asarray(problem.ev.scene)
-    held, free = (np.bincount(scene, np.asarray(one, float), problem.ev.scenes)[np.unique(scene)] for one in by_block)
-    return held, free
+
+    def by_scene(nats: Array) -> Float[np.ndarray, " s"]:
+        return np.bincount(scene, np.asarray(nats, float), problem.ev.scenes)[np.unique(scene)]
+
+    held, free = by_block
+    return by_scene(held), by_scene(free)
 
 
 def needed_nats(effect: Effect, rows: int) -> float:
@@ -222,7 +226,8 @@ def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquat
     shift, cost = pose_shift(read, equations, before.reading_m, on=ev.smooth)
     weight = OF_MEAN * equations.range_
     other = jnp.where(near, 0, MOST_NATS).sum((1, 2))
-    held, free = (_nats(weight, jnp.where(near, left, 0)).sum((1, 2)) for left in (change, change - shift))
+    held = _nats(weight, jnp.where(near, change, 0)).sum((1, 2))
+    free = _nats(weight, jnp.where(near, change - shift, 0)).sum((1, 2))
     return held + other, free + other + OF_MEAN * cost
 
 
@@ -232,15 +237,15 @@ def _nats(weight: Float[Array, "b c r"], off: Float[Array, "b c r"]) -> Float[Ar
 
 def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:
     usual = reading_variance(before, ev, noise)
-    more = jnp.where(ev.smooth, jnp.log(reading_variance(after, ev, noise) / usual), 0)
+    widened = jnp.where(ev.smooth, jnp.log(reading_variance(after, ev, noise) / usual), 0)
     # By the null's own scales the variance changes as their shares in it: of a direction, and of all ranges.
     aim = jnp.exp(2 * noise.aim) * jnp.sum(ev.pose[..., 3:] ** 2, axis=-1) / usual
     of_null = jnp.where(ev.smooth[..., None], jnp.stack([jnp.exp(2 * noise.range_) / usual, aim], axis=-1), 0)
     gram = jnp.einsum("bcri,bcrj->ij", of_null, of_null) + 1e-6 * jnp.eye(2)
-    taken = of_null @ jnp.linalg.solve(gram, jnp.einsum("bcri,bcr->i", of_null, more))
+    taken = of_null @ jnp.linalg.solve(gram, jnp.einsum("bcri,bcr->i", of_null, widened))
     # A normal of which ln variance is off by d loses d^2 / 4.
-    weight = jnp.full_like(more, OF_SCALE / 2)
-    return _nats(weight, more).sum((1, 2)), _nats(weight, more - taken).sum((1, 2))
+    weight = jnp.full_like(widened, OF_SCALE / 2)
+    return _nats(weight, widened).sum((1, 2)), _nats(weight, widened - taken).sum((1, 2))
 
 
 def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:

@@ -201,5 +201,5 @@ def told(null: Problem, model: Model, *, known: SensorModel) -> dict[str, Any]:
 def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
-    here = brought(comparison, {*EFFECTS}, known)
-    return find_dependences(Division.of(here.comparison), here.known).where
+    mounting = brought(comparison, {*EFFECTS}, known)
+    return find_dependences(Division.of(mounting.comparison), mounting.known).where

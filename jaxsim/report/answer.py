@@ -168,30 +168,30 @@ def repeats(found: Sequence[Repeat]) -> Markup:
     return section("What repeats in every scene", paragraph(words) + table(heads, rows, text=3))
 
 
-def unexplained(left: Unexplained | None, draw: Draw, *, missing: bool = False) -> Markup:
+def unexplained(one: Unexplained | None, draw: Draw, *, missing: bool = False) -> Markup:
     """A dependence outside the catalogue: what the simulation lacks if `missing`, else what remains."""
     title = "What the simulation lacks" if missing else "What stays unexplained"
-    if left is None:
+    if one is None:
         none = "No further dependence was found: free curves along the covariates that matter most gain too little."
         return section(title, paragraph(none))
-    axis = AXES.get(left.covariate, Axis(left.covariate))
+    axis = AXES.get(one.covariate, Axis(one.covariate))
     meaning = f"; x is {axis.x or axis.label}"
-    words = paragraph(f"A {dependence(left)} that no effect of the catalogue accounts for.")
-    words += Markup("<p>{}{}</p>").format(code(left.formula), meaning)
-    if not left.x:
+    words = paragraph(f"A {dependence(one)} that no effect of the catalogue accounts for.")
+    words += Markup("<p>{}{}</p>").format(code(one.formula), meaning)
+    if not one.x:
         return section(title, words)
-    x, y = axis.shown(np.array(left.x, float)), np.array(left.y, float)
-    band = np.array(left.band or (0.0,) * len(left.y), float)
-    unit = CHANNELS[left.channel].unit if left.channel in CHANNELS else left.channel
+    x, y = axis.shown(np.array(one.x, float)), np.array(one.y, float)
+    band = np.array(one.band or (0.0,) * len(one.y), float)
+    unit = CHANNELS[one.channel].unit if one.channel in CHANNELS else one.channel
     chart = curve_chart(
         x,
         [("fitted", y, BEFORE)],
         band,
         x_label=axis.label,
         y_label=unit,
-        joined=left.covariate != "class",
-        whole=left.covariate in CATEGORICAL,
+        joined=one.covariate != "class",
+        whole=one.covariate in CATEGORICAL,
     )
-    name = file_name("unexplained", left.channel, left.covariate)
-    caption = f"A free curve of {left.channel} along {left.covariate}, with its 90 % band."
+    name = file_name("unexplained", one.channel, one.covariate)
+    caption = f"A free curve of {one.channel} along {one.covariate}, with its 90 % band."
     return section(title, words + draw(name, chart, caption))

@@ -234,15 +234,15 @@ def _degrees(angle: float) -> str:
 
 def _acts(one: Regime) -> str:
     """Tells where a named effect acts, and that it is not applied where simulations cannot know."""
-    left = "" if one.applied else "; simulations cannot know where, and do not apply it"
-    return f" {one.effect} acts {part_of(one)} alone ({percent(one.share)} of the rays){left}."
+    where_not = "" if one.applied else "; simulations cannot know where, and do not apply it"
+    return f" {one.effect} acts {part_of(one)} alone ({percent(one.share)} of the rays){where_not}."
 
 
 def _counted(along: str) -> str:
     return {"row": "rows", "column": "columns"}.get(along, "rows and columns")
 
 
-def dependence(left: Unexplained) -> str:
+def dependence(one: Unexplained) -> str:
     """Tells what depends on what, and its character where it has one."""
-    kind = "dependence" if left.character == "other" else f"{left.character} dependence"
-    return f"{kind} of {left.channel} on {left.covariate}"
+    kind = "dependence" if one.character == "other" else f"{one.character} dependence"
+    return f"{kind} of {one.channel} on {one.covariate}"

@@ -163,7 +163,8 @@ def simulate_folder(
     frames of another making, and where a frame lacks what the network or an effect needs.
     """
     # The folder: one making alone.
-    out, dataset, effects_model = maker.out, maker.dataset, maker.effects_model
+    out, dataset = maker.out, maker.dataset
+    effects_model = maker.effects_model
     grid, _ = maker.learned.window
     first_s = 0.0
     if effects_model:

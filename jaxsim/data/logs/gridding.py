@@ -119,8 +119,8 @@ def _full_scale(scans: Sequence[LogScan]) -> float:
     largest = max(float(np.nanmax(scan.intensity, initial=0)) for scan in scans)
     if largest > 255:
         raise ValueError(
-            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is full scale; "
-            "give it: --log.full-scale 65535, or the sensor's own"
+            f"frames: intensity reaches {largest:g} in {scans[0].name}, and the format does not say what is full "
+            "scale; give it: --log.full-scale 65535, or the sensor's own"
         )
     # Drivers write shares or bytes; a dark scan in bytes still has one point above 1.
     return 1.0 if largest <= 1 else 255.0
@@ -159,8 +159,8 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
         strange = float((row < 0).mean())
         if strange > _STRANGE:
             raise ValueError(
-                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another sensor's "
-                "scan; give --log.lines if these are beams that saw nothing before"
+                f"{where}: {strange:.0%} of its points are of rings that the first scans did not have: another "
+                "sensor's scan; give --log.lines if these are beams that saw nothing before"
             )
     else:
         row = _nearest_rows(xyz, sensor.grid)

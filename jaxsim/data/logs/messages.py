@@ -27,7 +27,9 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
     promises. Source: https://docs.ros.org/en/api/sensor_msgs/html/msg/PointCloud2.html
     """
     order = ">" if message.is_bigendian else "<"
-    names, formats, offsets = [], [], []
+    names: list[str] = []
+    formats: list[np.dtype] = []
+    offsets: list[int] = []
     for field in message.fields:
         if field.datatype not in _TYPES:
             raise ValueError(f"ros: {where}: field {field.name} has the datatype {field.datatype}; known are 1 to 8")
@@ -75,7 +77,8 @@ def scan_of_message(message: Any, options: LogOptions, *, name: str, scene: str)
 def ros_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The clouds of one topic: of an .mcap, a ROS 2 bag (folder), or a ROS 1 .bag."""
     messages = _mcap_messages(path, options) if path.suffix == ".mcap" else _bag_messages(path, options)
-    stem, number, frame = path.stem, 0, ""
+    stem, number = path.stem, 0
+    frame = ""
     with reading("ros", path, "it is cut off or damaged: `mcap recover`, `ros2 bag reindex`, or copy it again"):
         for message in messages:
             scan = scan_of_message(message, options, name=f"{stem}-{number:06d}", scene=stem)

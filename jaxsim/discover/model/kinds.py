@@ -48,9 +48,9 @@ def kinds_of(scan: Scan, index: RayIndex) -> Kinds:
     names: list[str] = []
     shares: list[np.ndarray] = []
     for name, kind in (("ground", ground), ("other surfaces", ~ground)):
-        there = kind & np.asarray(scan.hit)
-        if there.any():
-            knots = _knots(albedo[there])
+        of_kind = kind & np.asarray(scan.hit)
+        if of_kind.any():
+            knots = _knots(albedo[of_kind])
             names += [f"{name} of albedo {np.exp(knot):.2g}" for knot in knots]
             # Every kind has columns of its own: a knot of the ground's curve says nothing of walls.
             shares.append(np.where(kind[index][..., None], hats(albedo[index], knots), 0.0))

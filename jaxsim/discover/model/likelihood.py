@@ -71,19 +71,19 @@ def intensity_terms(
     """Log-density of each compared ray's ln I, 0 elsewhere; and what surfaces' levels cost each block, nats."""
     residual = ev.log_intensity - rays.log_intensity
     explained, cost = reflectance(ev, equations, fitted, residual=residual)
-    left = residual - explained
+    unexplained = residual - explained
     # A lattice is uniform within a step of I; of ln I, the same over I. Below e^-7 no ray is compared.
     rounding = rays.intensity_step / math.sqrt(12) * jnp.exp(-jnp.clip(ev.log_intensity, -7.0, 0.0))
     variance = intensity_variance(ev, noise) + rounding**2
     sd = jnp.sqrt(variance)
-    density = log_student(left, sd)
+    density = log_student(unexplained, sd)
     # A reading of 0 says no more than that the intensity lies below all others.
     nothing = ev.log_intensity <= _NOTHING
-    density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - left)) / sd), density)
+    density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - unexplained)) / sd), density)
     # At the sensor's top: all that would be brighter piles up there. 1.6 makes of the logistic function nearly the
     # normal distribution's; the pile is spread over the _PILE on both sides of the top.
     top = jnp.log(rays.intensity_top)
-    over = (ev.log_intensity - left - top) / sd
+    over = (ev.log_intensity - unexplained - top) / sd
     gap = ev.log_intensity - top
     piled = jax.nn.log_sigmoid(1.6 * over) - math.log(2 * _PILE)
     # A top of 1 is where every sensor's scale ends: nothing is cut off.

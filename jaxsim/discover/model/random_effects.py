@@ -118,11 +118,11 @@ def _strips(ev: Evidence, weight: Float[Array, "b c r"], weighted: Float[Array, 
 
 def _surfaces(ev: Evidence, strips: Groups) -> Groups:
     """The strips of each surface together: each counts for what its own level leaves of its rays."""
-    left = strips.precision * strips.variance
+    unshared = strips.precision * strips.variance
     count = len(ev.precision)
     return Groups(
-        weight=jax.ops.segment_sum(strips.weight * left, ev.surface, count),
-        features=jax.ops.segment_sum(strips.features * left[:, None], ev.surface, count),
+        weight=jax.ops.segment_sum(strips.weight * unshared, ev.surface, count),
+        features=jax.ops.segment_sum(strips.features * unshared[:, None], ev.surface, count),
         precision=ev.precision,
         block=jnp.maximum(jax.ops.segment_max(strips.block, ev.surface, count), 0),
     )

@@ -57,11 +57,11 @@ def _contrasts(
     rows: list[Float[np.ndarray, " n"]] = []
     variance: list[float] = []
     for region in question.inside:
-        here = np.bincount(scene, (of.excess * region).sum(1), scenes)
+        inside = np.bincount(scene, (of.excess * region).sum(1), scenes)
         weight = np.bincount(scene, (of.curvature * region).sum(1), scenes)
         # A scene that asks for more of the effect everywhere asks for no region.
         share = weight / curvature
-        rows.append(here - share * excess)
+        rows.append(inside - share * excess)
         variance.append((weight * (1 - share)).sum())
     # A region in which nothing bends must not be divided by 0.
     return np.stack(rows), np.maximum(np.array(variance), 1e-9)

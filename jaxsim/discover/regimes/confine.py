@@ -32,7 +32,7 @@ class Confined:
     frames: Bool[np.ndarray, " f"]
     problem: Problem
     """What it was fitted on top of."""
-    more: float
+    advantage: float
     """Held-out nats of the find scenes over the same effect everywhere."""
 
 
@@ -66,15 +66,15 @@ def confine(
     # The name that was given to all scenes stays unless another is clearly better here.
     best = next((one for one in ranked if one is first or worse(first, one)), first)
     everywhere = plain[best.effect.plain_name]
-    more = float(clipped(best.by_scene - everywhere.by_scene).sum())
-    if best.total <= RULES.bar_nats or more < RULES.regime_nats:
+    advantage = float(clipped(best.by_scene - everywhere.by_scene).sum())
+    if best.total <= RULES.bar_nats or advantage < RULES.regime_nats:
         return None
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
     fitted = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not padded(c, best))
     step = FittedStep(best, alike, tuple(ranking), fitted)
-    return Confined(step, everywhere.effect, region, frames, problem, more)
+    return Confined(step, everywhere.effect, region, frames, problem, advantage)
 
 
 def sharpened(region: Region, effect: Law, fitted: Fit, *, problem: Problem, facts: Facts) -> Region:

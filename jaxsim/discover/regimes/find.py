@@ -95,7 +95,7 @@ def find_regimes(
             confined, gained = judges.gained(placed.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
-            log(f"{confined.plain.name} acts in a part alone: {confined.more:.0f} nats more than everywhere")
+            log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
             told = Told(placed.inside, placed.outside, lead.found.p_value, lead.q_value, gained)

@@ -15,7 +15,7 @@ may not be *none*. Letters: n scenes, r rows, c columns, k places or periods of 
 
 Of a mixed model with covariance V, V^-1 (y - X b) is R^-1 times the residual that is left once levels and poses are
 taken out. So sums of weight times residual are the efficient score of a pattern, though levels of strips take up most
-of what differs between columns; the size follows from what the same levels leave of a made pattern (`Maps.left`).
+of what differs between columns; the size follows from what the same levels leave of a made pattern (`Maps.response`).
 """
 
 from jaxsim.discover.repeats.answer import formula_of, with_repeats, with_what_repeats

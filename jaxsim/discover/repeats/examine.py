@@ -63,8 +63,8 @@ class Dense:
         """The laws of what was found on top of `effects`, which leave `noise`."""
 
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
-            more = [*effects, *((as_law(law), {}) for law in laws)]
-            return self.maps(more, refitted(in_place(self.null, more)).noise if laws else noise)
+            chain = [*effects, *((as_law(law), {}) for law in laws)]
+            return self.maps(chain, refitted(in_place(self.null, chain)).noise if laws else noise)
 
         rows, columns = self.division.scan.range_m.shape[1:]
         return learn_repeats([form_of(one, rows, columns) for one in found], self.finding, maps_with)

@@ -68,7 +68,7 @@ def find_repeats(
         phase = complex(looked[channel].sums[scale.name, scale.along][finding, k].sum()) if scale.pattern else 1.0
         # Where all patterns are asked about, the mean map of the find scenes is what judge scenes must show again.
         pattern = scale.pattern(k, phase) if scale.pattern else mean_map(known, finding, scale)
-        response = known.centred(known.left(pattern))
+        response = known.centred(known.response(pattern))
         shows = np.einsum("nrc,rc->n", known.total, pattern)
         answers = np.einsum("nrc,rc->n", response, pattern)
         # Judge scenes must show it with the sign that the find scenes give it.
@@ -154,7 +154,7 @@ def common_size(maps: Maps, scale: Scale, channel: str) -> Interval:
     shape = [count if name in scale.along else 1 for count, name in zip(grid, ("row", "column"), strict=True)]
     made = np.broadcast_to(np.random.default_rng(0).choice([-1.0, 1.0], shape), grid).copy()
     shows = alike(scale.sums(maps.total)).sum(1)
-    answers = alike(scale.sums(maps.centred(maps.left(made)))).sum(1)
+    answers = alike(scale.sums(maps.centred(maps.response(made)))).sum(1)
     # A product belongs to both of its scenes: without one of them, what it shares with all others goes twice.
     without = (shows.sum() - 2 * shows) / np.maximum(answers.sum() - 2 * answers, 1e-12)
     square = shows.sum() / max(answers.sum(), 1e-12)

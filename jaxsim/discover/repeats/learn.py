@@ -60,10 +60,10 @@ def learn_repeats(
             of = {k: form for k, form in enumerate(forms) if form.found.repeat.channel == channel}
             # The patterns are back in the residuals, as the model has them about what was fitted before.
             maps = remaining[channel]
-            before = {k: maps.centred(maps.left(form.spread(heights[k]))) for k, form in of.items()}
+            before = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             whole = replace(maps, total=maps.centred(maps.total) + sum(before.values()))
             heights |= dict(zip(of, solve(whole, list(of.values()), finding), strict=True))
-            now = {k: maps.centred(maps.left(form.spread(heights[k]))) for k, form in of.items()}
+            now = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             rest = whole.total - sum(now.values())
             for k, form in of.items():
                 # Each pattern alone, with the others taken out: its size is told beside them.
@@ -84,7 +84,7 @@ def solve(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Hei
     def normal(heights: Heights) -> Heights:
         parts = np.split(heights, cuts)
         pattern = np.sum([form.spread(part) for form, part in zip(forms, parts, strict=True)], axis=0)
-        return gathered(maps.centred(maps.left(pattern))) + stiff * heights
+        return gathered(maps.centred(maps.response(pattern))) + stiff * heights
 
     weight = maps.weight[finding].sum(0)
     steep = np.concatenate([form.information(weight) for form in forms]) + stiff
@@ -151,7 +151,7 @@ def _size(form: RepeatForm, heights: Heights, *, maps: Maps) -> tuple[Interval, 
         return common_size(maps, scale, channel), 1.0
     phase = complex(heights[0], -heights[1]) if scale.turns else 1.0
     pattern: Pattern = scale.pattern(form.found.number, phase)
-    response = maps.centred(maps.left(pattern))
+    response = maps.centred(maps.response(pattern))
     shows: Float[np.ndarray, " n"] = (maps.total * pattern).sum((1, 2))
     return height_of(shows, (response * pattern).sum((1, 2)), channel), phase
 

@@ -33,7 +33,7 @@ class Maps:
     """Sum over the rays of each cell of 1 / variance in the channel's unit."""
     total: Sums
     """Weight times residual."""
-    left: Callable[[Pattern], Sums]
+    response: Callable[[Pattern], Sums]
     """What `total` would be if the residuals were a pattern (in the channel's unit) and nothing else, levels and poses
     fitted to it."""
     coarse: Pattern | None = None
@@ -93,12 +93,12 @@ def maps_of(
             alone = replace(ev, log_intensity=ev.rays.log_intensity + shift, range_m=ev.rays.reading_m + shift)
             return np.asarray(conditional_residuals(alone, eq, blocks)[channel], np.float64)
 
-        def left(pattern: Pattern) -> Sums:
+        def response(pattern: Pattern) -> Sums:
             made = SMALL * pattern[row, column]
             # What stays of it in the residuals makes weights smaller, on the side to which it points.
             return summed(weight * only(made - steeper * only(made)) / SMALL)
 
-        return left
+        return response
 
     def coarse(weight: np.ndarray, *, half_step: float, value: np.ndarray) -> Pattern | None:
         if half_step == 0:

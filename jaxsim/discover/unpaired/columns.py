@@ -124,7 +124,7 @@ def derivatives(
     for those of beams, held to neutral by their prior."""
     parts = [np.zeros((len(row), 0), np.float32)]
     precision = [np.zeros(0)]
-    here = change(values)
+    unchanged = change(values)
     for name, p in fitted_parameters(effect).items():
         if names is not None and name not in names:
             continue
@@ -132,7 +132,7 @@ def derivatives(
         # One-sided, and towards the inside at the upper bound: beyond a bound an effect need not make sense.
         step = STEP * p.scale * np.where(now + STEP * p.scale > p.high, -1, 1)
         # Per typical size of the parameter, so that one prior serves them all.
-        slope = (change({**values, name: now + step}) - here) / (step[row] if step.ndim else step) * p.scale
+        slope = (change({**values, name: now + step}) - unchanged) / (step[row] if step.ndim else step) * p.scale
         if p.shape == "row":
             parts.append((slope[:, None] * (row[:, None] == np.arange(rows))).astype(np.float32))
             precision.append(np.ones(rows))

@@ -47,10 +47,10 @@ def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
     if not chosen:
         return Refined((), np.zeros(len(problem.y)))
     joint = JointFit(problem, chosen)
-    here = joint.fit()
-    half = joint.half_widths(here)
-    low = joint.values_at(here.z - half)
-    high = joint.values_at(here.z + half)
+    linear = joint.fit()
+    half = joint.half_widths(linear)
+    low = joint.values_at(linear.z - half)
+    high = joint.values_at(linear.z + half)
     intervals = []
     for effect, values, lows, highs in zip(joint.effects, joint.values, low, high, strict=True):
         ends: dict[str, Interval | tuple[Interval, ...]] = {}
@@ -124,46 +124,46 @@ class JointFit:
         block = Block(near.shape[1] + np.arange(len(precision)), precision)
         return Linear(equations_without(self.problem, side, self.change()), block, self.z)
 
-    def ahead(self, here: Linear, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
+    def ahead(self, linear: Linear, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, " k"]:
         """Where the loss of so weighted scenes would be least if all were linear."""
-        pooled = here.equations.pooled(weight, self.problem.measured)
+        pooled = linear.equations.pooled(weight, self.problem.measured)
         # The prior pulls the parameter, not the step, to neutral.
-        pooled.right[here.block.columns] -= here.block.precision * here.z
-        # One Newton step of a problem that is linear at `here`: the change of z beside the nuisances.
-        side = solve(pooled, [self.problem.nuisance, here.block]).side
-        return here.z + side[len(self.problem.nuisance.columns) :]
+        pooled.right[linear.block.columns] -= linear.block.precision * linear.z
+        # One Newton step of a problem that is linear there: the change of z beside the nuisances.
+        side = solve(pooled, [self.problem.nuisance, linear.block]).side
+        return linear.z + side[len(self.problem.nuisance.columns) :]
 
-    def loss(self, here: Linear) -> float:
+    def loss(self, linear: Linear) -> float:
         """The loss with the effects as they are, nats."""
         nuisance = self.problem.nuisance
-        solution = solve(here.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
+        solution = solve(linear.equations.pooled(self.problem.weight, self.problem.measured), [nuisance])
         # Minus the log-posterior: half the residuals' squares, and the priors of nuisances and of z.
-        data = here.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
-        return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * here.block.precision @ here.z**2)
+        data = linear.equations.losses(solution, self.problem.measured)[self.problem.find].sum()
+        return float(data + 0.5 * nuisance.precision @ solution.side**2 + 0.5 * linear.block.precision @ linear.z**2)
 
     def fit(self) -> Linear:
         """Gauss-Newton steps, each as long as lets the loss fall: effects are not linear in their parameters."""
-        here = self.linear()
-        least = self.loss(here)
+        linear = self.linear()
+        least = self.loss(linear)
         for _ in range(ROUNDS):
-            step = self.ahead(here, self.problem.weight) - here.z
+            step = self.ahead(linear, self.problem.weight) - linear.z
             before = self.values
             for share in SHARES:
                 self.values = [
-                    old | new for old, new in zip(before, self.values_at(here.z + share * step), strict=True)
+                    old | new for old, new in zip(before, self.values_at(linear.z + share * step), strict=True)
                 ]
                 ahead = self.linear()
                 loss = self.loss(ahead)
                 if loss < least:
-                    here = ahead
+                    linear = ahead
                     least = loss
                     break
                 self.values = before
             else:
                 break
-        return here
+        return linear
 
-    def half_widths(self, here: Linear) -> Float[np.ndarray, " k"]:
+    def half_widths(self, linear: Linear) -> Float[np.ndarray, " k"]:
         """Half widths of the intervals of z: the scatter between scenes, or between rays if that is wider, and how far
         the prior pulls."""
         rng = np.random.default_rng(0)
@@ -171,24 +171,24 @@ class JointFit:
         draws = []
         for _ in range(DRAWS):
             drawn = np.concatenate([rng.choice(scenes, len(scenes)) for scenes in sides])
-            draws.append(self.ahead(here, np.bincount(drawn, minlength=len(self.problem.find)).astype(float)))
+            draws.append(self.ahead(linear, np.bincount(drawn, minlength=len(self.problem.find)).astype(float)))
         # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.
         fewest = min(len(scenes) for scenes in sides)
         reach = RULES.interval_widening * np.sqrt(fewest / (fewest - 1)) * student_reach(fewest)
         # To first order the prior moves z by covariance times gradient of its penalty: a bias that no scatter shows.
-        pull = np.abs(self._covariance(here, 1.0) @ (here.block.precision * here.z))
-        of_rays = self._covariance(here, self.problem.inflation)
+        pull = np.abs(self._covariance(linear, 1.0) @ (linear.block.precision * linear.z))
+        of_rays = self._covariance(linear, self.problem.inflation)
         return reach * np.sqrt(np.maximum(np.var(draws, axis=0), np.diag(of_rays))) + pull
 
-    def _covariance(self, here: Linear, information: float) -> Float[np.ndarray, "k k"]:
+    def _covariance(self, linear: Linear, information: float) -> Float[np.ndarray, "k k"]:
         """The covariance of z by rays and prior, the rays' information multiplied."""
-        inner = here.equations.pooled(self.problem.weight, self.problem.measured).inner
+        inner = linear.equations.pooled(self.problem.weight, self.problem.measured).inner
         nuisance = self.problem.nuisance
-        columns = np.concatenate([nuisance.columns, here.block.columns])
-        precision = np.diag(np.concatenate([nuisance.precision, here.block.precision]))
+        columns = np.concatenate([nuisance.columns, linear.block.columns])
+        precision = np.diag(np.concatenate([nuisance.precision, linear.block.precision]))
         # The nuisances are inverted too, so that what they leave open widens z.
         inverse = np.linalg.inv(information * inner[np.ix_(columns, columns)] + precision)
-        return inverse[-len(here.z) :, -len(here.z) :]
+        return inverse[-len(linear.z) :, -len(linear.z) :]
 
 
 def equations_without(

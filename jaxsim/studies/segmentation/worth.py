@@ -223,8 +223,9 @@ def mean_iou(iou: Float[np.ndarray, "seeds known"]) -> Worth:
 def worth(iou: Mapping[str, Float[np.ndarray, "seeds known"]]) -> float:
     """What simulated intensity gains over none, as a share of what measured intensity does; NaN where that is
     nothing."""
-    none, simulated, measured = (mean_iou(iou[kind]).mean for kind in KINDS)
-    return (simulated - none) / (measured - none) if measured > none else float("nan")
+    mean = {kind: mean_iou(iou[kind]).mean for kind in KINDS}
+    room = mean["measured"] - mean["none"]
+    return (mean["simulated"] - mean["none"]) / room if room > 0 else float("nan")
 
 
 def _cell(values: Float[np.ndarray, " seeds"]) -> str:

@@ -38,7 +38,7 @@ def learn(pattern, channel="intensity"):
         # As a robust fit's weights and noise: the larger what is left, the smaller.
         weight = made.weight / (1 + np.mean(left**2))
         made = replace(made, weight=weight, total=made.total / (1 + np.mean(left**2)))
-        return {channel: replace(made, left=lambda shape: (1 - TAKEN) * weight * shape), "other": maps(2)}
+        return {channel: replace(made, response=lambda shape: (1 - TAKEN) * weight * shape), "other": maps(2)}
 
     first = maps_with([])
     found = find_repeats({channel: first[channel]}, FINDING, bins=32)

@@ -34,7 +34,7 @@ def test_levels_of_strips_leave_less_of_columns_than_of_rows(toy):
     maps = toy[2]["intensity"]
     row, column = np.mgrid[: maps.total.shape[1], : maps.total.shape[2]]
     share = [
-        (pattern * maps.left(pattern)).sum() / (maps.weight * pattern**2).sum()
+        (pattern * maps.response(pattern)).sum() / (maps.weight * pattern**2).sum()
         for pattern in (1.0 - 2 * (row % 2), 1.0 - 2 * (column // 2 % 2))
     ]
     assert 0 < share[1] < share[0] < 1
@@ -60,7 +60,7 @@ def test_rounding_is_off_by_more_on_dark_surfaces(toy):
 
 def test_drops_have_no_levels(toy):
     maps = toy[2]["drop"]
-    np.testing.assert_allclose(maps.left(np.ones(maps.total.shape[1:])), maps.weight)
+    np.testing.assert_allclose(maps.response(np.ones(maps.total.shape[1:])), maps.weight)
 
 
 def test_the_slope_is_that_of_weight_times_residual():
