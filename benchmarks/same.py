@@ -23,13 +23,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-os.environ.update(
-    JAX_PLATFORMS="cpu",
-    JAXSIM_QUIET="1",
-    OMP_NUM_THREADS="1",
-    OPENBLAS_NUM_THREADS="1",
-    XLA_FLAGS="--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=1",
-)
+if __name__ == "__main__":
+    # What JAX reads from the environment, before it is imported.
+    os.environ.update(
+        JAX_PLATFORMS="cpu",
+        JAXSIM_QUIET="1",
+        OMP_NUM_THREADS="1",
+        OPENBLAS_NUM_THREADS="1",
+        XLA_FLAGS="--xla_cpu_multi_thread_eigen=false --xla_backend_optimization_level=1",
+    )
 
 import numpy as np
 
