@@ -1,7 +1,9 @@
 """The learned sensor: from what a renderer knows to what the LiDAR reports.
 
 predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection
-sensor         `LearnedSensor`: a trained run, and whether images are like those that it learned from
+views          whether images are like those that a run learned from
+live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
+sensor         `LearnedSensor`: a trained run
 frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)

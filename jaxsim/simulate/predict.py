@@ -182,9 +182,23 @@ def simulate_frame(
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
     rows = jnp.broadcast_to(row[:, None], angle.shape)
-    says = predict_cells(generate, params, painted, incidence_rad=angle, row=rows, prepare=prepare)
-    intensity = says.reported if key is None else drawn(says, key)
-    return _reported(painted, intensity), painted
+    seen = {"incidence_rad": angle, "row": rows}
+    return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key), painted
+
+
+def simulate_painted(
+    params: Any,
+    painted: Painted,
+    *,
+    incidence_rad: Rays,
+    row: Rays,
+    generate: Generate,
+    prepare: PrepareConfig,
+    key: Array | None = None,
+) -> PolarImage:
+    """What the LiDAR reports of rays whose surfaces are known already; `key` as in `simulate_frame`."""
+    says = predict_cells(generate, params, painted, incidence_rad=incidence_rad, row=row, prepare=prepare)
+    return _reported(painted, says.reported if key is None else drawn(says, key))
 
 
 def camera_intensity(

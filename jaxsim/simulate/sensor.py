@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
@@ -20,17 +19,14 @@ from jaxsim.prepare import check_view, crop_image, input_channels, window_of
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
+from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
 from jaxsim.simulate.predict import camera_intensity, simulate_frame, simulate_unprojected
+from jaxsim.simulate.views import check_field_of_view, check_image
 
 Projection = Literal["lidar", "none"]
 """What the network sees: the camera's rasters carried to the LiDAR's grid, or only scaled down, as in the paper."""
 Window = tuple[PolarGrid, Float[Array, " rows"]]
 """A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
-ASPECT = 0.02
-SIZE = 0.03
-VIEW = 0.05
-"""By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
-0.004 in aspect ratio and by 0.015 in size."""
 
 
 class LearnedSensor:
@@ -79,12 +75,10 @@ class LearnedSensor:
                 "simulate: draws are made on the LiDAR's grid; leave out --draws, or project (--projection lidar)"
             )
         check_view(view, self.run.experiment.prepare)
-        *batch, _, _, _ = view.rgb.shape
-        camera = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:])), view.camera)
         self._check_projection(view, projection)
         grid, row = window or self.window
         draws = {} if key is None else {"key": key}
-        return self._simulate[projection](self.params, replace(view, camera=camera), grid, row=row, **draws)
+        return self._simulate[projection](self.params, with_cameras(view), grid, row=row, **draws)
 
     def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:
         """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.
@@ -101,6 +95,22 @@ class LearnedSensor:
         grid, row = self.window
         intensity = self._intensity(self.params, cropped, grid, row=row)
         return place_intensity(np.asarray(intensity), size, crop=prepare.image_crop)
+
+    def attach(self, view: CameraFrame) -> Live:
+        """A function from a simulator's views to clouds, compiled for views like this one: its size, batch, camera and
+        labels. It has its latency, which is logged too.
+
+        Raises ValueError where the images are not like those that the run learned from, or lack depth or labels.
+        """
+        return attach_camera(self.run, self.params, view, generate=self.generate)
+
+    def attach_rays(self, window: Window | None = None) -> LiveRays:
+        """The same from what a ray caster's rays meet: range, class, incidence, on a grid (default: `window`). It has
+        the rays to cast.
+
+        Raises ValueError where the run was trained on what only a camera knows.
+        """
+        return attach_rays(self.run, self.params, window or self.window, generate=self.generate)
 
     def _check_projection(self, cropped: CameraFrame, projection: str) -> None:
         if projection not in self._simulate:
@@ -152,33 +162,3 @@ def load(folder: Path | str) -> LearnedSensor:
         return LearnedSensor(*read_embedded())
     run = load_run(folder)
     return LearnedSensor(run, Checkpoints(Path(folder)).restore("generator", shapes_of(run)))
-
-
-def check_image(size: tuple[int, int], run: Run) -> None:
-    """Raises ValueError where images of `size` (rows, columns) have not the aspect ratio and size of the run's."""
-    (h, w), (rows, columns) = size, run.image_size
-    wanted = f"this run learned from images of {columns} x {rows}"
-    if abs((w / h) / (columns / rows) - 1) > ASPECT:
-        raise ValueError(
-            f"simulate: the images are {w} x {h}, an aspect ratio of {w / h:.2f}; {wanted}, {columns / rows:.2f}: "
-            f"render at {columns} x {rows}, or cut them to it"
-        )
-    if abs(w / columns - 1) > SIZE:
-        what = "too coarse" if w < columns else "too fine"
-        raise ValueError(
-            f"simulate: images of {w} x {h} are {what}; {wanted}, and its crop is measured in pixels: render at that "
-            "size, or scale image, depth and labels (the latter two without interpolation) and the camera to it"
-        )
-
-
-def check_field_of_view(camera: Camera, run: Run) -> None:
-    """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
-    without projection only the same view fits."""
-    half = run.experiment.prepare.image_crop[1] / 2
-    own = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
-    its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
-    if abs(its / own - 1) > VIEW:
-        raise ValueError(
-            f"simulate: the camera sees {its:.1f} degrees, the run's {own:.1f}; without projection its pixels would "
-            "not be the run's rays: render with that field of view, or project (--projection lidar)"
-        )

@@ -1,0 +1,221 @@
+"""The learned sensor in a simulator's loop: compiled once, then a function from each tick's buffers to a point cloud.
+
+    live = jaxsim.load("runs/kitti_drives").attach(view)         # a view, as the simulator gives it
+    cloud = live(view)                                           # at each tick
+
+or, where a ray caster asks what each ray meets, `sensor.attach_rays()`, whose `directions` are the rays to cast.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from statistics import median
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jaxsim.config import PrepareConfig
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
+from jaxsim.geometry import directions, incidence, polar_to_points
+from jaxsim.prepare import check_view, crop_image, window_of
+from jaxsim.runs.kinds import Run
+from jaxsim.simulate.predict import Generate, simulate_frame, simulate_painted
+from jaxsim.simulate.views import check_image
+
+OF_CAMERA = ("rgb", "surroundings")
+"""Inputs that a camera alone knows."""
+CALLS = 5
+log = logging.getLogger(__name__)
+Raster = Float[Array, "*b rows columns"]
+
+
+@dataclass(frozen=True)
+class Live:
+    """A camera's views to point clouds, of one size and batch; `attach` makes one."""
+
+    run: Callable[[CameraFrame], Cloud]
+    shape: tuple[int, ...]
+    """Of the images: (*batch, h, w)."""
+    crop: tuple[int, int]
+    check: Callable[[CameraFrame], None]
+    latency_s: float
+    """Median of a call, buffers in host memory to cloud on the device."""
+
+    def __call__(self, view: CameraFrame) -> Cloud:
+        """The cloud in the LiDAR's frame (x forward, y left, z up), dropped rays masked.
+
+        Raises ValueError for a view of another size or batch, and where it lacks depth or labels that the run needs.
+        """
+        shape = view.rgb.shape[:-1]
+        if shape != self.shape:
+            raise ValueError(
+                f"live: the view is {_times(shape)}; it was attached to {_times(self.shape)}: attach again for another "
+                "size or batch"
+            )
+        cropped = crop_image(view, self.crop)
+        self.check(cropped)
+        return self.run(cropped)
+
+
+@dataclass(frozen=True)
+class LiveRays:
+    """What a ray caster's rays meet to point clouds; `attach_rays` makes one."""
+
+    run: Callable[[Painted, Array | None], Cloud]
+    grid: PolarGrid
+    directions: Float[np.ndarray, "rows columns 3"]
+    """Unit vectors in the LiDAR's frame; the rays of row k start at (0, 0, `grid.origin_m[k]`)."""
+    camera: Camera
+    needs: tuple[str, ...]
+    latency_s: float
+    """Median of a call for one sweep."""
+
+    def __call__(
+        self,
+        range_m: Raster,
+        *,
+        valid: Bool[Array, "*b rows columns"] | None = None,
+        semantic: Int[Array, "*b rows columns"] | None = None,
+        instance: Int[Array, "*b rows columns"] | None = None,
+        incidence_rad: Raster | None = None,
+    ) -> Cloud:
+        """The cloud of rays that end `range_m` from their origins; where they end nowhere, `range_m` is not finite or
+        <= 0, or `valid` says so. `semantic` holds Cityscapes ids; without `incidence_rad` it is told from the ranges.
+
+        Raises ValueError for rasters of another size, and where labels are missing that the run was trained on.
+        """
+        away = np.asarray(range_m, np.float32)
+        size = self.directions.shape[:2]
+        rasters = {"range_m": away, "valid": valid, "semantic": semantic, "instance": instance}
+        for name, raster in (rasters | {"incidence_rad": incidence_rad}).items():
+            if raster is not None and np.shape(raster)[-2:] != size:
+                raise ValueError(f"live: {name} is {np.shape(raster)}; cast `directions`, {size[0]} x {size[1]} rays")
+        if semantic is None and self.needs:
+            raise ValueError(
+                f"live: the run was trained on {' and '.join(self.needs)}: give `semantic`, Cityscapes ids"
+            )
+        ends = np.isfinite(away) & (away > 0)
+        ends = ends if valid is None else ends & np.asarray(valid, bool)
+        away = np.where(ends, away, np.float32(0))
+        nothing = np.zeros(away.shape, np.int32)
+        painted = Painted(
+            range_m=away,
+            depth_m=np.where(ends, self._depth(away), np.float32(0)),
+            rgb=np.zeros((*away.shape, 3), np.float32),
+            semantic=nothing if semantic is None else np.asarray(semantic, np.int32),
+            instance=nothing if instance is None else np.asarray(instance, np.int32),
+            valid=ends,
+            occluded=np.zeros(away.shape, bool),
+        )
+        return self.run(painted, None if incidence_rad is None else np.asarray(incidence_rad, np.float32))
+
+    def _depth(self, range_m: Float[np.ndarray, "*b rows columns"]) -> Float[np.ndarray, "*b rows columns"]:
+        """Depth as the run's own camera would have it: along its axis."""
+        axis = np.asarray(self.camera.cam_from_velo, np.float32)[2]
+        rise = np.asarray(self.grid.origin_m, np.float32)[:, None] * axis[2]
+        return range_m * (self.directions @ axis[:3]) + rise + axis[3]
+
+
+def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generate) -> Live:
+    """Compiles the sensor for views like this one, of its size, batch, camera and labels; tells the latency.
+
+    Raises ValueError where the images are not like those that the run learned from, or the view lacks depth or labels.
+    """
+    prepare = run.experiment.prepare
+    size = view.rgb.shape[-3:-1]
+    check_image(size, run)
+    cropped = crop_image(view, prepare.image_crop)
+    check_view(cropped, prepare)
+    grid, row = window_of(view.camera, size, run.spec, config=prepare)
+    compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
+    weights, place = jax.device_put((params, (grid, row)))
+    call = lambda seen: compiled(weights, with_cameras(seen), *place)  # noqa: E731
+    latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
+    log.info("live: %s views, %.0f ms a call", _times(view.rgb.shape[:-1]), 1000 * latency)
+    check = lambda seen: check_view(seen, prepare)  # noqa: E731
+    return Live(call, view.rgb.shape[:-1], prepare.image_crop, check, latency)
+
+
+def attach_rays(
+    run: Run, params: Any, window: tuple[PolarGrid, Float[Array, " rows"]], *, generate: Generate
+) -> LiveRays:
+    """Compiles the sensor for a ray caster that casts its own rays; tells the latency.
+
+    Raises ValueError where the run was trained on what only a camera knows.
+    """
+    prepare = run.experiment.prepare
+    missing = [name for name in prepare.inputs if name in OF_CAMERA]
+    if missing:
+        left = " ".join(name for name in prepare.inputs if name not in OF_CAMERA)
+        raise ValueError(
+            f"live: the run was trained on {' and '.join(missing)}, which rays do not know; attach it to a camera, or "
+            f"train one with --prepare.inputs {left or 'range incidence row'}"
+        )
+    grid, row = window
+    compiled = jax.jit(partial(_cloud_of_rays, generate=generate, prepare=prepare))
+    weights, place = jax.device_put((params, (grid, row)))
+    call = lambda painted, angle: compiled(weights, painted, angle, *place)  # noqa: E731
+    needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
+    live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)
+    far = np.full(live.directions.shape[:2], 10, np.float32)
+    latency = _latency(lambda: live(far, semantic=np.zeros(far.shape, np.int32)))
+    log.info("live: %d x %d rays, %.0f ms a call", *far.shape, 1000 * latency)
+    return replace(live, latency_s=latency)
+
+
+def with_cameras(view: CameraFrame) -> CameraFrame:
+    """Every view of a batch with its camera."""
+    *batch, _, _, _ = view.rgb.shape
+    spread = lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:]))  # noqa: E731
+    return view.replace(camera=jax.tree.map(spread, view.camera))
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
+
+
+def _cloud_of_view(
+    params: Any,
+    view: CameraFrame,
+    grid: PolarGrid,
+    row: Float[Array, " rows"],
+    *,
+    generate: Generate,
+    prepare: PrepareConfig,
+) -> Cloud:
+    image, _ = simulate_frame(params, view, grid, row=row, generate=generate, prepare=prepare)
+    return polar_to_points(image, grid)
+
+
+def _cloud_of_rays(
+    params: Any,
+    painted: Painted,
+    incidence_rad: Raster | None,
+    grid: PolarGrid,
+    row: Float[Array, " rows"],
+    *,
+    generate: Generate,
+    prepare: PrepareConfig,
+) -> Cloud:
+    angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
+    rows = jnp.broadcast_to(row[:, None], angle.shape)
+    seen = {"incidence_rad": angle, "row": rows}
+    return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
+
+
+def _latency(call: Callable[[], Cloud]) -> float:
+    """Seconds of a call, once it is compiled."""
+    jax.block_until_ready(call())
+    seconds = []
+    for _ in range(CALLS):
+        begun = time.perf_counter()
+        jax.block_until_ready(call())
+        seconds.append(time.perf_counter() - begun)
+    return median(seconds)
