@@ -1,10 +1,10 @@
-"""`jaxsim convert`: published weights to files that jaxsim reads."""
+"""`jaxsim convert`: published weights to files that jaxsim reads, and a run's network to files that others read."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -12,8 +12,10 @@ from jaxsim.detect import published as voxel_rcnn
 from jaxsim.metrics import inception, rangenet
 from jaxsim.pix2pix import published_files
 from jaxsim.pix2pix.losses import VGG19
+from jaxsim.portable import export_network
 from jaxsim.prepare.denoise import lidia
 from jaxsim.prepare.depth import penet
+from jaxsim.simulate import load
 from jaxsim.weights import Converter, convert
 
 CONVERTERS: dict[str, Converter] = {
@@ -27,6 +29,8 @@ CONVERTERS: dict[str, Converter] = {
 }
 """Every kind of published weights: its name, and how it is converted."""
 
+NETWORK = "generator"
+"""A run's own network, which is converted the other way."""
 KINDS = "\n\n".join(f"    {kind:23} {c.title}: {c.fetch}" for kind, c in CONVERTERS.items())
 
 
@@ -38,19 +42,51 @@ class Convert:
 
     PyTorch files need PyTorch (pip install 'jaxsim-lidar[convert]') and are read with weights_only=True; a .npz of the
     same names needs nothing.
+
+    The other way, a trained run's network becomes a file that others read (pip install 'jaxsim-lidar[portable]'):
+
+    jaxsim convert {NETWORK} runs/NAME --to onnx --out generator.onnx
+
+    Beside it a .json says what the channels are; the largest difference to the run's own answer is printed.
     """
 
     kind: Annotated[str, tyro.conf.Positional]
     """What the file holds."""
     file: Annotated[Path, tyro.conf.Positional]
-    """The published state dict: a PyTorch file or a .npz; the folder of several, where it is published so."""
+    """The published state dict: a PyTorch file or a .npz; the folder of several, where it is published so. Of
+    `generator` the run's folder, or `embedded`."""
     out: Path
-    """The .npz to write."""
+    """The file to write."""
+    to: Literal["npz", "stablehlo", "onnx"] = "npz"
+    """Of `generator`: StableHLO (jax.export: CPU, CUDA and TPU in one file) or ONNX."""
+    batch: int | None = None
+    """Of `generator`: the batch that the file takes; any by default, of ONNX 1."""
 
     def __call__(self) -> None:
+        if self.kind == NETWORK:
+            self.network()
+        elif self.to != "npz":
+            raise ValueError(
+                f"convert: {self.kind} are published weights, which become npz; --to {self.to} is for {NETWORK}"
+            )
+        else:
+            self.published()
+
+    def network(self) -> None:
+        if self.to == "npz":
+            raise ValueError(f"convert: say what the {NETWORK} becomes: --to stablehlo or --to onnx")
+        made = export_network(load(self.file), self.out, to=self.to, batch=self.batch)
+        compared = (
+            "not compared: no onnxruntime here"
+            if made.difference is None
+            else f"largest difference to the run's own answer {made.difference:.1e}"
+        )
+        print(f"{made.path}: {made.size / 1e6:.1f} MB, {compared}; channels: {made.path}.json")
+
+    def published(self) -> None:
         converter = CONVERTERS.get(self.kind)
         if converter is None:
-            raise ValueError(f"convert: no kind {self.kind!r}; known kinds: {', '.join(CONVERTERS)}")
+            raise ValueError(f"convert: no kind {self.kind!r}; known kinds: {', '.join([*CONVERTERS, NETWORK])}")
         weights = convert(self.kind, converter, self.file, out=self.out)
         print(f"{self.out}: {len(weights.arrays)} arrays of {converter.title}, SHA-256 {weights.sha256[:16]}")
         if converter.digest and not weights.published:

@@ -6,6 +6,9 @@ of the same sums that XLA computes several times faster there.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Literal
 
 import jax
@@ -17,6 +20,7 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix import convolution_cpu
 
 Padding = Literal["reflect", "zero"]
+_ANY_DEVICE = ContextVar("_ANY_DEVICE", default=False)
 
 
 def conv2d(
@@ -100,7 +104,17 @@ def halve(x: Float[Array, "b h w c"]) -> Float[Array, "b h//2 w//2 c"]:
 
 def on_cpu() -> bool:
     """Whether functions traced now are for a CPU."""
-    return jax.default_backend() == "cpu"
+    return jax.default_backend() == "cpu" and not _ANY_DEVICE.get()
+
+
+@contextmanager
+def for_any_device() -> Iterator[None]:
+    """Functions traced within are for devices that this machine need not have: they take XLA's own forms."""
+    token = _ANY_DEVICE.set(True)
+    try:
+        yield
+    finally:
+        _ANY_DEVICE.reset(token)
 
 
 def _pairs(x: Array, axis: int) -> tuple[Array, Array]:
