@@ -174,7 +174,7 @@ def with_cameras(view: CameraFrame) -> CameraFrame:
     """Every view of a batch with its camera."""
     *batch, _, _, _ = view.rgb.shape
     spread = lambda leaf: np.broadcast_to(leaf, (*batch, *leaf.shape[-2:]))  # noqa: E731
-    return view.replace(camera=jax.tree.map(spread, view.camera))
+    return replace(view, camera=jax.tree.map(spread, view.camera))
 
 
 def _times(shape: tuple[int, ...]) -> str:
