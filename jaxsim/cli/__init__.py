@@ -66,6 +66,9 @@ COMMANDS = {
         "what discover found, in the parameters of CARLA, Isaac Sim, RGL, Gazebo, HELIOS++",
         "jaxsim engines answer/sensor.json --for carla",
     ),
+    "watch": Command(
+        "watch:Watch", "how a sensor changes from day to day", "jaxsim watch monday --days tuesday wednesday"
+    ),
     "effects": Command("effects:Effects", "the catalogue of sensor effects", "jaxsim effects beam_gain"),
     "convert": Command(
         "convert:Convert",

@@ -1,0 +1,64 @@
+"""`jaxsim watch`: how a sensor changes from day to day."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from jaxsim.config.ranges import Checked
+from jaxsim.discover.watch import Change, Day, watch_days
+from jaxsim.files import write_text
+
+
+@dataclass(frozen=True)
+class Watch(Checked):
+    """Holds a sensor's frames of today against its frames of before: dirt on the window, a dying beam, a drifting
+    emitter.
+
+        jaxsim watch monday --days tuesday wednesday
+
+    Folders of polar frames of one sensor (`jaxsim frames`), of any streets; each needs four scenes or more. Ends with 0
+    where nothing has changed, with 1 where something has.
+    """
+
+    before: Annotated[Path, tyro.conf.Positional]
+    """Folder of the day that all others are held against."""
+    days: tuple[Path, ...]
+    """Folders of later days, in order."""
+    out: Path | None = None
+    """File for the table (Markdown)."""
+
+    def __call__(self) -> None:
+        found = watch_days(self.before, self.days)
+        page = table(found)
+        print(page)
+        if self.out:
+            write_text(self.out, page)
+        if any(day.changes for day in found):
+            raise SystemExit(1)
+
+
+def table(days: Sequence[Day]) -> str:
+    """A row a thing that has changed, a column a day."""
+    rows = dict.fromkeys((change.what, change.channel) for day in days for change in day.changes)
+    if not rows:
+        return f"Nothing has changed in {', '.join(day.folder.name for day in days)}.\n"
+    head = "| | " + " | ".join(f"{day.folder.name} ({day.scenes} scenes)" for day in days) + " |"
+    lines = [head, "|---" * (len(days) + 1) + "|"]
+    for what, channel in rows:
+        cells = [_cell(next((c for c in day.changes if (c.what, c.channel) == (what, channel)), None)) for day in days]
+        lines.append(f"| {what}, {channel} | {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def _cell(change: Change | None) -> str:
+    if change is None:
+        return ""
+    # Nats of intensity are told as a share, too.
+    share = math.expm1 if change.channel == "intensity" else float
+    return f"{100 * share(change.value):+.1f} % ({100 * share(change.low):+.1f} .. {100 * share(change.high):+.1f})"

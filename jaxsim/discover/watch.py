@@ -1,0 +1,137 @@
+"""How a sensor changes over days: its own frames of today against its own of before, whatever the streets.
+
+A street decides how bright and how far everything is; dirt on the window, a dying beam and a drifting emitter show in
+what a row or a sector has beside the rest of its frame. So rows and sectors are held against their own frame's median,
+scene by scene, and days against each other by the scatter between scenes. A frame after the other is read and
+forgotten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import t as student
+
+from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.geometry import grid_difference
+
+SECTORS = 12
+"""Parts of the columns: 30 degrees each of a whole turn."""
+CHANCE = 0.05
+"""Of a day without any change to show one, all rows and sectors together (Bonferroni)."""
+FEWEST = 4
+"""Scenes of each day below which their scatter says nothing."""
+_LEAST = 1e-3
+"""Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What is not as it was, on one day."""
+
+    what: str
+    """`row 12`, `sector 3 (from 60 to 90 degrees)`, or `all`."""
+    channel: str
+    """intensity or returns."""
+    value: float
+    """Today less before: of intensity in nats, of returns as a share of rays."""
+    low: float
+    high: float
+    """Its interval, so wide that CHANCE holds for all questions of a day together."""
+
+
+@dataclass(frozen=True)
+class Day:
+    """A folder of one day."""
+
+    folder: Path
+    scenes: int
+    changes: tuple[Change, ...]
+
+
+def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
+    """What has changed on each day since `before`, the strongest first.
+
+    Raises ValueError where folders are not of one sensor (another grid), and for days of fewer than FEWEST scenes.
+    """
+    grid, base = scene_table(before)
+    names = questions(grid)
+    found = []
+    for folder in days:
+        other, table = scene_table(folder)
+        if difference := grid_difference(grid, other):
+            raise ValueError(f"watch: {folder} is of another sensor than {before}: they differ in {difference}")
+        found.append(Day(folder, len(table), changes(base, table, names)))
+    return tuple(found)
+
+
+def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
+    """What is asked of a folder's frames: a row a scene, the mean of its frames. NaN where a row saw nothing."""
+    frames = open_polar_frames(folder)
+    by_scene: dict[str, list[np.ndarray]] = {}
+    for name in frames.names:
+        scene = str(frames.about.get(name, {}).get("scene", name))
+        by_scene.setdefault(scene, []).append(measures(frames.read(name)[0]))
+    if len(by_scene) < FEWEST:
+        raise ValueError(
+            f"watch: {folder} has {len(by_scene)} scenes; {FEWEST} are needed to know how much streets differ (frames "
+            "without a scene in grid.json are scenes of their own)"
+        )
+    return frames.grid, np.array([_mean(np.array(rows)) for rows in by_scene.values()])
+
+
+def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
+    """Log intensity and share of returns of a frame, and of its rows and sectors beside the median of these: one that
+    changes does not move the others."""
+    valid = np.asarray(image.valid)
+    log_intensity = np.log(np.maximum(np.asarray(image.intensity), _LEAST))
+    parts = [valid, *valid, *np.array_split(valid, SECTORS, axis=1)]
+    values = [log_intensity, *log_intensity, *np.array_split(log_intensity, SECTORS, axis=1)]
+    share = np.array([part.mean() for part in parts])
+    level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
+    for one in (share, level):
+        for part in (one[1 : len(valid) + 1], one[len(valid) + 1 :]):
+            part -= np.nanmedian(part) if np.isfinite(part).any() else 0.0
+    return np.concatenate([level, share])
+
+
+def questions(grid: PolarGrid) -> list[tuple[str, str]]:
+    """Name and channel of each number of `measures`."""
+    degrees = np.rad2deg(np.asarray(grid.azimuth_rad))
+    edges = [(part[0], part[-1]) for part in np.array_split(degrees, SECTORS)]
+    sectors = [f"sector {k} (from {left:.0f} to {right:.0f} degrees)" for k, (left, right) in enumerate(edges)]
+    names = ["all", *(f"row {k}" for k in range(len(grid.elevation_rad))), *sectors]
+    return [(name, channel) for channel in ("intensity", "returns") for name in names]
+
+
+def changes(
+    before: Float[np.ndarray, "s k"], today: Float[np.ndarray, "t k"], names: Sequence[tuple[str, str]]
+) -> tuple[Change, ...]:
+    """The questions whose answers differ between two days by more than scenes scatter (Welch's test)."""
+    found = []
+    for k, (what, channel) in enumerate(names):
+        a, b = (table[np.isfinite(table[:, k]), k] for table in (before, today))
+        if min(len(a), len(b)) < FEWEST:
+            continue
+        spread = np.array([a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)])
+        sd = float(np.sqrt(spread.sum()))
+        if sd == 0:
+            continue
+        freedom = spread.sum() ** 2 / (spread**2 / (np.array([len(a), len(b)]) - 1)).sum()
+        half = float(student.ppf(1 - CHANCE / 2 / len(names), freedom)) * sd
+        value = float(b.mean() - a.mean())
+        if abs(value) > half:
+            found.append((abs(value) / sd, Change(what, channel, value, value - half, value + half)))
+    return tuple(change for _, change in sorted(found, key=lambda pair: -pair[0]))
+
+
+def _mean(rows: Float[np.ndarray, "f k"]) -> Float[np.ndarray, " k"]:
+    """The mean of what is known in each column; NaN where nothing is."""
+    known = np.isfinite(rows)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, rows, 0).sum(axis=0) / np.maximum(count, 1), np.nan)
