@@ -21,6 +21,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import brought, named_mounting, registered_of, settled
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.select import Choice, Log, refitted
+from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.relation import correlations, of_ranges, unrelated
@@ -117,6 +118,7 @@ def discover(
         judge=parts.judge,
         sha256=parts.sha256,
         levels=levels,
+        objects=compare_objects(comparison),
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=stranger is not None,

@@ -12,7 +12,7 @@ from jaxsim.files import write_text
 from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
-from jaxsim.report.evidence import curves, gap, levels, maps, moved, where
+from jaxsim.report.evidence import curves, gap, levels, maps, moved, objects, where
 from jaxsim.report.judged import residual_clouds
 from jaxsim.report.learned import learned
 from jaxsim.report.own import own_effects
@@ -105,6 +105,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
             NOTHING if outside else unexplained(verdict.unexplained, draw),
             could_show(verdict.sensitivity),
             levels(verdict.levels),
+            objects(verdict.objects),
             moved(verdict),
             _scenes(verdict),
         ],

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from jaxsim.discover.covariates import CATEGORICAL
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Level, Result, Verdict, Where
+from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, table, together
@@ -125,6 +125,29 @@ def levels(compared: Sequence[Level]) -> Markup:
         "noise holds texture finer than its rays."
     )
     return section("Levels", paragraph(words) + table(["level", "simulated", "measured", "missing", ""], rows, text=1))
+
+
+def objects(kinds: Sequence[Fidelity]) -> Markup:
+    """Points and mean intensity a target, simulated against measured, before anything is added."""
+    if not kinds:
+        return NOTHING
+    rows = [
+        [one.kind, str(one.targets), *map(_error, (one.points, one.points_more, one.intensity, one.intensity_more))]
+        for one in kinds
+    ]
+    words = (
+        "How many points each target has and how bright it is, before anything is added: error of the simulation in "
+        "per cent of the measured value, as mean absolute error and signed (above 0: the simulation has more); means "
+        "over scenes with 90 % intervals."
+    )
+    head = ["target", "seen", "points, error", "points, more", "intensity, error", "intensity, more"]
+    return section("Targets", paragraph(words) + table(head, rows, text=1))
+
+
+def _error(one: Interval) -> str:
+    if not np.isfinite(one.value):
+        return "-"
+    return below(f"{one.value:.1f} %", f"{one.low:.1f} to {one.high:.1f}")
 
 
 def _level(side: Interval, factor: float, unit: str) -> str:

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxsim.discover.verdict import Fidelity, Interval
+from jaxsim.report.evidence import objects
 from tests.report import results
 from tests.report.results import page
 
@@ -71,3 +73,13 @@ def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
     gap["drop"] = replace(gap["drop"], low=-0.02, high=-0.01)
     text = page(tmp_path, replace(result, verdict=replace(result.verdict, gap=gap)))
     assert [text.count(f"<small>{word}</small>") for word in ("shrank", "unchanged", "grew")] == [1, 1, 1]
+
+
+def test_targets_show_errors_and_their_sign():
+    one = Interval(12.34, 10.0, 14.5, "%")
+    unknown = Interval(float("nan"), float("nan"), float("nan"), "%")
+    page = objects([Fidelity("car", 31, points=one, points_more=one, intensity=unknown, intensity_more=unknown)])
+    assert "car" in page
+    assert "12.3 %" in page
+    assert "10.0 to 14.5" in page
+    assert not objects([])

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict.judged import CurveLine, Gained, Gap, Judged, JudgeFrame
 from jaxsim.discover.verdict.naming import ClosedLaw, Named, Nulls, OwnCandidate, Rank, Regime, Repeat, Unexplained
-from jaxsim.discover.verdict.sides import Level, Registered, Sensitivity, Where
+from jaxsim.discover.verdict.sides import Fidelity, Level, Registered, Sensitivity, Where
 from jaxsim.discover.verdict.values import Interval, plain
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
@@ -26,6 +26,7 @@ from jaxsim.frame import PolarGrid, in_notebook
 __all__ = [
     "ClosedLaw",
     "CurveLine",
+    "Fidelity",
     "Gained",
     "Gap",
     "Interval",
@@ -72,6 +73,8 @@ class Verdict:
     """Where the bar was set on nulls of these very data."""
     levels: tuple[Level, ...] = ()
     """Noise, losses and lattices of both sides; empty where frames are not compared one by one (unpaired)."""
+    objects: tuple[Fidelity, ...] = ()
+    """Points and intensities a target; empty where the simulated frames have no classes, and unpaired."""
     own: tuple[OwnCandidate, ...] = ()
     """Candidates that are no part of the catalogue."""
     learned: tuple[Learned, ...] = ()

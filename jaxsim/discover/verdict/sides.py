@@ -78,3 +78,20 @@ class Sensitivity:
     def smallest(self) -> dict[str, float]:
         """The size from which on these scenes would show it; empty if never."""
         return {} if self.times is None else {name: self.times * value for name, value in self.size.items()}
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How far the simulated targets of one kind are from the measured ones (`objects`); per cent of the measured."""
+
+    kind: str
+    """A class, of numbered objects; `CLASS, patches` of what has no number."""
+    targets: int
+    """In all frames."""
+    points: Interval
+    """Mean absolute error of a target's number of points ..."""
+    points_more: Interval
+    """... and the mean signed one: above 0 the simulator has more."""
+    intensity: Interval
+    """The same of its mean intensity."""
+    intensity_more: Interval

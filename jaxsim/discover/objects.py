@@ -1,0 +1,108 @@
+"""Fidelity a target: how many points a car, a sign or a patch of road has, and how bright it is, on both sides.
+
+What a detector sees is points on targets; errors a ray may cancel there, or add up. A target is an object where the
+simulated frames number them, else a patch of one class: what of it lies in a tile of the raster. Its measured points
+are those of its rays that end within its own ranges. Rays that a simulator lost are a target's where it labels them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxsim.data.cityscapes import IDS
+from jaxsim.discover.read import Comparison
+from jaxsim.discover.scenes import mean_interval
+from jaxsim.discover.verdict import Fidelity, Interval
+
+FEWEST_POINTS = 10
+"""Of a target on either side: with fewer, counts are chance."""
+FEWEST_SCENES = 4
+"""That hold such targets: with fewer nothing is known of their scatter."""
+TILE = (8, 32)
+"""Rows and columns of a tile of the raster."""
+BESIDE_M = 0.5
+"""How far a measured point may lie before and behind a target's own simulated ranges."""
+NAMES = {number: name for name, number in IDS.items()}
+
+
+@dataclass(frozen=True)
+class Target:
+    """Points and mean intensities of one target in one frame."""
+
+    kind: str
+    points: tuple[int, int]
+    """Simulated and measured."""
+    intensity: tuple[float, float]
+
+
+def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
+    """Errors of points and of mean intensity a target, by kind of target, those with most targets first; empty where
+    the simulated frames have no classes.
+
+    Errors are mean absolute percentages of the measured value: a mean over a scene's targets, then over scenes, with
+    90 % intervals over these; and signed ones, which tell whether targets are too dense or too bright as a whole.
+    """
+    by_kind: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    for frame, scene in enumerate(comparison.scenes):
+        for target in targets(comparison, frame):
+            of_scene = by_kind.setdefault(target.kind, {}).setdefault(scene, [])
+            of_scene.append(tuple(a / b - 1 if b else np.nan for a, b in (target.points, target.intensity)))
+    found = []
+    for kind, scenes in by_kind.items():
+        if len(scenes) < FEWEST_SCENES:
+            continue
+        count = sum(map(len, scenes.values()))
+        off = [np.array(rows) for rows in scenes.values()]
+        points, intensity = ([rows[:, k] for rows in off] for k in (0, 1))
+        found.append(
+            Fidelity(
+                kind,
+                count,
+                points=_over_scenes([np.abs(rows) for rows in points]),
+                points_more=_over_scenes(points),
+                intensity=_over_scenes([np.abs(rows) for rows in intensity]),
+                intensity_more=_over_scenes(intensity),
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -one.targets))
+
+
+def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
+    """The targets of one frame with enough points on a side, and at least one measured."""
+    scan, measured = comparison.scan, comparison.measured
+    hit = np.asarray(scan.hit[frame])
+    semantic, instance = np.asarray(scan.semantic[frame]), np.asarray(scan.instance[frame])
+    range_m, intensity = np.asarray(scan.range_m[frame]), np.asarray(scan.intensity[frame])
+    returned = np.asarray(measured.valid[frame])
+    sensed_m, sensed = np.asarray(measured.range_m[frame]), np.asarray(measured.intensity[frame])
+    rows, columns = hit.shape
+    tile = np.arange(rows)[:, None] // TILE[0] * (columns // TILE[1] + 1) + np.arange(columns)[None, :] // TILE[1]
+    for kind in np.unique(semantic[hit & (semantic > 0)]).tolist():
+        of_kind = semantic == kind
+        numbered = of_kind & (instance > 0)
+        number = np.where(numbered, instance.astype(np.int64) + tile.max() + 1, tile)
+        for one in np.unique(number[of_kind]).tolist():
+            mask = of_kind & (number == one)
+            ours = mask & hit
+            if not ours.any():
+                continue
+            low, high = range_m[ours].min() - BESIDE_M, range_m[ours].max() + BESIDE_M
+            theirs = mask & returned & (sensed_m >= low) & (sensed_m <= high)
+            points = int(ours.sum()), int(theirs.sum())
+            if max(points) < FEWEST_POINTS or not points[1]:
+                continue
+            name = NAMES.get(kind, f"class {kind}")
+            name = name if numbered[mask].any() else f"{name}, patches"
+            yield Target(name, points, (float(intensity[ours].mean()), float(sensed[theirs].mean())))
+
+
+def _over_scenes(values: list[np.ndarray]) -> Interval:
+    """The mean over scenes of the means over their targets, in per cent."""
+    means = np.array([np.nanmean(rows) if np.isfinite(rows).any() else np.nan for rows in values])
+    means = 100 * means[np.isfinite(means)]
+    if len(means) < FEWEST_SCENES:
+        return Interval(float("nan"), float("nan"), float("nan"), "%")
+    return Interval(float(means.mean()), *mean_interval(means), "%")
