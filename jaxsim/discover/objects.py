@@ -49,7 +49,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
     for frame, scene in enumerate(comparison.scenes):
         for target in targets(comparison, frame):
             of_scene = by_kind.setdefault(target.kind, {}).setdefault(scene, [])
-            of_scene.append(tuple(a / b - 1 if b else np.nan for a, b in (target.points, target.intensity)))
+            of_scene.append((_more(*target.points), _more(*target.intensity)))
     found = []
     for kind, scenes in by_kind.items():
         if len(scenes) < FEWEST_SCENES:
@@ -97,6 +97,11 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
             name = NAMES.get(kind, f"class {kind}")
             name = name if numbered[mask].any() else f"{name}, patches"
             yield Target(name, points, (float(intensity[ours].mean()), float(sensed[theirs].mean())))
+
+
+def _more(simulated: float, measured: float) -> float:
+    """As a share of the measured; NaN of nothing."""
+    return simulated / measured - 1 if measured else float("nan")
 
 
 def _over_scenes(values: list[np.ndarray]) -> Interval:
