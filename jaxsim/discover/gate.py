@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from jaxsim.discover.quick import CHANNELS
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.files import check_keys, read_json, real
@@ -24,8 +25,6 @@ from jaxsim.files import check_keys, read_json, real
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
-WORSE = 0.10
-"""Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def judge(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
         gap = verdict.gap.get(channel)
         if gap is None or not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
             continue
-        most = old["before"] * (1 + WORSE)
+        most = old["before"] * (1 + RULES.gate_worse_share)
         words = f"{gap.before:.4g} {gap.unit}, {old['before']:.4g} before"
         checks.append(Check(f"{channel} against baseline", "pass" if gap.before <= most else "gap", words))
     return tuple(checks)

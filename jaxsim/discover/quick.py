@@ -13,14 +13,13 @@ from jaxtyping import Float
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.checks import check_one_grid
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarImage
 from jaxsim.metrics.intervals import mean_interval
 
 CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
-FEWEST = 4
-"""Scenes below which the scatter between them says nothing."""
 
 
 def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
@@ -29,7 +28,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
     of the rays that hit something in the simulation on which one side alone returns. Each is the mean over a scene's
     frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have fewer
-    than FEWEST scenes.
+    than `Rules.gate_fewest_scenes`.
     """
     ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
     check_one_grid(ours, theirs)
@@ -40,10 +39,10 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     for name in names:
         row = frame_distances(ours.read(name)[0], theirs.read(name)[0])
         by_scene.setdefault(_scene(theirs, ours, name), []).append(row)
-    if len(by_scene) < FEWEST:
+    if len(by_scene) < RULES.gate_fewest_scenes:
         raise ValueError(
-            f"discover: {len(by_scene)} scenes; a gate needs {FEWEST} or more to know what chance does (frames of one "
-            "drive share a scene in grid.json)"
+            f"discover: {len(by_scene)} scenes; a gate needs {RULES.gate_fewest_scenes} or more to know what chance "
+            "does (frames of one drive share a scene in grid.json)"
         )
     table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
     return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}

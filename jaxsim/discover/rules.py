@@ -283,6 +283,12 @@ class Rules:
     unpaired_uneven: float = 2.5
     """Losses of one probability differ by less than this factor between parts of the rows and of the azimuth."""
 
+    # Gate: whether a simulation passes.
+    gate_fewest_scenes: int = 4
+    """Scenes below which the scatter between them says nothing of a distance."""
+    gate_worse_share: float = 0.10
+    """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
+
 
 RULES = Rules()
 """The rules that are in force."""

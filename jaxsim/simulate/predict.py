@@ -139,19 +139,6 @@ def _on_steps(intensity: Rays) -> Rays:
     return jnp.clip(jnp.round(intensity / STEP), 0, 99) * STEP
 
 
-def predict_intensity(
-    generate: Generate,
-    params: Any,
-    painted: Painted,
-    *,
-    incidence_rad: Rays,
-    row: Rays,
-    prepare: PrepareConfig,
-) -> Rays:
-    """Intensity 0..0.99 in steps of 1/100 on the polar window; 0 is a ray that does not come back."""
-    return predict_cells(generate, params, painted, incidence_rad=incidence_rad, row=row, prepare=prepare).reported
-
-
 def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, Pair], Prediction]:
     """Jitted: (parameters, pair or batch of pairs) -> what the network says of the polar window."""
 
@@ -218,7 +205,8 @@ def camera_intensity(
     shrunk = shrink(view, (len(grid.elevation_rad), len(grid.azimuth_rad)))
     angle, _ = incidence(shrunk.range_m, shrunk.valid, grid)
     rows = jnp.broadcast_to(row[:, None], angle.shape)
-    intensity = predict_intensity(generate, params, shrunk, incidence_rad=angle, row=rows, prepare=prepare)
+    # Intensity in steps of 1/100, 0 for a ray that does not come back.
+    intensity = predict_cells(generate, params, shrunk, incidence_rad=angle, row=rows, prepare=prepare).reported
     return resample(intensity, view.rgb.shape[-3:-1], batch_dims=intensity.ndim - 2)
 
 

@@ -1,4 +1,5 @@
-"""An effect fitted in a region alone: the region's ends, how the effect is called there, and how much it gains."""
+"""An effect fitted in a region alone: the region's ends, how the effect is called there, how much it gains, and what
+judge scenes, to which nothing was fitted, say of it."""
 
 from __future__ import annotations
 
@@ -6,17 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.fit import Fit, Problem, fit
+from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
+from jaxsim.discover.model.likelihood import log_likelihood
+from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.model.null import with_own_weights
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import FittedStep, padded, worse
+from jaxsim.discover.name.select import Choice, FittedStep, padded, worse
+from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.cells import cells
 from jaxsim.discover.regimes.questions import Facts, arc
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
+from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import spans_turn
 from jaxsim.effects.region import WHOLE, Region, within
 
@@ -105,3 +111,55 @@ def sharpened(region: Region, effect: Law, fitted: Fit, *, problem: Problem, fac
     if end <= begin:
         return region
     return arc(facts.scan, first - before + begin, end - begin)
+
+
+@dataclass(frozen=True)
+class Judges:
+    """All scenes with the null in place."""
+
+    base: Problem
+    scene: Int[np.ndarray, " b"]
+    fitted: Float[np.ndarray, " b"]
+    """1 for the find scenes."""
+    frame: Int[np.ndarray, " b"]
+
+    @classmethod
+    def of(cls, division: Division, null: Problem, known: SensorModel) -> Judges:
+        """All find and judge scenes of a division."""
+        ev, scene = division.all_evidence(known)
+        fitted = (scene < len(division.parts.find)).astype(np.float32)
+        base = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
+        return cls(with_own_weights(base, fitted), scene, fitted, division.blocks.frame)
+
+    def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
+        """Each block's log-likelihood, nats, at the weights of the null."""
+        equations = self.base.equations
+        by_channel = log_likelihood(problem.ev, noise, equations=equations, fitted=self.fitted, clutter=problem.clutter)
+        return np.asarray(by_channel).sum(-1)
+
+    def gained(self, one: Confined, trial: Choice, choice: Choice, *, facts: Facts) -> tuple[Confined, float]:
+        """The effect in its region, and what judge scenes gain with the choice `trial`, in which it acts there alone,
+        over `choice`. Where only drives' own readings divide them, the judge scenes that it suits join its region."""
+        judged = self.fitted == 0
+        if one.region.scenes:
+            one, trial = self._joined(one, trial, facts)
+        # At the equations of one null, each with the noise that it leaves: what differs is the region alone.
+        return one, float((self._with(trial) - self._with(choice))[judged].sum())
+
+    def _with(self, choice: Choice) -> Float[np.ndarray, " b"]:
+        """Each block's log-likelihood with what is chosen in place."""
+        chosen = all_on_top([step.placed for step in choice.steps], self.base, simulated=True)
+        return self.likelihood(chosen, choice.problem.noise)
+
+    def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
+        """Takes in the judge scenes that are likelier with the effect than without it."""
+        law, z = one.step.chosen.effect, one.step.fitted.z
+        everywhere = on_top(one.plain, self.base, z)
+        better = self.likelihood(everywhere, one.step.fitted.noise) > self.likelihood(self.base, self.base.noise)
+        names = {facts.names[k] for k in self.frame[(self.fitted == 0) & better].tolist()}
+        region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
+        frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)
+        wider = within(one.plain, region, frames)
+        step = replace(one.step, chosen=replace(one.step.chosen, effect=wider))
+        steps = tuple(step if old.chosen.effect is law else old for old in trial.steps)
+        return replace(one, step=step, region=region, frames=frames), replace(trial, steps=steps)

@@ -15,8 +15,7 @@ from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, wor
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.cells import cells
 from jaxsim.discover.regimes.chance import FoundRegion, ask, by_own_size, disputed, false_discovery_rates
-from jaxsim.discover.regimes.confine import Confined, confine, sharpened
-from jaxsim.discover.regimes.judge import Judges
+from jaxsim.discover.regimes.confine import Confined, Judges, confine, sharpened
 from jaxsim.discover.regimes.questions import Facts, Question, questions
 from jaxsim.discover.regimes.shown import Told, shown, sizes
 from jaxsim.discover.rules import RULES
