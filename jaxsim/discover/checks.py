@@ -168,6 +168,7 @@ def check_pairs(
             f"discover: {names[k]} has {hit[k].sum()} returns simulated and {back[k].sum()} measured of {hit[k].size}, "
             f"but only {both[k].sum()} on the same rays; {ADVICE}"
         )
+    # Units differ by a factor on every ray: in logarithms by one number, about which hardly a ray scatters.
     log_ratio = np.log(theirs[both] / ours[both])
     middle = float(np.median(log_ratio))
     scatter = float(np.median(np.abs(log_ratio - middle)))
@@ -218,6 +219,7 @@ def _check_partners(
     """Raises ValueError where most measured frames fit another simulated frame clearly better than their own."""
     # Against a choice of the others: each against all would grow with the square of the frames.
     others = np.unique(np.linspace(0, len(names) - 1, OTHERS).round().astype(int))
+    # A partner that fits clearly better: names that are shifted by one frame pass all other tests.
     best = np.zeros(len(names), int)
     share = np.zeros(len(names))
     for k in range(len(names)):

@@ -123,6 +123,7 @@ def _sizes(effect: Effect, rows: int) -> list[dict[str, Any]]:
     """Values at which an effect is asked: at a share of what is clearly visible; for one that does nothing there, at
     what is, and where its fits begin."""
     clear = visible(effect, rows)
+    # Half of what is clearly visible: an effect that is only seen at its largest was not looked for.
     share = RULES.testable_share
     part = {name: p.neutral + share * (np.asarray(clear[name]) - p.neutral) for name, p in effect.parameters.items()}
     return [part, clear, *effect.starts]
@@ -166,6 +167,7 @@ def _size(change: Any) -> float:
 
 def _times(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
     """The multiple of the size from which on naming could pass its bar and its test over scenes; None if never."""
+    # Naming asks for the sum and for agreement: the weakest of the scenes that must agree decides.
     order = np.sort(by_scene)[::-1]
     total = clipped(by_scene).sum()
     agree = min(len(order), RULES.agreeing_scenes) - 1

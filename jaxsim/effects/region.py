@@ -76,6 +76,7 @@ class Region:
     def in_time(self, time_s: Float[Array, "*n"]) -> Bool[Array, "*n"]:
         """Which moments lie in it."""
         first, last = self.time_s or (None, None)
+        # Half open, so that regions that follow one another share no frame.
         after = time_s >= (-jnp.inf if first is None else first)
         return after & (time_s < (jnp.inf if last is None else last))
 

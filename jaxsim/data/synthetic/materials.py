@@ -120,6 +120,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         for i in range(3)
     ]
     nir = paint(look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7)
+    # Numbers past the solids' stand for the ground and for nothing at all.
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
     ground_rgb, ground_nir, ground_class = ground
     things = ~(on_ground | in_sky)
@@ -127,6 +128,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
     metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
     half = look["half"]
     middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
+    # Flat facets would mirror one patch of sky each: sheet metal is curved.
     bend = jnp.where((metal & things)[None], 0.22 * (hit.at - middle) / half[1][None], 0.0)
     semantic = jnp.where(on_ground, ground_class, look["semantic"][0].astype(jnp.int32))
     return Surface(
@@ -171,6 +173,7 @@ def _facade(p, n, half, *, drawn, pixel_m: Float[Array, "h w"]) -> Marks:
     i, floor = cell(along), cell(v / FLOOR_M)
     fu, fv = (along - jnp.floor(along) - 0.5) * bay, v - floor.astype(jnp.float32) * FLOOR_M
     inside = (along > 0.0) & (along < bays) & ((floor.astype(jnp.float32) + 1.0) * FLOOR_M < half[2] + 0.4)
+    # A number a bay and floor: whether there is a door, or on end walls a window.
     fate = cell_hash(i, floor, seed)
     street_level = floor == 0
     shop = street_level & (style > 0.7) & inside & ~end
@@ -211,6 +214,7 @@ def _car_body(p, n, half, *, extra) -> Marks:
     front = end & (p[0] > 0.0)
     across = jnp.abs(p[1]) / width
     z = p[2] / height
+    # Both axles at once: the pattern is mirrored about the middle of the car.
     from_wheel = jnp.hypot(jnp.abs(p[0]) - axle, p[2] - radius)
     dark = (side & (from_wheel < 1.18 * radius)) | (p[2] < 0.27)
     dark = dark | (front & (across < 0.5) & (z > 0.30) & (z < 0.40)) | (end & (z < 0.22))

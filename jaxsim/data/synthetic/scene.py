@@ -84,6 +84,7 @@ def gather(things: Sequence[Thing]) -> Parts:
     conics = [r[0] for r in rounds] + [c[0] for c in crowns]
     shape = [(r[1], r[2]) for r in rounds] + [(c[1], 0.0) for c in crowns]
     everything = [*polyhedra, *rounds, *crowns]
+    # All eight corners of a box: low or high on each axis.
     choose = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
     bounds = np.array([s[-2] for s in everything], np.float64).reshape(-1, 2, 3)
     return Parts(
@@ -155,6 +156,7 @@ def place(
 
     room_planes, room_rounds, room_crowns = CAPACITY
     conics = np.concatenate([matrix, shift[..., None]], axis=-1)
+    # Each kind is padded by itself, so that a solid's number tells its kind.
     kinds = np.split(np.arange(len(look)), np.cumsum(parts.counts)[:2])
     solids = Solids(
         planes=pad(np.concatenate([normal, offset[..., None]], axis=-1), room_planes),

@@ -154,6 +154,7 @@ class SyntheticWorld:
         position, heading = poses(drive.things, curvature, time_s)
         solids, corners = place(drive.parts, position, heading, instance=_instances(drive))
         spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
+        # By the frame's number alone: frames may be rendered in any order, by any process.
         pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)
         pose = np.eye(4)
         pose[:3, :3] = _rotation(2, turn[0] + yaw) @ _rotation(1, pitch) @ _rotation(0, 0.5 * roll)
@@ -162,6 +163,7 @@ class SyntheticWorld:
         return _Moment(drive, scene, corners, position, heading, pose)
 
     def _truth(self, moment: _Moment) -> Truth:
+        # Which solids a tile of rays can meet is told by their boxes' corners, before any ray is cast.
         corners = _into(moment.velo_pose, moment.corners)
         listed = candidates(polar_mask(corners, self.grid, LIDAR_TILE), moment.drive.parts.counts)
         pose = moment.velo_pose.astype(np.float32)
@@ -182,6 +184,7 @@ class SyntheticWorld:
                 corners, counts, np.array([0.0, 0.0, 1.0]), eye=eye, cells=COVER_CELLS, tile=COVER_TILE
             ),
         )
+        # The camera is bolted to the LiDAR: one calibration for all frames.
         cam_pose = moment.velo_pose @ np.linalg.inv(self.camera.cam_from_velo.astype(np.float64))
         height, width = self.image_size
         u = np.arange(0, width + CAMERA_TILE[1], CAMERA_TILE[1]) - 0.5
@@ -239,6 +242,7 @@ def cloud_of(image: PolarImage, spec: LidarSpec, columns: int) -> Cloud:
     order = np.roll(np.arange(columns)[::-1], -(columns // 2))
     valid = np.asarray(image.valid)[:, order]
     row, _ = np.nonzero(valid)
+    # In the grid's own directions: a point lies exactly on its ray, as it does in a driver's cloud.
     rays = np.asarray(directions(grid))[:, order][valid]
     xyz = np.asarray(image.range_m)[:, order][valid][:, None] * rays
     xyz[:, 2] += np.asarray(grid.origin_m)[row]

@@ -65,6 +65,7 @@ def shapes_of(variables: Sequence[Variable]) -> list[Shape]:
 def _of_one(variable: Variable) -> list[Shape]:
     name, unit, x = variable
     values = np.unique(x)
+    # A step between knots, with two of them on either side at least: one knot alone is an outlier.
     middles = tuple(((values[1:] + values[:-1]) / 2)[1:-1].tolist())
     shapes = [
         Shape(1, f"level + size * {name}", _alone(x), unit),
@@ -91,6 +92,7 @@ def _of_one(variable: Variable) -> list[Shape]:
 def _bends(text: str, t: Float[np.ndarray, " n"], unit: str, *, nodes: int) -> list[Shape]:
     """An exponential and a sine of something: `text` and `unit` tell what."""
     span = float(np.ptp(t))
+    # Steeper than a tenth of the span is a step, flatter than twice it a line.
     scales = span * np.geomspace(0.1, 2.0, 14)
     both = tuple(sorted([*(-scales).tolist(), *scales.tolist()]))
     # With less than a cycle it is a bend, with more the knots do not follow it.

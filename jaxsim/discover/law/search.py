@@ -58,6 +58,7 @@ def search(
     # Of few groups a knot's own sd is uncertain, and at a bound it is 0: half of it is that of the others.
     variance = (spread**2 + np.median(spread**2)) / 2 + (1e-4 * (np.ptp(curve) + 1e-9)) ** 2
     root = 1 / np.sqrt(variance)
+    # Every formula is fitted to the curve and to each curve without a group, all in one go.
     curves = np.concatenate([curve[None], without])
     # Pseudo-values: what each group alone says of the curve.
     said = groups * curve - (groups - 1) * without
@@ -71,6 +72,7 @@ def search(
     best: tuple[float, Shape, Fitted] | None = None
     for shape in shapes_of(variables):
         fitted = fit_shape(shape, curves, root)
+        # A price a node, as of a description's length: a longer formula must say more.
         worth = flat - loss(fitted.values) - RULES.law_price_nats * shape.nodes
         if best is None or worth > best[0]:
             best = worth, shape, fitted
@@ -143,6 +145,7 @@ def parameters_of(shape: Shape, fitted: Fitted, *, unit: str) -> dict[str, Inter
     of_size = f"{unit or 1}/{below}" if below else unit
     if fitted.linear.shape[1] == 3:
         size = np.hypot(fitted.linear[:, 1], fitted.linear[:, 2])
+        # Sine and cosine are linear and free of one another; people read a size and a phase.
         phase = np.arctan2(fitted.linear[:, 2], fitted.linear[:, 1])
         # Near one another, not on two sides of the turn's end.
         phase = phase[0] + np.angle(np.exp(1j * (phase - phase[0])))

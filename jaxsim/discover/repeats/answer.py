@@ -61,6 +61,7 @@ def formula_of(repeats: Sequence[LearnedRepeat]) -> ClosedLaw | None:
 
 def _of_wave(one: LearnedRepeat) -> ClosedLaw:
     size, law = one.repeat.size, one.learned
+    # The law has a cosine and a sine: together one sine with a phase.
     phase = float(np.arctan2(law.values[0], law.values[1]))
     off = _reach(one) * float(np.mean(law.sd)) / max(np.hypot(law.values[0], law.values[1]), 1e-9)
     single = len(law.knots) == 1
@@ -102,6 +103,7 @@ def _closed(
     one: LearnedRepeat, *, expression: str, formula: str, parameters: dict[str, Interval], nodes: int
 ) -> ClosedLaw:
     law = one.learned
+    # It holds for every row and column that there is.
     ends = {"row": one.grid[0] - 1.0, "column": one.grid[1] - 1.0, "even rows": 1.0, "even columns": 1.0}
     return ClosedLaw(
         channel=law.channel,

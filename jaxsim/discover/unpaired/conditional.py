@@ -119,7 +119,9 @@ def compare(
     # Judge scenes shape nothing, not even what clips their readings.
     learn = find[scene]
     kind = kinds(comparison)
+    # Streets differ, the law of ln I given what a ray meets does not: that is what both sides share.
     law = law_columns(comparison, kind)
+    # A few readings of glass and of signs would bend the law of all others.
     y = _clipped(comparison.log_intensity, law, learn, sensed=sensed)
     patch = patches(comparison, kind)
     variance = _within(y - law @ _ridge(law[learn], y[learn]), patch, learn)
@@ -150,6 +152,7 @@ def compare(
 
     # What may be an effect: columns beside one another, after those of the nuisances.
     parts: list[tuple[str, Columns]] = []
+    # Effects of single classes cannot be told where one side does not say which class a ray meets.
     for name in (*OF_INTENSITY, *(OF_CLASSES if comparison.shared_classes else ())):
         change = change_of(EFFECTS[name], rays, comparison.rows, spread=spread)
         parts += [(name, columns) for columns in columns_of(EFFECTS[name], change, rays.row, rows=comparison.rows)]
@@ -191,6 +194,7 @@ def _common(classes: Int[np.ndarray, " n"]) -> Int[np.ndarray, " c"]:
 def _regressed(eq: Equations, weight: Float[np.ndarray, " s"]) -> Float[np.ndarray, "l k"]:
     """Coefficients of the law for each column of a side, of so weighted scenes."""
     n = eq.law
+    # Normal equations add up over scenes: any choice of them is a weighted sum.
     inner = np.einsum("s,spq->pq", weight, eq.gram[:, :n, :n]) + RIDGE * np.eye(n)
     return np.linalg.solve(inner, np.einsum("s,spq->pq", weight, eq.gram[:, :n, n:]))
 

@@ -48,6 +48,7 @@ def refine(problem: Conditional, chosen: Sequence[Columns]) -> Refined:
         return Refined((), np.zeros(len(problem.y)))
     joint = JointFit(problem, chosen)
     linear = joint.fit()
+    # The interval is symmetric in z, where effects are as good as linear, not in their own units.
     half = joint.half_widths(linear)
     low = joint.values_at(linear.z - half)
     high = joint.values_at(linear.z + half)
@@ -170,6 +171,7 @@ class JointFit:
         sides = [np.flatnonzero(self.problem.find & (self.problem.measured == side)) for side in (0, 1)]
         draws = []
         for _ in range(DRAWS):
+            # Both sides are drawn apart: as many scenes of each as there are.
             drawn = np.concatenate([rng.choice(scenes, len(scenes)) for scenes in sides])
             draws.append(self.ahead(linear, np.bincount(drawn, minlength=len(self.problem.find)).astype(float)))
         # A bootstrap's variance is (n - 1) / n of what it stands for; t makes up for knowing it from n scenes only.

@@ -90,6 +90,7 @@ def choose(problem: Conditional, draws: Float[np.ndarray, "d s"]) -> Choice:
         best = good[0]
         alike = tuple(one for one in ranking if one is not best and _alike(one, best))
         steps.append(Step(best, alike, tuple(ranking)))
+        # All starts of the effect are done with, not the best alone.
         rest = [term for term in rest if term.name != best.name]
 
 
@@ -145,6 +146,7 @@ def held_out(problem: Conditional, near: Block, blocks: Sequence[Block]) -> Floa
     wrong = np.zeros(len(blocks), bool)
     for k in range(RULES.unpaired_folds):
         weight = np.zeros(len(problem.find))
+        # Whole scenes are held out, of both sides: the law itself is fitted without them.
         weight[index[fold != k]] = 1
         pooled = problem.equations.pooled(weight, problem.measured)
 
