@@ -5,7 +5,8 @@ pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
 scenes, clouds_page                  clouds that a page turns in 3D
 detection                            KITTI's scores of a detector
-discovery, answer, evidence, judged, words   the report of a discovery
+discovery, answer, sides, own, regimes, learned, evidence, judged, words   the report of a discovery
+gate                                 a gate's checks for CI
 notebook                             what notebooks show of results, frames and clouds
 """
 
