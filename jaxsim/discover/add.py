@@ -61,8 +61,8 @@ class Added:
     @property
     def chain(self) -> Chain:
         """The effects and the learned laws, and their z."""
-        fitted = [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.law_refits)]
-        return [*fitted, *((law, {}) for law in self.repeated)]
+        named = [(refit.effect, refit.fit.z) for refit in (*self.refits, *self.law_refits)]
+        return [*named, *((law, {}) for law in self.repeated)]
 
 
 def add_effects(
@@ -76,12 +76,12 @@ def add_effects(
     """The effects of `steps`, and the law of a `form`, fitted again with one another in place, after what is `known` of
     the sensor model. `regions` are those that effects act in, by name."""
     laws: list[Law] = [step.chosen.effect for step in steps]
-    z = [step.fitted.z for step in steps]
+    z = [step.fit.z for step in steps]
     if form:
         laws.append(form.law)
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
-    fitted = refit(null, laws, z)
-    refits, law_refits = fitted[: len(steps)], fitted[len(steps) :]
+    again = refit(null, laws, z)
+    refits, law_refits = again[: len(steps)], again[len(steps) :]
     named = [(one.effect.plain_name, parameters_of(one.effect, one.fit.z)) for one in refits]
     learned = learn(form, law_refits[0].problem, law_refits[0].fit) if form else None
     laws_learned = (*known.learned, *((learned.learned,) if learned else ()))

@@ -111,7 +111,7 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     if len(choice.steps) > 1:
         for step, z in zip(choice.steps, fitted, strict=True):
             effect = step.chosen.effect
-            first = parameters_of(effect, step.fitted.z)
+            first = parameters_of(effect, step.fit.z)
             last = parameters_of(effect, z)
             single = [name for name, value in first.items() if isinstance(value, float)]
             changes |= {f"{effect.plain_name}.{name}": (first[name], last[name]) for name in single}

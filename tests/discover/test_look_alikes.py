@@ -67,7 +67,7 @@ def test_an_own_effect_that_is_hidden_in_a_toy_case_is_named(tmp_path):
         catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
         choice = choose(null, catalogue)
     assert [step.chosen.effect.name for step in choice.steps] == ["lobes"]
-    assert choice.steps[0].fitted.z["amount"] * 0.2 == pytest.approx(AMOUNT, abs=0.05)
+    assert choice.steps[0].fit.z["amount"] * 0.2 == pytest.approx(AMOUNT, abs=0.05)
     [one] = own_candidates(choice)
     assert (one.name, one.origin, one.why_not) == ("lobes", {"file": "lobes.py", "sha256": "12ab"}, "")
     assert named(choice.steps[0], {}).name == "lobes"

@@ -77,9 +77,9 @@ class Form:
             covariates=tuple(name for name in bare.covariates if name in COVARIATES and name != "intensity"),
         )
 
-    def heights(self, fitted: Fit) -> Float[np.ndarray, " k"]:
+    def heights(self, result: Fit) -> Float[np.ndarray, " k"]:
         """A fit's height at each knot, within LIMITS."""
-        numbers = np.asarray(to_values(self.law, fitted.z)["height"], np.float64)
+        numbers = np.asarray(to_values(self.law, result.z)["height"], np.float64)
         return np.clip(self.basis.astype(np.float64) @ numbers, *LIMITS[self.bare.channel])
 
 
@@ -134,11 +134,11 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     return Learned(channel, "product", names, tuple(map(_plain, knots)), nothing, nothing), candidate
 
 
-def learn(form: Form, problem: Problem, fitted: Fit) -> LearnedFit:
+def learn(form: Form, problem: Problem, result: Fit) -> LearnedFit:
     """The law of a fit to all find scenes, with the standard deviation of each knot by the jackknife: fitted again
     without each of at most `Rules.learned_groups` groups of scenes."""
     law = form.law
-    start = {"height": np.asarray(to_values(law, fitted.z)["height"])}
+    start = {"height": np.asarray(to_values(law, result.z)["height"])}
 
     def left_out(mask: Float[np.ndarray, " b"]) -> Float[np.ndarray, " k"]:
         # Leaving few scenes out gains little: a fit that is content with little would stay where it began.
@@ -147,7 +147,7 @@ def learn(form: Form, problem: Problem, fitted: Fit) -> LearnedFit:
     with ThreadPoolExecutor(THREADS) as pool:
         masks = folds(np.asarray(problem.ev.scene), RULES.learned_groups)
         without = np.stack(list(pool.map(left_out, masks)))
-    values, sd = form.heights(fitted), jackknife_sd(without)
+    values, sd = form.heights(result), jackknife_sd(without)
     return LearnedFit(replace(form.bare, values=_plain(values), sd=_plain(sd)), without, len(form.start))
 
 

@@ -30,7 +30,7 @@ SECTIONS = 24
 """Steps of a golden-section search: the bracket shrinks to 1e-5 of itself."""
 
 
-class Fitted(NamedTuple):
+class ShapeFits(NamedTuple):
     """A shape fitted to t curves."""
 
     constant: Float[np.ndarray, " t"]
@@ -69,22 +69,22 @@ def search(
         return count * float((((said - values[1:]) * root) ** 2).sum()) / (2 * groups)
 
     flat = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
-    best: tuple[float, Shape, Fitted] | None = None
+    best: tuple[float, Shape, ShapeFits] | None = None
     for shape in shapes_of(variables):
-        fitted = fit_shape(shape, curves, root)
+        fits = fit_shape(shape, curves, root)
         # A price a node, as of a description's length: a longer formula must say more.
-        worth = flat - loss(fitted.values) - RULES.law_price_nats * shape.nodes
+        worth = flat - loss(fits.values) - RULES.law_price_nats * shape.nodes
         if best is None or worth > best[0]:
-            best = worth, shape, fitted
+            best = worth, shape, fits
     if best is None or best[0] <= 0:
         return None
-    worth, shape, fitted = best
+    worth, shape, fits = best
     weight = root**2
     mean = np.average(curve, weights=weight)
-    unexplained = float((weight * (curve - fitted.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
+    unexplained = float((weight * (curve - fits.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
     if 1 - unexplained < RULES.law_least_share:
         return None
-    parameters = parameters_of(shape, fitted, unit=unit)
+    parameters = parameters_of(shape, fits, unit=unit)
     return ClosedLaw(
         channel=channel,
         covariates=tuple(one.name for one in variables if one.name in shape.expression),
@@ -98,7 +98,7 @@ def search(
     )
 
 
-def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Fitted:
+def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> ShapeFits:
     """Weighted least squares (`root` of the weights) of every curve by itself."""
     grid = np.asarray(shape.grid, float)
     y = curves * root
@@ -113,7 +113,7 @@ def fit_shape(shape: Shape, curves: Curves, root: Float[np.ndarray, " n"]) -> Fi
     linear = np.stack([
         np.linalg.lstsq(one * root[:, None], curve, rcond=None)[0] for one, curve in zip(design, y, strict=True)
     ])  # fmt: skip
-    return Fitted(constant, linear, np.einsum("tnm,tm->tn", design, linear))
+    return ShapeFits(constant, linear, np.einsum("tnm,tm->tn", design, linear))
 
 
 def _golden(shape: Shape, y: Curves, root: Float[np.ndarray, " n"], *, a: Constants, b: Constants) -> Constants:
@@ -138,24 +138,24 @@ def _with_level(columns: Columns) -> Float[np.ndarray, "c n m+1"]:
     return np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=-1)
 
 
-def parameters_of(shape: Shape, fitted: Fitted, *, unit: str) -> dict[str, Interval]:
+def parameters_of(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str, Interval]:
     """The numbers of the first curve's formula with their units, and 90 % intervals from the others, each of which
     leaves out a group of scenes."""
     below = f"({shape.unit})" if re.search("[/·]", shape.unit) else shape.unit
     of_size = f"{unit or 1}/{below}" if below else unit
-    if fitted.linear.shape[1] == 3:
-        size = np.hypot(fitted.linear[:, 1], fitted.linear[:, 2])
+    if fits.linear.shape[1] == 3:
+        size = np.hypot(fits.linear[:, 1], fits.linear[:, 2])
         # Sine and cosine are linear and free of one another; people read a size and a phase.
-        phase = np.arctan2(fitted.linear[:, 2], fitted.linear[:, 1])
+        phase = np.arctan2(fits.linear[:, 2], fits.linear[:, 1])
         # Near one another, not on two sides of the turn's end.
         phase = phase[0] + np.angle(np.exp(1j * (phase - phase[0])))
         numbers = {"size": (size, of_size), "phase": (phase, "rad")}
     else:
-        numbers = {"size": (fitted.linear[:, 1], of_size)}
-    numbers = {"level": (fitted.linear[:, 0], unit), **numbers}
+        numbers = {"size": (fits.linear[:, 1], of_size)}
+    numbers = {"level": (fits.linear[:, 0], unit), **numbers}
     if shape.constant:
-        numbers[shape.constant] = (fitted.constant, shape.constant_unit)
-    reach = float(student_reach(len(fitted.constant) - 1))
+        numbers[shape.constant] = (fits.constant, shape.constant_unit)
+    reach = float(student_reach(len(fits.constant) - 1))
     result = {}
     for name, (each, of) in numbers.items():
         half = reach * float(jackknife_sd(each[1:, None])[0])

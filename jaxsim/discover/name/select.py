@@ -109,13 +109,13 @@ class Bars:
 class FittedStep(Step[Candidate]):
     """One effect added, fitted."""
 
-    fitted: Fit
+    fit: Fit
     """Its fit to all find scenes."""
 
     @property
     def placed(self) -> tuple[Law, dict[str, Any]]:
         """The effect and its z, to be put in place."""
-        return self.chosen.effect, self.fitted.z
+        return self.chosen.effect, self.fit.z
 
 
 @dataclass(frozen=True)

@@ -76,20 +76,20 @@ def confine(
     if best.total <= RULES.bar_nats or advantage < RULES.regime_nats:
         return None
     starts = tuple(to_values(best.effect, one.z) for one in best.fits)
-    fitted = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
+    result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts)
     alike = tuple(c for c in ranked if c is not best and c.total > RULES.bar_nats and not worse(c, best))
     alike = tuple(c for c in alike if not padded(c, best))
-    step = FittedStep(best, alike, tuple(ranking), fitted)
+    step = FittedStep(best, alike, tuple(ranking), result)
     return Confined(step, everywhere.effect, region, frames, problem, advantage)
 
 
-def sharpened(region: Region, effect: Law, fitted: Fit, *, problem: Problem, facts: Facts) -> Region:
+def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, facts: Facts) -> Region:
     """The region with its ends to a column: the arc within one and a half sectors of them that gains most of an effect
     fitted to all, where a column inside has the size of the whole region and one outside none.
 
     Sectors are asked about in steps, and columns of a region that lie outside the effect's make it look smaller."""
     columns = facts.scan.range_m.shape[2]
-    whole = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=facts.column, sectors=columns)
+    whole = cells(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
     slope = whole.slope.sum(0)
     curvature = whole.curvature.sum(0)
     held = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
@@ -153,9 +153,9 @@ class Judges:
 
     def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
         """Takes in the judge scenes that are likelier with the effect than without it."""
-        law, z = one.step.chosen.effect, one.step.fitted.z
+        law, z = one.step.chosen.effect, one.step.fit.z
         everywhere = on_top(one.plain, self.base, z)
-        better = self.likelihood(everywhere, one.step.fitted.noise) > self.likelihood(self.base, self.base.noise)
+        better = self.likelihood(everywhere, one.step.fit.noise) > self.likelihood(self.base, self.base.noise)
         names = {facts.names[k] for k in self.frame[(self.fitted == 0) & better].tolist()}
         region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
         frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)

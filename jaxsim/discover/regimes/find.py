@@ -47,7 +47,7 @@ class Lead:
     """The effect first, then those that may be the better name there."""
     step: int | None
     """The choice's step that it is, or takes the place of; None where nothing is named."""
-    fitted: Fit | None = None
+    fit: Fit | None = None
     """The effect everywhere, where it was asked about by its cells."""
     named: bool = False
     """Whether the effect is that of the step."""
@@ -125,8 +125,8 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
     """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
     region = lead.found.question.regions[lead.found.k]
     problem = _without(null, choice, lead.step)
-    if lead.fitted and region.azimuth_rad:
-        region = sharpened(region, lead.candidates[0].effect, lead.fitted, problem=problem, facts=facts)
+    if lead.fit and region.azimuth_rad:
+        region = sharpened(region, lead.candidates[0].effect, lead.fit, problem=problem, facts=facts)
     candidates = lead.candidates
     if len(choice.steps) > 1:
         # Gains of a step were those over the steps before it alone.
@@ -162,8 +162,8 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
         if effect.name in WHOLE:
             continue
         rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
-        found = _divisions(effect, step.fitted, _without(null, choice, k), facts=facts, asked=asked)
-        leads += [Lead(one, (step.chosen, *rivals), k, step.fitted, named=True) for one in found]
+        found = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
+        leads += [Lead(one, (step.chosen, *rivals), k, step.fit, named=True) for one in found]
     return leads
 
 
@@ -180,22 +180,22 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     if choice.steps:
         return leads
     strongest = tried[0]
-    fitted = strongest.fits[0]
+    result = strongest.fits[0]
     arcs = [one for one in asked if one.between_scenes(facts.scene) is None]
-    for found in _divisions(strongest.effect, fitted, null, facts=facts, asked=arcs):
+    for found in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
         exists = found.question.divides != "scene" or strongest.total > choice.bars.effect
-        leads.append(Lead(found, tuple(tried[:few]), None, fitted, exists=exists))
+        leads.append(Lead(found, tuple(tried[:few]), None, result, exists=exists))
     return leads
 
 
 def _divisions(
-    effect: Law, fitted: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]
+    effect: Law, result: Fit, problem: Problem, *, facts: Facts, asked: Sequence[Question]
 ) -> list[FoundRegion]:
     """What divides an effect that was fitted on top of `problem`: the best region of every question, and scenes by
     their own sizes."""
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
-    both = cells(effect, problem, z=fitted.z, noise=fitted.noise, sector=halves, sectors=2 * facts.sectors)
+    both = cells(effect, problem, z=result.z, noise=result.noise, sector=halves, sectors=2 * facts.sectors)
     by_size = by_own_size(both, facts)
     whole = both.folded()
     return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]

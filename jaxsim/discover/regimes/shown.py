@@ -24,13 +24,13 @@ OF_FIT = "of the fit inside"
 def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
     """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
     scenes."""
-    fitted = one.step.fitted
+    result = one.step.fit
     law = one.step.chosen.effect
-    inside = cells(law, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    inside = cells(law, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     # Outside is asked with the effect in place inside, where nothing is left to ask for.
     opposite = within(one.plain, one.region, one.frames, outside=True)
-    beside = replace(one.problem, ev=on_top(law, one.problem, fitted.z).ev)
-    outside = cells(opposite, beside, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    beside = replace(one.problem, ev=on_top(law, one.problem, result.z).ev)
+    outside = cells(opposite, beside, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     return _size(inside, facts), _size(outside, facts)
 
 
@@ -57,8 +57,8 @@ class Told(NamedTuple):
 
 def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
-    fitted = one.step.fitted
-    whole = cells(one.plain, one.problem, z=fitted.z, noise=fitted.noise, sector=facts.sector, sectors=facts.sectors)
+    result = one.step.fit
+    whole = cells(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
     azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
     columns = np.asarray(one.region.in_sector(azimuth))
     if divides == "azimuth":

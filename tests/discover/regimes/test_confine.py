@@ -76,7 +76,7 @@ def test_fitted_in_its_part_an_effect_is_as_large_as_it_is_there(night):
     one = confine(null, [candidate], time.question.regions[time.k], facts=facts, ranking=[candidate])
     assert one is not None
     assert one.advantage > 10
-    gain = np.asarray(to_values(GAIN, one.step.fitted.z)["gain"])
+    gain = np.asarray(to_values(GAIN, one.step.fit.z)["gain"])
     slope = np.polyfit(GAINS - GAINS.mean(), gain - gain.mean(), 1)[0]
     assert slope == pytest.approx(1, abs=0.1)
     inside, outside = sizes(one, facts)
