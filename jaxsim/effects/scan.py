@@ -224,8 +224,8 @@ def slopes_of(grid: PolarGrid, range_m: Float[Array, "r c"], hit: Bool[Array, "r
         # Jiang and Shu 1996: the inverse square of how rough the surface is on this side.
         weight = jnp.where(valid[near], 1 / jnp.square(rough * rough + _SAME**2), 0.0)
         # One more vote, for slope 0: it wins only where every neighbour is rougher than _ROUGH.
-        flat = 1 / (_ROUGH**2 + _SAME**2) ** 2
-        return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + flat)
+        no_slope = 1 / (_ROUGH**2 + _SAME**2) ** 2
+        return jnp.sum(jnp.where(valid[near], value, 0.0) * weight, axis=0) / (jnp.sum(weight, axis=0) + no_slope)
 
     v = slope(slice(1, 3), slice(5, 7), even=jnp.cos(de), odd=jnp.sin(de))
     # 1 - cos(da), without cancellation.

@@ -90,12 +90,12 @@ def _instance_norm_gradient(saved: tuple[Array, ...], gradient: Array) -> tuple[
     cells, gradient = x.shape[1] * x.shape[2], gradient.astype(scale.dtype)
     normalised = (x.astype(scale.dtype) - mean) * rate
     # dL/dx = scale rate (g - mean(g) - n mean(g n)), with n the normalised x and means over cells.
-    flat = _sum_cells(gradient)
+    total = _sum_cells(gradient)
     along = _sum_cells(gradient * normalised)
     scale = scale[None, None, None]
-    back = (scale * rate * (gradient - (flat + normalised * along) / cells)).astype(x.dtype)
+    back = (scale * rate * (gradient - (total + normalised * along) / cells)).astype(x.dtype)
     back_eps = -0.5 * (rate * rate * scale * along).sum()
-    return back, along.sum((0, 1, 2)), flat.sum((0, 1, 2)), back_eps
+    return back, along.sum((0, 1, 2)), total.sum((0, 1, 2)), back_eps
 
 
 instance_norm.defvjp(_instance_norm, _instance_norm_gradient)

@@ -68,12 +68,12 @@ def search(
     def loss(values: Curves) -> float:
         return count * float((((said - values[1:]) * root) ** 2).sum()) / (2 * groups)
 
-    flat = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
+    loss_of_level = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
     best: tuple[float, Shape, ShapeFits] | None = None
     for shape in shapes_of(variables):
         fits = fit_shape(shape, curves, root)
         # A price a node, as of a description's length: a longer formula must say more.
-        worth = flat - loss(fits.values) - RULES.law_price_nats * shape.nodes
+        worth = loss_of_level - loss(fits.values) - RULES.law_price_nats * shape.nodes
         if best is None or worth > best[0]:
             best = worth, shape, fits
     if best is None or best[0] <= 0:

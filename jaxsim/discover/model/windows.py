@@ -110,14 +110,14 @@ def window_of(
     noise = jnp.sqrt(constant + intensity_sd[1] ** 2 * (level**2 + own_level**2))
     unlike = jnp.abs(level - own_level) > OTHER_MATERIAL * (level + own_level) / 2 + OTHER_MATERIAL_SD * noise
     # The neighbour's direction in axes of the ray itself, so that every window is solved alike.
-    flat = jnp.cos(e) * jnp.cos(turn)
+    forward = jnp.cos(e) * jnp.cos(turn)
     return Window(
         ratio=ratio,
         level=level,
         cosine=cosine,
         angle=angle,
         same=there(scan.hit) & own(scan.hit) & alike & near & ~unlike & ~beyond,
-        along=jnp.broadcast_to(jnp.cos(own_e) * flat + jnp.sin(own_e) * jnp.sin(e), ratio.shape),
+        along=jnp.broadcast_to(jnp.cos(own_e) * forward + jnp.sin(own_e) * jnp.sin(e), ratio.shape),
         left=jnp.broadcast_to(jnp.cos(e) * jnp.sin(turn) / reach, ratio.shape),
-        up=jnp.broadcast_to((jnp.cos(own_e) * jnp.sin(e) - jnp.sin(own_e) * flat) / reach, ratio.shape),
+        up=jnp.broadcast_to((jnp.cos(own_e) * jnp.sin(e) - jnp.sin(own_e) * forward) / reach, ratio.shape),
     )
