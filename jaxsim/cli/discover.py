@@ -17,8 +17,7 @@ from jaxsim.cli.source import SAME, Source
 from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
-from jaxsim.discover.gate import Check, Colour, Gate, colour_of, judge, judge_quickly, read_gate
-from jaxsim.discover.quick import quick_distances
+from jaxsim.discover.gate import Check, Colour, Gate, colour_of, judge, judge_quickly, quick_distances, read_gate
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects

@@ -5,6 +5,10 @@ gate.json, all of it optional but one thing at least:
     {"thresholds": {"intensity": 0.10, "range": 0.05, "drop": 0.02},
      "allowed": ["random_dropout"],
      "baseline": "verdict.json"}
+
+Asked of a whole answer (`judge`), or at every commit in seconds and without a model, of distances alone
+(`quick_distances`, `judge_quickly`): a frame after the other is read and forgotten, so that any number of them takes the
+memory of one.
 """
 
 from __future__ import annotations
@@ -15,16 +19,22 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
-from jaxsim.discover.quick import CHANNELS
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.discover.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects import get_effect
 from jaxsim.files import check_keys, read_json, real
+from jaxsim.frame import PolarImage
+from jaxsim.metrics.intervals import mean_interval
 
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
+CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
+"""Units of the distances."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +42,7 @@ class Gate:
     """What a gate asks."""
 
     thresholds: Mapping[str, float]
-    """Largest distance a channel, in the units of the gap (`docs/verdict.md`) or, with --fast, of `quick.CHANNELS`."""
+    """Largest distance a channel, in the units of the gap (`docs/verdict.md`) or, with --fast, of `CHANNELS`."""
     allowed: frozenset[str]
     """Effects that may be missing; `not_in_catalogue` for what has no name. Only what is named beside these is a
     gap."""
@@ -150,3 +160,52 @@ def colour_of(checks: tuple[Check, ...]) -> Colour:
     """A gap where there is one, else unsure where something could not be judged."""
     colours = {check.colour for check in checks}
     return "gap" if "gap" in colours else "unsure" if "unsure" in colours else "pass"
+
+
+def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
+    """Distances of two folders' frames of one name.
+
+    intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
+    of the rays that hit something in the simulation on which one side alone returns. Each is the mean over a scene's
+    frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have fewer
+    than `Rules.gate_fewest_scenes`.
+    """
+    ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
+    check_one_grid(ours, theirs)
+    names = [name for name in ours.names if name in set(theirs.names)]
+    if not names:
+        raise ValueError(f"discover: no frame of {simulated} has a partner of its name in {measured}")
+    by_scene: dict[str, list[np.ndarray]] = {}
+    for name in names:
+        row = frame_distances(ours.read(name)[0], theirs.read(name)[0])
+        by_scene.setdefault(_scene(theirs, ours, name), []).append(row)
+    if len(by_scene) < RULES.gate_fewest_scenes:
+        raise ValueError(
+            f"discover: {len(by_scene)} scenes; a gate needs {RULES.gate_fewest_scenes} or more to know what chance "
+            "does (frames of one drive share a scene in grid.json)"
+        )
+    table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
+    return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}
+
+
+def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.ndarray, " channels"]:
+    """Intensity, range and drop of one frame; NaN for what no ray shows."""
+    ours, theirs = np.asarray(simulated.valid), np.asarray(measured.valid)
+    both = ours & theirs
+    if not both.any():
+        return np.array([np.nan, np.nan, 1.0 if ours.any() else np.nan])
+    intensity = np.abs(np.asarray(simulated.intensity)[both] - np.asarray(measured.intensity)[both]).mean()
+    range_m = np.median(np.abs(np.asarray(simulated.range_m)[both] - np.asarray(measured.range_m)[both]))
+    return np.array([intensity, range_m, (ours ^ theirs).sum() / max(int(ours.sum()), 1)], np.float64)
+
+
+def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
+    """The mean over the scenes that have a value."""
+    known = scenes[np.isfinite(scenes)]
+    low, high = mean_interval(known)
+    return Interval(float(known.mean()) if len(known) > 1 else float("nan"), low, high, unit)
+
+
+def _scene(side: PolarFrames, other: PolarFrames, name: str) -> str:
+    """The scene that either side gives a frame; its own name where neither does."""
+    return str(side.about.get(name, {}).get("scene", other.about.get(name, {}).get("scene", name)))

@@ -22,7 +22,7 @@ from jaxsim.discover.model.parameters import prior, ravel, restorer, to_values, 
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS, Effect
 from jaxsim.effects.chain import apply_law
-from jaxsim.effects.check_apply import settings
+from jaxsim.effects.check import settings
 from jaxsim.effects.effect import CLASSES
 from jaxsim.effects.origin import LookAlike, OwnEffect
 from jaxsim.effects.rays import Rays, Scan

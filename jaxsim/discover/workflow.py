@@ -13,8 +13,8 @@ from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.confirm import confirmed, sensor_of, with_mounting
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
 from jaxsim.discover.find import Dependences, find_dependences
-from jaxsim.discover.law.closed import closed_law
 from jaxsim.discover.law.learn import form_of
+from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem

@@ -6,14 +6,49 @@ The catalogue's effects are held to the same by tests; one of one's own is check
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
 
 from jaxsim.effects.catalogue import EFFECTS
-from jaxsim.effects.check_apply import check_apply
+from jaxsim.effects.chain import apply_law
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Parameter, check_bounds, check_names
 from jaxsim.effects.origin import OwnEffect
+from jaxsim.effects.rays import Rays, Scan, all_rays
+from jaxsim.effects.street import small_street
 
 RESERVED = ("new", "check", "nothing")
 """Names that commands and the null have."""
+CHANGED = {
+    **dict.fromkeys(("log_intensity", "intensity_top"), "intensity"),
+    **dict.fromkeys(("reading_m", "noise_m", "between", "ghost"), "range"),
+    **dict.fromkeys(("log_keep", "column_loss"), "drop"),
+}
+"""The channel in which a field of rays shows."""
+IDLE = {"between_m": "between", "ghost_m": "ghost"}
+"""What means nothing where a probability is 0."""
+AIM = ("turned_rad", "moved_m")
+CATALOGUE_ALONE = {
+    **dict.fromkeys(
+        ("clutter", "clutter_power", "clutter_scale_m", "clutter_from_m", "clutter_log_intensity"),
+        "early false returns are a part of the likelihood that fog_backscatter, precipitation_clutter and "
+        "interference alone have",
+    ),
+    **dict.fromkeys(
+        ("intensity_step", "range_step_m"),
+        "steps are read off the readings, for intensity_quantization and range_quantization alone",
+    ),
+}
+"""Fields of which the model asks for an effect's name, and why."""
+FREE = ("log_power", *IDLE)
+"""Fields that show in no channel by themselves."""
+NEUTRAL = 1e-6
+"""Relative and absolute change of a ray that counts as none."""
 
 
 def check_effect(effect: Effect) -> None:
@@ -73,3 +108,162 @@ def _check_parameter(name: str, p: Parameter) -> None:
         raise ValueError(f"{name} has scale {p.scale:g}; give a typical distance from neutral, above 0")
     if p.shape not in ("scalar", "row", "class"):
         raise ValueError(f"{name} has shape {p.shape!r}; it must be scalar, row (one a beam) or class")
+
+
+def check_apply(effect: Effect) -> None:
+    """Raises ValueError for an `apply` that does something at neutral, changes shapes, gives NaN or slopes that are not
+    finite, or changes what the effect does not declare."""
+    scan, before = _street()
+    rows = scan.range_m.shape[1]
+    touched: set[str] = set()
+    for setting, given in settings(effect):
+        values = effect.values(given, rows)
+        after = _applied(effect, values, before, setting=setting)
+        _check_fields(effect, before, after, setting=setting)
+        _check_slopes(effect, values, before, scan=scan, setting=setting)
+        if not given:
+            _check_neutral(before, after)
+            continue
+        touched |= _touched(effect, before, after, scan=scan, values=values)
+    # The fit climbs the declared channels alone: what is changed elsewhere would never be held against the data.
+    undeclared = sorted(touched - set(effect.channels))
+    if undeclared:
+        raise ValueError(
+            f"apply changes the channel {', '.join(undeclared)}, and channels are {effect.channels}; declare it, or "
+            "leave it alone"
+        )
+    idle = [] if effect.casts else sorted(set(effect.channels) - touched)
+    if idle:
+        raise ValueError(f"channels name {', '.join(idle)}, which apply never changes; leave it out")
+
+
+@cache
+def _street() -> tuple[Scan, Rays]:
+    """Rays of every kind on a small street: seen head on and edge on, bright and next to dark, hit and lost."""
+    scan = small_street(frames=2, rows=8, columns=60)
+    rays = all_rays(scan)
+    rng = np.random.default_rng(0)
+    angle = np.where(rays.hit, rng.uniform(0, np.pi / 2, rays.hit.shape), 0).astype(np.float32)
+    # Head on and edge on exactly, where tangents and logarithms of cosines end.
+    angle[:, 2, ::2], angle[:, 3, ::2] = 0, np.pi / 2
+    dark = np.where(rng.random(angle.shape) < 0.2, np.log(1e-4), np.asarray(rays.log_intensity)).astype(np.float32)
+    more = jnp.asarray(dark) - rays.log_intensity
+    return scan, replace(
+        rays,
+        incidence_rad=jnp.asarray(angle),
+        log_intensity=rays.log_intensity + more,
+        log_power=rays.log_power + more,
+    )
+
+
+def settings(effect: Effect) -> list[tuple[str, dict[str, float]]]:
+    """Values that an effect must bear, each with what errors call it: neutral first."""
+    parameters = effect.parameters
+    seen = {
+        name: min(max(p.neutral + p.scale if p.neutral + p.scale <= p.high else p.neutral - p.scale, p.low), p.high)
+        for name, p in parameters.items()
+    }
+    # Bounds too: fits stop there, and must find numbers.
+    many = [seen, {n: p.low for n, p in parameters.items()}, {n: p.high for n, p in parameters.items()}]
+    many += [dict(start) for start in effect.starts]
+    return [
+        ("neutral parameters", {}),
+        *((", ".join(f"{name} = {value:g}" for name, value in given.items()), given) for given in many),
+    ]
+
+
+def _applied(effect: Effect, values: dict[str, Any], rays: Rays, *, setting: str) -> Rays:
+    try:
+        after = effect.apply(values, rays)
+    # What apply does is its author's; whatever it raises is to be told.
+    except Exception as error:
+        raise ValueError(f"apply raised {type(error).__name__} at {setting}: {error}") from error
+    if not isinstance(after, Rays):
+        raise ValueError(f"apply gives {type(after).__name__} at {setting}; it must give Rays: end with `return ...`")
+    return after
+
+
+def _check_fields(effect: Effect, before: Rays, after: Rays, *, setting: str) -> None:
+    """Shapes, dtypes, numbers that are none, probabilities, and fields that are not an effect's to change."""
+    allowed = {*CHANGED, *FREE, *(AIM if effect.casts else ())}
+    for name, was in _fields(before).items():
+        now = getattr(after, name)
+        if np.shape(now) != was.shape or getattr(now, "dtype", None) != was.dtype:
+            raise ValueError(
+                f"apply makes {name} {_kind(now)} at {setting}, it was {_kind(was)}; keep shape and dtype (a number "
+                "for each ray, or jnp.broadcast_to)"
+            )
+        value, old = np.asarray(now), np.asarray(was)
+        if np.isnan(value.astype(float)).any():
+            raise ValueError(
+                f"apply gives NaN in {name} at {setting}; keep logarithms, roots and quotients away from 0 "
+                "(jaxsim/effects/edits.py has safe functions)"
+            )
+        if name in allowed or np.array_equal(value, old):
+            continue
+        if name in CATALOGUE_ALONE:
+            raise ValueError(f"apply changes {name} at {setting}; {CATALOGUE_ALONE[name]}: put it into the catalogue")
+        if name in AIM:
+            raise ValueError(f"apply changes {name} at {setting} with casts=0; say stage='geometry' and casts=2")
+        raise ValueError(
+            f"apply changes {name} at {setting}, which is the ray itself or what it meets; change "
+            f"{', '.join(CHANGED)}, or turn and move rays (edits.displace, with stage='geometry' and casts=2)"
+        )
+    if (np.asarray(after.log_keep) > NEUTRAL).any():
+        raise ValueError(f"apply makes log_keep more than 0 at {setting}; it is the logarithm of a probability")
+    for name in ("column_loss", "between", "ghost"):
+        value = np.asarray(getattr(after, name))
+        if not ((value >= 0) & (value <= 1)).all():
+            raise ValueError(f"apply makes {name} {value.min():g}..{value.max():g} at {setting}; it is a probability")
+
+
+def _check_neutral(before: Rays, after: Rays) -> None:
+    for name, was in _fields(before).items():
+        now = np.asarray(getattr(after, name))
+        if name in IDLE and (np.asarray(getattr(after, IDLE[name])) == 0).all():
+            continue
+        if not np.allclose(now, np.asarray(was), rtol=NEUTRAL, atol=NEUTRAL):
+            most = np.nanmax(np.abs(now.astype(float) - np.asarray(was, float)))
+            raise ValueError(
+                f"apply changes {name} by up to {most:.3g} at neutral parameters; there rays must come back as they "
+                "were: correct `neutral` or the formula"
+            )
+
+
+def _check_slopes(effect: Effect, values: dict[str, Any], before: Rays, *, scan: Scan, setting: str) -> None:
+    def total(p: dict[str, Any]) -> Any:
+        floats = (x for x in jax.tree.leaves(apply_law(effect, p, before, scan=scan)) if x.dtype == jnp.float32)
+        return sum((jnp.where(jnp.abs(x) < 1e9, x, 0.0).sum() for x in floats), jnp.float32(0))
+
+    try:
+        slopes = jax.grad(total)(values)
+    except Exception as error:
+        raise ValueError(
+            f"apply has no derivative at {setting}: {type(error).__name__}: {error}; write it with jax.numpy, without "
+            "`if` on arrays"
+        ) from error
+    for name, slope in slopes.items():
+        if not jnp.isfinite(slope).all():
+            raise ValueError(
+                f"apply's derivative in {name} is not finite at {setting}; keep logarithms, roots and quotients away "
+                "from 0 on every ray, also where jnp.where does not choose them"
+            )
+
+
+def _touched(effect: Effect, before: Rays, after: Rays, *, scan: Scan, values: Mapping[str, Any]) -> set[str]:
+    """The channels that an effect changes."""
+    met = apply_law(effect, dict(values), before, scan=scan) if effect.casts else after
+    channels = {
+        channel
+        for name, channel in CHANGED.items()
+        if not np.array_equal(np.asarray(getattr(met, name)), np.asarray(getattr(before, name)))
+    }
+    return channels | ({"drop"} if not np.array_equal(np.asarray(met.hit), np.asarray(before.hit)) else set())
+
+
+def _fields(rays: Rays) -> dict[str, Any]:
+    return {name: value for name, value in vars(rays).items() if value is not None}
+
+
+def _kind(value: Any) -> str:
+    return f"{np.shape(value)} {getattr(value, 'dtype', type(value).__name__)}"

@@ -3,7 +3,7 @@
 results                              JSON, Markdown and scores as files
 pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
-scenes, clouds_page                  clouds that a page turns in 3D
+scenes                               clouds that a page turns in 3D, and pages of them
 detection                            KITTI's scores of a detector
 discovery, answer, sides, own, regimes, learned, evidence, judged, words   the report of a discovery
 gate                                 a gate's checks for CI
@@ -11,7 +11,6 @@ notebook                             what notebooks show of results, frames and 
 """
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
-from jaxsim.report.clouds_page import cloud_with_boxes, compared_clouds, write_clouds
 from jaxsim.report.detection import detection_table, mean_table, write_detection
 from jaxsim.report.discovery import write_report
 from jaxsim.report.pictures import (
@@ -31,6 +30,7 @@ from jaxsim.report.results import (
     write_list,
     write_scores,
 )
+from jaxsim.report.scenes import cloud_with_boxes, compared_clouds, write_clouds
 from jaxsim.report.words import verdict_sentence
 
 __all__ = [

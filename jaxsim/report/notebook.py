@@ -12,11 +12,10 @@ from markupsafe import Markup
 from jaxsim.cloud import points_of
 from jaxsim.discover.verdict import Result
 from jaxsim.frame import Cloud, PolarImage
-from jaxsim.report.clouds_page import side_of, turning
 from jaxsim.report.discovery import report_page
 from jaxsim.report.page import NOTHING, figure, image, paragraph, whole_page
 from jaxsim.report.pictures import depth_panel, intensity_panel, strip
-from jaxsim.report.scenes import TurnedScene
+from jaxsim.report.scenes import TurnedScene, side_of, turning
 from jaxsim.report.words import verdict_sentence
 
 HEIGHT_REM = 44

@@ -1,19 +1,22 @@
-"""Clouds that a page's viewer turns: places in 16 bits, values in 8, as JSON inside the page."""
+"""Clouds that a page's viewer turns: places in 16 bits, values in 8, as JSON inside the page; and pages of them."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8, UInt16
+from jaxtyping import Float, Float32, Int, UInt8, UInt16
 from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 
 from jaxsim.detect.results import corners_of
+from jaxsim.files import write_text
 from jaxsim.report.boxes import FOUND, LABEL
+from jaxsim.report.page import NOTHING, explorer, paragraph, section, table, whole_page
 from jaxsim.report.words import number
 
 MOST_BYTES = 4_000_000
@@ -22,6 +25,8 @@ NOWHERE = 2**16 - 1
 """The group of a ray that is in none."""
 GROUND_SHARE = 0.05
 """Share of the points below which the ground is drawn."""
+BRIGHT = 0.6
+"""Intensity at which colours end: few surfaces are brighter."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,13 @@ class Channel:
     unit: str
     ramp: str = "turbo"
     """turbo, or diverging about the middle."""
+
+
+CHANNELS = (
+    Channel("intensity", "intensity", 0.0, BRIGHT, ""),
+    Channel("height", "height over the sensor", -2.5, 2.5, "m"),
+    Channel("range", "distance", 0.0, 60.0, "m"),
+)
 
 
 @dataclass(frozen=True)
@@ -156,3 +168,65 @@ def _levels(values: Float[np.ndarray, " n"], channel: Channel) -> UInt8[np.ndarr
     share = (np.asarray(values, float) - channel.low) / (channel.high - channel.low)
     known = np.isfinite(share)
     return np.where(known, 1 + np.round(254 * np.clip(np.where(known, share, 0), 0, 1)), 0).astype(np.uint8)
+
+
+def side_of(name: str, points: Float32[np.ndarray, "n 4"]) -> Side:
+    """A cloud (x, y, z in metres, intensity 0..1) for the viewer."""
+    xyz = np.asarray(points[:, :3], float)
+    distance = np.linalg.norm(xyz, axis=1)
+    return Side(name, xyz, {"intensity": points[:, 3].astype(float), "height": xyz[:, 2], "range": distance})
+
+
+def compared_clouds(
+    name: str, simulated: Float32[np.ndarray, "n 4"], measured: Float32[np.ndarray, "m 4"]
+) -> TurnedScene:
+    """A frame as it was simulated beside its measured cloud; alone where nothing was measured."""
+    sides = (side_of("simulated", simulated), side_of("measured", measured))
+    return TurnedScene(name, sides if len(measured) else sides[:1])
+
+
+def cloud_with_boxes(
+    name: str,
+    points: Float32[np.ndarray, "n 4"],
+    *,
+    found: Float[np.ndarray, "d 7"],
+    labelled: Float[np.ndarray, "g 7"] | None = None,
+) -> TurnedScene:
+    """A cloud with what was found in it (orange) and what is labelled (green)."""
+    boxes = (
+        TurnedBoxes(np.asarray(found, float), True),
+        *([] if labelled is None else [TurnedBoxes(np.asarray(labelled), False)]),
+    )
+    return TurnedScene(name, (side_of("cloud", points),), boxes)
+
+
+def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
+    """A section with the viewer and a table of what it shows, and its scenes; nothing where there is none."""
+    if not scenes:
+        return NOTHING, NOTHING
+    heads = ["scene", "points", "boxes found", "labelled"]
+    rows = [
+        [
+            scene.name,
+            " | ".join(f"{side.name} {len(side.xyz)}" for side in scene.sides if side.xyz is not None),
+            *(str(sum(len(one.boxes) for one in scene.boxes if one.found is found)) for found in (True, False)),
+        ]
+        for scene in scenes
+    ]
+    body = paragraph(words) + explorer(words, has_map=False) + table(heads, rows, text=2)
+    return section("The clouds", body), packed(scenes, CHANNELS)
+
+
+def write_clouds(
+    path: Path,
+    scenes: Sequence[TurnedScene],
+    *,
+    title: str,
+    sentence: str,
+    words: str,
+    facts: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Writes a page that opens from disk and turns the scenes; `words` say what they show."""
+    body, packed_scenes = turning(scenes, words)
+    page = whole_page(title=title, sentence=sentence, facts=facts, sections=[body], scenes=packed_scenes)
+    return write_text(path, page)

@@ -10,8 +10,8 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Dependence
-from jaxsim.discover.law.closed import closed_law
 from jaxsim.discover.law.learn import form_of, learn
+from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.null import fit_null

@@ -8,8 +8,7 @@ import pytest
 
 from jaxsim.cli import discover, main
 from jaxsim.data.polar_frames import write_frame, write_grid
-from jaxsim.discover.gate import colour_of, judge, judge_quickly, read_gate
-from jaxsim.discover.quick import distance_of, quick_distances
+from jaxsim.discover.gate import colour_of, distance_of, judge, judge_quickly, quick_distances, read_gate
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.report.gate import junit
 from tests.report import results

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from jaxsim.discover.quick import quick_distances
+from jaxsim.discover.gate import quick_distances
 from jaxsim.effects.chain import SensorModel
 from jaxsim.engines import ENGINES, read_answer, translate
 from tests.discover.test_gate import COLUMNS, ROWS, write

@@ -5,14 +5,17 @@ from flax import nnx
 
 from jaxsim.metrics.inception import (
     CONVERTERS,
+    SIZE,
     Extractor,
     _abstract,
+    bicubic,
+    bilinear,
     load_extractor,
+    prepared_images,
     published_shapes,
     random_extractor,
 )
 from jaxsim.metrics.inception.network import Inception
-from jaxsim.metrics.inception.resize import SIZE, bicubic, bilinear, prepared_images
 from jaxsim.weights import convert
 from tests.metrics.published_inception import drawn, read_golden
 

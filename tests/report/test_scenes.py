@@ -6,9 +6,18 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.report.clouds_page import cloud_with_boxes, compared_clouds, write_clouds
 from jaxsim.report.judged import residual_clouds
-from jaxsim.report.scenes import MOST_BYTES, Channel, Side, TurnedScene, packed, quantised
+from jaxsim.report.scenes import (
+    MOST_BYTES,
+    Channel,
+    Side,
+    TurnedScene,
+    cloud_with_boxes,
+    compared_clouds,
+    packed,
+    quantised,
+    write_clouds,
+)
 from tests.report import results
 
 CHANNEL = Channel("intensity", "intensity", 0.0, 0.5, "")

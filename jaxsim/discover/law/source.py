@@ -8,7 +8,7 @@ from pathlib import Path
 
 from jaxsim.discover.covariates import NAMED
 from jaxsim.discover.law.checks import check_law
-from jaxsim.discover.law.closed import LOGARITHMS, VARIABLES
+from jaxsim.discover.law.search import LOGARITHMS, VARIABLES
 from jaxsim.discover.verdict import ClosedLaw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.check import RESERVED

@@ -9,7 +9,6 @@ may not be *none*. Letters: n scenes, r rows, c columns, k places or periods of 
     scales         the places and periods at which they are looked at (`scales`)
     find_repeats   what repeats on find scenes by chance of `Rules.repeats_level`, holds on judge scenes, and how large
                    it is in all of them (`find`)
-    forms          which law a pattern is: a wave, or a table of rows, columns, cells
     learn          these laws, fitted to the find scenes
     answer         what they make of an answer, and the closed formula of one that has one
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsim.discover.add import Added
-from jaxsim.discover.law.closed import VARIABLES
+from jaxsim.discover.law.search import VARIABLES
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law
 from jaxsim.discover.scenes import student_reach

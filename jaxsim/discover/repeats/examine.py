@@ -18,8 +18,7 @@ from jaxsim.discover.model.random_effects import conditional_residuals, normal_e
 from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import Division
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
-from jaxsim.discover.repeats.forms import form_of
-from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, learn_repeats
+from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, form_of, learn_repeats
 from jaxsim.discover.repeats.maps import Maps, maps_of
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.chain import SensorModel

@@ -2,8 +2,9 @@
 
 torchvision's form is the default of Imaginaire (`evaluation/pretrained.py`), on which the paper builds: clamp to
 [-1, 1], bicubic to 299 x 299 with aligned corners, which overshoots and is left so. pytorch-fid's
-(`inception.py`): bilinear, corners not aligned. This file has the weights and the features; resize.py brings images to
-the network's size, network.py is the network.
+(`inception.py`): bilinear, corners not aligned. This file has the weights, the features and the two programs'
+resizing to 299 x 299, as one matrix a side, whose rows are new cells and whose columns are old ones; network.py is the
+network.
 """
 
 from __future__ import annotations
@@ -22,7 +23,6 @@ from jaxtyping import Float
 
 from jaxsim.frame import Array
 from jaxsim.metrics.inception.network import WIDTHS, Form, Inception
-from jaxsim.metrics.inception.resize import prepared_images
 from jaxsim.weights import Arrays, Converter, fingerprint, fit, kind_of, load_weights
 
 __all__ = ["CONVERTERS", "KINDS", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
@@ -32,6 +32,23 @@ CLASSES: dict[Form, int] = {"torchvision": 1000, "pytorch_fid": 1008}
 """Outputs of the classifier, which is not used: the only shape in which the two state dicts differ."""
 KINDS: dict[str, Form] = {"inception": "torchvision", "inception_fid": "pytorch_fid"}
 """Kind of converted weights -> the form of the network that they are for."""
+CONVERTERS = {
+    "inception": Converter(
+        "Inception v3 of torchvision",
+        "https://download.pytorch.org/models/inception_v3_google-0cc3c7bd.pth",
+        lambda arrays: fit(arrays, published_shapes("torchvision")),
+        digest="0cc3c7bd",
+    ),
+    "inception_fid": Converter(
+        "the FID Inception of pytorch-fid",
+        "https://github.com/mseitzer/pytorch-fid/releases/download/fid_weights/pt_inception-2015-12-05-6726825d.pth",
+        lambda arrays: fit(arrays, published_shapes("pytorch_fid")),
+        digest="6726825d",
+    ),
+}
+"""What `jaxsim convert` makes of published weights."""
+SIZE = 299
+Matrix = Float[np.ndarray, "new old"]
 
 
 @cache
@@ -72,23 +89,6 @@ def _folded(arrays: Arrays, form: Form) -> Any:
         return (arrays[f"{name}.conv.weight"].transpose(2, 3, 1, 0) * scale).astype(np.float32)
 
     return jax.tree.map_with_path(adopt, _abstract(form)[1])
-
-
-CONVERTERS = {
-    "inception": Converter(
-        "Inception v3 of torchvision",
-        "https://download.pytorch.org/models/inception_v3_google-0cc3c7bd.pth",
-        lambda arrays: fit(arrays, published_shapes("torchvision")),
-        digest="0cc3c7bd",
-    ),
-    "inception_fid": Converter(
-        "the FID Inception of pytorch-fid",
-        "https://github.com/mseitzer/pytorch-fid/releases/download/fid_weights/pt_inception-2015-12-05-6726825d.pth",
-        lambda arrays: fit(arrays, published_shapes("pytorch_fid")),
-        digest="6726825d",
-    ),
-}
-"""What `jaxsim convert` makes of published weights."""
 
 
 @partial(jax.jit, static_argnames=("form", "width"))
@@ -183,3 +183,46 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
             arrays[name] = np.full(shape, float(name.endswith(("bn.weight", "running_var"))), np.float32)
     values = jax.tree.map(jnp.asarray, _folded(arrays, "torchvision"))
     return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=_checked(width))
+
+
+def _gathered(places: Float[np.ndarray, " new taps"], weights: Float[np.ndarray, " new taps"], old: int) -> Matrix:
+    """Taps outside are moved to the border's cell."""
+    matrix = np.zeros((len(places), old))
+    np.add.at(matrix, (np.arange(len(places))[:, None], np.clip(places, 0, old - 1).astype(int)), weights)
+    return matrix.astype(np.float32)
+
+
+@cache
+def bilinear(new: int, old: int) -> Matrix:
+    """Between the two nearest centres, `align_corners=False`, no antialiasing (pytorch-fid)."""
+    # Centres lie half a cell in; PyTorch takes what lies before the first old centre to be there.
+    at = np.maximum((np.arange(new) + 0.5) * old / new - 0.5, 0)
+    low = np.floor(at)
+    return _gathered(np.stack([low, low + 1], 1), np.stack([1 - (at - low), at - low], 1), old)
+
+
+@cache
+def bicubic(new: int, old: int) -> Matrix:
+    """Keys' cubic with a = -3/4 over four cells, `align_corners=True`, no antialiasing (Imaginaire)."""
+    a = -0.75
+    at = np.arange(new) * (old - 1) / max(new - 1, 1)
+    low = np.floor(at)
+    places = low[:, None] + np.arange(-1, 3)
+    t = np.abs(at[:, None] - places)
+    # Keys's two cubics: up to one cell away, and from one to two.
+    near = ((a + 2) * t - (a + 3)) * t * t + 1
+    far = ((a * t - 5 * a) * t + 8 * a) * t - 4 * a
+    return _gathered(places, np.where(t <= 1, near, far), old)
+
+
+def prepared_images(images: Float[Array, "b h w c"], form: Form) -> Float[Array, "b 299 299 3"]:
+    """Images in [-1, 1], grey or colour, at the network's size."""
+    if images.shape[-1] not in (1, 3):
+        raise ValueError(f"inception: images have {images.shape[-1]} channels; it takes 1 (repeated) or 3")
+    _, rows, columns, _ = images.shape
+    images = jnp.clip(images, -1.0, 1.0) if form == "torchvision" else images
+    matrix = bicubic if form == "torchvision" else bilinear
+    product = partial(jnp.einsum, precision=jax.lax.Precision.HIGHEST)
+    images = product("bhwc,ih->biwc", images, matrix(SIZE, rows))
+    images = product("biwc,jw->bijc", images, matrix(SIZE, columns))
+    return jnp.broadcast_to(images, (*images.shape[:-1], 3))

@@ -13,11 +13,10 @@ from jaxsim.detect.scenes import Scene
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
-from jaxsim.report.clouds_page import cloud_with_boxes, turning
 from jaxsim.report.page import NOTHING, figure, image, paragraph, section, table, together, whole_page
 from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
-from jaxsim.report.scenes import TurnedScene
+from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
 from jaxsim.studies.real2sim2real import KINDS, Loop
 from jaxsim.studies.real2sim2real.charts import epochs_chart
 from jaxsim.studies.real2sim2real.clouds import WORDS, check_tables, write_checks

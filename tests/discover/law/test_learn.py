@@ -9,8 +9,8 @@ import pytest
 from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Dependence, find_dependences
-from jaxsim.discover.law.closed import closed_law
 from jaxsim.discover.law.learn import Form, form_of
+from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.law.checks import check_expression
-from jaxsim.discover.law.closed import VARIABLES, closed_law
 from jaxsim.discover.law.grammar import Variable, shapes_of
 from jaxsim.discover.law.learn import LearnedFit
+from jaxsim.discover.law.search import VARIABLES, closed_law
 from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays

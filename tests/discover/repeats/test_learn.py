@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.repeats import find_repeats, formula_of
-from jaxsim.discover.repeats.forms import form_of
-from jaxsim.discover.repeats.learn import conjugate_gradients, learn_repeats
+from jaxsim.discover.repeats.learn import conjugate_gradients, form_of, learn_repeats
 from jaxsim.effects.learned import Learned
 from tests.discover.repeats.made import COLUMN, COLUMNS, FINDING, ROW, ROWS, maps
 
