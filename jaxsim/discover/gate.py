@@ -7,8 +7,8 @@ gate.json, all of it optional but one thing at least:
      "baseline": "verdict.json"}
 
 Asked of a whole answer (`judge`), or at every commit in seconds and without a model, of distances alone
-(`quick_distances`, `judge_quickly`): a frame after the other is read and forgotten, so that any number of them takes the
-memory of one.
+(`quick_distances`, `judge_quickly`): a frame after the other is read and forgotten, so that any number of them takes
+the memory of one.
 """
 
 from __future__ import annotations
