@@ -66,7 +66,7 @@ def spread(address: str, job: Job[Item, Result], items: Sequence[Item], *, by: s
     failures: list[str] = []
     try:
         with client.get_executor(pure=False) as pool:
-            task = pickle.dumps((job, _cache_folder())), build()
+            task = pickle.dumps((job, _cache_folder())), build_name()
             todo = {pool.submit(_do, *task, pickle.dumps(item)): item for item in items}
             try:
                 for future in as_completed(todo):
@@ -120,14 +120,14 @@ def _connect(address: str, by: str) -> Any:
     return client
 
 
-def build() -> str:
+def build_name() -> str:
     """Names the code that runs here: a hash of jaxsim's, with the versions of what its numbers depend on."""
     root = Path(__file__).parent
     code = sha256(b"".join(path.read_bytes() for path in sorted(root.rglob("*.py")))).hexdigest()
     return f"jaxsim {code[:16]}, " + ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy"))
 
 
-_own_build = lru_cache(build)
+_own_build = lru_cache(build_name)
 
 
 def _cache_folder() -> str | None:

@@ -94,7 +94,7 @@ class Simulate(Checked):
         self.write_page(maker.dataset, positions[: self.previews])
         print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
         if speed.simulated:
-            print(told(speed, workers=bool(self.cluster)))
+            print(speed_words(speed, workers=bool(self.cluster)))
 
     def maker(self, learned: LearnedSensor) -> FrameMaker:
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""
@@ -159,7 +159,7 @@ class Elsewhere:
         return self.command.maker(LearnedSensor(with_absolute_paths(learned.run, self.folder), learned.params))
 
 
-def told(speed: Speed, *, workers: bool = False) -> str:
+def speed_words(speed: Speed, *, workers: bool = False) -> str:
     """Tells how fast the simulation is, and how long the command took with all else that it does; of `workers` that
     share it only how fast they are together."""
     total = f"{speed.total_s:.1f} s in all, with loading, compiling and writing"

@@ -57,9 +57,9 @@ def angles_of(path: Path, name: str, given: Any) -> Float[np.ndarray, " n"]:
 def origin_of(path: Path, given: Any, rows: int) -> Float[np.ndarray, " rows"]:
     """`origin` of a grid.json. Raises ValueError where it is not one height a row."""
     right = f"it must be a list of {rows} heights in metres, one a row, or be left out for 0"
-    origin = _reals(given, f"polar frames: {path}: origin is {shown(given)}; {right}")
+    origin = _reals(given, f"polar frames: {path}: origin is {as_given(given)}; {right}")
     if origin.shape != (rows,):
-        came = f"a list of {origin.size} numbers" if origin.ndim == 1 else shown(given)
+        came = f"a list of {origin.size} numbers" if origin.ndim == 1 else as_given(given)
         raise ValueError(f"polar frames: {path}: origin is {came}; {right}")
     if not np.isfinite(origin).all() or np.abs(origin).max() > LOW_ORIGIN_M:
         raise ValueError(
@@ -85,27 +85,27 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
     for name, entry in frames.items():
         if not isinstance(entry, dict):
             raise ValueError(
-                f"polar frames: {path}: frames[{name!r}] is {shown(entry)}; it must be an object with any of scene, "
+                f"polar frames: {path}: frames[{name!r}] is {as_given(entry)}; it must be an object with any of scene, "
                 f"time, speed, heading and tags; {SEE}"
             )
         check_keys(entry, ABOUT, where=f"polar frames: {path}: frames[{name!r}]")
         scene = entry.get("scene", "")
         if not isinstance(scene, str | int) or isinstance(scene, bool):
             raise ValueError(
-                f"polar frames: {path}: the scene of {name!r} is {shown(scene)}; it must be a drive's name"
+                f"polar frames: {path}: the scene of {name!r} is {as_given(scene)}; it must be a drive's name"
             )
         tags = entry.get("tags", [])
         if not isinstance(tags, list) or not all(isinstance(tag, str) and tag for tag in tags):
             raise ValueError(
-                f"polar frames: {path}: the tags of {name!r} are {shown(tags)}; they must be a list of words, as "
+                f"polar frames: {path}: the tags of {name!r} are {as_given(tags)}; they must be a list of words, as "
                 '["night", "rain"], or be left out'
             )
         for key, unit in (("time", "seconds"), ("speed", "m/s"), ("heading", "radians")):
             value = entry.get(key, 0.0)
             _reals(
                 [value],
-                f"polar frames: {path}: the {key} of {name!r} is {shown(value)}; it must be a finite number in {unit}, "
-                "or be left out",
+                f"polar frames: {path}: the {key} of {name!r} is {as_given(value)}; it must be a finite number in "
+                f"{unit}, or be left out",
             )
         check_motion_of(entry.get("speed", 0.0), entry.get("heading", 0.0), f"polar frames: {path}: frames[{name!r}]")
 
@@ -178,7 +178,7 @@ def span(values: np.ndarray) -> str:
     return told if known.size == values.size else f"{told}, {values.size - known.size} of {values.size} NaN or infinite"
 
 
-def shown(value: Any) -> str:
+def as_given(value: Any) -> str:
     """A value for a message, cut off."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -81,7 +81,7 @@ NEED = {
 """What to record, by the first covariate of an effect that stands here."""
 
 
-Pair = tuple[Float[Array, " b"], Float[Array, " b"]]
+HeldAndFree = tuple[Float[Array, " b"], Float[Array, " b"]]
 
 
 def sensitivities(problem: Problem, effects: Iterable[Effect]) -> tuple[Sensitivity, ...]:
@@ -198,7 +198,7 @@ def _record(effect: Effect, scenes: int, *, times: float | None) -> str:
 
 
 @jax.jit
-def _expected(ev: Evidence, before: Rays, after: Rays, *, noise: Noise, equations: NormalEquations) -> Pair:
+def _expected(ev: Evidence, before: Rays, after: Rays, *, noise: Noise, equations: NormalEquations) -> HeldAndFree:
     """Expected gain of each block, nats: with nuisances held where they are, and with them free."""
     parts = [
         _of_intensity(ev, before, after, equations=equations),
@@ -212,7 +212,7 @@ def _expected(ev: Evidence, before: Rays, after: Rays, *, noise: Noise, equation
     return sum(held for held, _ in parts) + strange, sum(free for _, free in parts) + strange
 
 
-def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> Pair:
+def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> HeldAndFree:
     change = jnp.minimum(after.log_intensity, jnp.log(after.intensity_top)) - before.log_intensity
     change = jnp.where(ev.compared & after.hit, change, 0)
     weight = OF_MEAN * equations.intensity
@@ -221,7 +221,7 @@ def _of_intensity(ev: Evidence, before: Rays, after: Rays, *, equations: NormalE
     return _nats(weight, change).sum((1, 2)), _nats(weight, change - explained).sum((1, 2)) + OF_MEAN * cost
 
 
-def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> Pair:
+def _of_range(ev: Evidence, before: Rays, after: Rays, *, equations: NormalEquations) -> HeldAndFree:
     change = jnp.where(ev.smooth & after.hit, after.reading_m - before.reading_m, 0)
     near = jnp.abs(change) < jnp.maximum(SURFACE_M, POSE_MOST * before.range_m)
     read = replace(ev, range_m=jnp.where(near, before.reading_m + change, before.reading_m))
@@ -237,7 +237,7 @@ def _nats(weight: Float[Array, "b c r"], off: Float[Array, "b c r"]) -> Float[Ar
     return jnp.minimum(0.5 * weight * off**2, MOST_NATS)
 
 
-def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:
+def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAndFree:
     usual = reading_variance(before, ev, noise)
     widened = jnp.where(ev.smooth, jnp.log(reading_variance(after, ev, noise) / usual), 0)
     # By the null's own scales the variance changes as their shares in it: of a direction, and of all ranges.
@@ -250,7 +250,7 @@ def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair
     return _nats(weight, widened).sum((1, 2)), _nats(weight, widened - taken).sum((1, 2))
 
 
-def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Pair:
+def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAndFree:
     """Of single rays; each kind of place has a rate of its own, up to what the null allows."""
     usual = jnp.exp(log_reported(before, ev, noise))
     kept = jnp.where(after.hit, usual * jnp.exp(jnp.minimum(after.log_keep - before.log_keep, 0)), 0.0)

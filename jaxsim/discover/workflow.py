@@ -102,7 +102,7 @@ def discover(
     divided = find_regimes(division, comparison.scenes, null, answer=answer, known=mounting.known, log=log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    model = build(division, comparison.scenes, dependences, divided=divided, known=mounting.known, log=log)
+    model = sensor_model_of(division, comparison.scenes, dependences, divided=divided, known=mounting.known, log=log)
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
@@ -129,7 +129,7 @@ def discover(
             *([stranger] if stranger else []),
         ),
         seconds=time.monotonic() - begun,
-        **told(null, model, known=mounting.known),
+        **verdict_fields(null, model, known=mounting.known),
     )
     verdict = with_mounting(confirmed(verdict), *named_mounting(mounting, parts, rows=rows))
     sensor = replace(sensor_of(verdict, model.added.sensor, known), levels=missing(levels))
@@ -150,7 +150,7 @@ class Model:
     repeats: tuple[LearnedRepeat, ...]
 
 
-def build(
+def sensor_model_of(
     division: Division,
     scenes: Sequence[str],
     dependences: Dependences,
@@ -182,7 +182,7 @@ def build(
     return Model(answer, choice, added, repeats)
 
 
-def told(null: Problem, model: Model, *, known: SensorModel) -> dict[str, Any]:
+def verdict_fields(null: Problem, model: Model, *, known: SensorModel) -> dict[str, Any]:
     """What a verdict says of the sensor model, by its fields' names."""
     choice, added = model.choice, model.added
     return {

@@ -44,7 +44,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     writes = devices.is_first()
 
     # Data and model: what the builder of this kind makes of the experiment.
-    training = build(experiment)
+    training = training_of(experiment)
 
     # Run: a new folder, or the one that the same command began.
     devices.by_first(lambda: start_run(folder, training.run))
@@ -131,7 +131,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     devices.wait("the end")
 
 
-def build(experiment: AnyExperiment) -> Training:
+def training_of(experiment: AnyExperiment) -> Training:
     """The training of an experiment, by the builder of its kind."""
     module, _, builder = kind_of(experiment).builder.partition(":")
     return getattr(importlib.import_module(module), builder)(experiment)

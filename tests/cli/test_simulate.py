@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.cli.simulate import told
+from jaxsim.cli.simulate import speed_words
 from jaxsim.simulate.folder import Speed
 from jaxsim.train.experiments import load_experiment
 from tests.untrained import untrained_run
@@ -15,16 +15,16 @@ def speed(batches_s):
 
 
 def test_the_simulations_speed_leaves_out_compilation_and_all_other_work():
-    assert told(speed((30.0, 1.0, 3.0))).startswith("simulation alone 4.00 frames/s")
-    assert "100.0 s in all" in told(speed((30.0, 1.0, 3.0)))
+    assert speed_words(speed((30.0, 1.0, 3.0))).startswith("simulation alone 4.00 frames/s")
+    assert "100.0 s in all" in speed_words(speed((30.0, 1.0, 3.0)))
 
 
 def test_one_batch_tells_no_speed():
-    assert "frames/s" not in told(speed((30.0,)))
+    assert "frames/s" not in speed_words(speed((30.0,)))
 
 
 def test_of_a_cluster_the_speed_is_that_of_all_workers():
-    assert told(speed((30.0, 30.0)), workers=True).startswith("0.20 frames/s; ")
+    assert speed_words(speed((30.0, 30.0)), workers=True).startswith("0.20 frames/s; ")
 
 
 @pytest.fixture(scope="module")

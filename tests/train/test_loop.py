@@ -67,7 +67,7 @@ class Adding:
         return replace(made, **changes)
 
     def run(self, monkeypatch, **changes) -> list[dict]:
-        monkeypatch.setattr("jaxsim.train.loop.build", lambda experiment: self.training(**changes))
+        monkeypatch.setattr("jaxsim.train.loop.training_of", lambda experiment: self.training(**changes))
         train(self.experiment, "Adds numbers.\nSlowly.")
         return [json.loads(line) for line in (self.folder / "metrics.jsonl").read_text().splitlines()]
 

@@ -9,7 +9,7 @@ In the order in which to read it:
     ask             exact tests over scenes, the best of all regions; false discovery rates (`chance`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
     Judges          whether scenes that nothing was fitted to gain by it (`confine` too)
-    shown           the verdict's entry (`shown`)
+    regime_of       the verdict's entry (`shown`)
 """
 
 from jaxsim.discover.regimes.find import Divided, find_regimes

@@ -17,7 +17,7 @@ from jaxsim.discover.regimes.cells import cells
 from jaxsim.discover.regimes.chance import FoundRegion, ask, by_own_size, disputed, false_discovery_rates
 from jaxsim.discover.regimes.confine import Confined, Judges, confine, sharpened
 from jaxsim.discover.regimes.questions import Facts, Question, questions
-from jaxsim.discover.regimes.shown import Told, shown, sizes
+from jaxsim.discover.regimes.shown import Told, regime_of, sizes
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
@@ -98,7 +98,7 @@ def find_regimes(
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
             told = Told(placed.inside, placed.outside, lead.found.p_value, lead.q_value, gained)
-            regimes.append(shown(confined, lead.found.question.divides, told, facts=facts))
+            regimes.append(regime_of(confined, lead.found.question.divides, told, facts=facts))
     if not regimes:
         return Divided(answer)
     named = named_answer(choice, scene=facts.scene)

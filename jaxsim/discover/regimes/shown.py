@@ -55,7 +55,7 @@ class Told(NamedTuple):
     judge_nats: float
 
 
-def shown(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
+def regime_of(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
     result = one.step.fit
     whole = cells(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)

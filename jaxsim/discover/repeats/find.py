@@ -77,7 +77,7 @@ def find_repeats(
         size = height_of(shows, answers, channel) if scale.pattern else common_size(known, scale, channel)
         large = abs(size.value) >= np.hypot(least[channel], known.rounding(pattern))
         if large and convincing(p_judge, int((~finding).sum())):
-            repeat = told(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
+            repeat = repeat_of(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
         remaining[channel] = replace(known, total=known.total - height * response)
@@ -172,7 +172,9 @@ def convincing(p_judge: float, judges: int) -> bool:
     return p_judge <= max(RULES.repeats_judge_level, 1.01 * 2.0**-judges)
 
 
-def told(channel: str, scale: Scale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float) -> Repeat:
+def repeat_of(
+    channel: str, scale: Scale, k: int, *, phase: complex, size: Interval, p: float, p_judge: float
+) -> Repeat:
     """The k-th pattern of a scale in words."""
     height = f"{LETTER[channel]} ≈ {size.value:.3g}"
     formula = f"{height}·{scale.formula(k, phase)}" if scale.formula else f"{height}, {scale.words(k)}"

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.discover.covariates import COVARIATES
-from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of, told
+from jaxsim.discover.repeats.find import FoundPattern, common_size, height_of, repeat_of
 from jaxsim.discover.repeats.maps import Maps, Pattern, Sums
 from jaxsim.discover.verdict import Interval, Repeat
 from jaxsim.effects import Law
@@ -221,7 +221,7 @@ def _learned(
     learned = form.learned(heights, sd)
     told_as = form.found.repeat
     size, phase = _size(form, heights, maps=maps)
-    repeat = told(
+    repeat = repeat_of(
         told_as.channel,
         form.found.scale,
         form.found.number,
