@@ -168,7 +168,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
     of the rays that hit something in the simulation on which one side alone returns. Each is the mean over a scene's
     frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have fewer
-    than `Rules.gate_fewest_scenes`.
+    than `Rules.fewest_for_scatter`.
     """
     ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
     check_one_grid(ours, theirs)
@@ -179,9 +179,9 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     for name in names:
         row = frame_distances(ours.read(name)[0], theirs.read(name)[0])
         by_scene.setdefault(_scene(theirs, ours, name), []).append(row)
-    if len(by_scene) < RULES.gate_fewest_scenes:
+    if len(by_scene) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"discover: {len(by_scene)} scenes; a gate needs {RULES.gate_fewest_scenes} or more to know what chance "
+            f"discover: {len(by_scene)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
     table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])

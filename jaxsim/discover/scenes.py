@@ -149,7 +149,9 @@ def best_of_gains(gains: Float[np.ndarray, "c s"]) -> tuple[int, float]:
     return best, float((1 + np.sum(by_chance >= agreement[best])) / (1 + RULES.sign_draws))
 
 
-def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"]) -> tuple[float, float]:
+def difference_interval(
+    first: Float[np.ndarray, " s"], second: Float[np.ndarray, " t"], *, level: float = RULES.interval_level
+) -> tuple[float, float]:
     """Interval of mean(first) - mean(second), in their unit, of two independent groups of scenes whose scatter may
     differ (Welch 1947, doi 10.1093/biomet/34.1-2.28); NaN where either has fewer than two scenes."""
     if min(len(first), len(second)) < 2:
@@ -162,7 +164,7 @@ def difference_interval(first: Float[np.ndarray, " s"], second: Float[np.ndarray
         return centre, centre
     # Degrees of freedom by Welch and Satterthwaite: near those of the group that scatters more.
     freedom = variance**2 / (variance_first**2 / (len(first) - 1) + variance_second**2 / (len(second) - 1))
-    half = float(student.ppf(0.5 + RULES.interval_level / 2, freedom) * np.sqrt(variance))
+    half = float(student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance))
     return centre - half, centre + half
 
 

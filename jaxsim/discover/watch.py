@@ -14,18 +14,15 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
 
 from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import difference_interval
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry import grid_difference
 
 SECTORS = 12
 """Parts of the columns: 30 degrees each of a whole turn."""
-CHANCE = 0.05
-"""Of a day without any change to show one, all rows and sectors together (Bonferroni)."""
-FEWEST = 4
-"""Scenes of each day below which their scatter says nothing."""
 _LEAST = 1e-3
 """Of a full scale: reflectivities below it count as this, so that a 0 has a logarithm."""
 
@@ -42,7 +39,7 @@ class Change:
     """Today less before: of intensity in nats, of returns as a share of rays."""
     low: float
     high: float
-    """Its interval, so wide that CHANCE holds for all questions of a day together."""
+    """Its interval, so wide that `Rules.watch_chance` holds for all questions of a day together."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,8 @@ class Day:
 def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
     """What has changed on each day since `before`, the strongest first.
 
-    Raises ValueError where folders are not of one sensor (another grid), and for days of fewer than FEWEST scenes.
+    Raises ValueError where folders are not of one sensor (another grid), and for days of fewer than
+    `Rules.fewest_for_scatter` scenes.
     """
     grid, base = scene_table(before)
     names = questions(grid)
@@ -77,10 +75,10 @@ def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
     for name in frames.names:
         scene = str(frames.about.get(name, {}).get("scene", name))
         by_scene.setdefault(scene, []).append(measures(frames.read(name)[0]))
-    if len(by_scene) < FEWEST:
+    if len(by_scene) < RULES.fewest_for_scatter:
         raise ValueError(
-            f"watch: {folder} has {len(by_scene)} scenes; {FEWEST} are needed to know how much streets differ (frames "
-            "without a scene in grid.json are scenes of their own)"
+            f"watch: {folder} has {len(by_scene)} scenes; {RULES.fewest_for_scatter} are needed to know how much "
+            "streets differ (frames without a scene in grid.json are scenes of their own)"
         )
     return frames.grid, np.array([_mean(np.array(rows)) for rows in by_scene.values()])
 
@@ -116,17 +114,13 @@ def changes(
     found = []
     for k, (what, channel) in enumerate(names):
         a, b = (table[np.isfinite(table[:, k]), k] for table in (before, today))
-        if min(len(a), len(b)) < FEWEST:
+        if min(len(a), len(b)) < RULES.fewest_for_scatter:
             continue
-        spread = np.array([a.var(ddof=1) / len(a), b.var(ddof=1) / len(b)])
-        sd = float(np.sqrt(spread.sum()))
-        if sd == 0:
-            continue
-        freedom = spread.sum() ** 2 / (spread**2 / (np.array([len(a), len(b)]) - 1)).sum()
-        half = float(student.ppf(1 - CHANCE / 2 / len(names), freedom)) * sd
-        value = float(b.mean() - a.mean())
-        if abs(value) > half:
-            found.append((abs(value) / sd, Change(what, channel, value, value - half, value + half)))
+        low, high = difference_interval(b, a, level=1 - RULES.watch_chance / len(names))
+        # Scenes without any scatter say nothing of chance.
+        if low < high and (low > 0 or high < 0):
+            value = float(b.mean() - a.mean())
+            found.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(found, key=lambda pair: -pair[0]))
 
 
