@@ -112,6 +112,11 @@ class PolarFrames:
         return image, rasters
 
 
+def scene_of(name: str, *sides: PolarFrames) -> str:
+    """The scene of a frame, by the first side that tells one; its own name where none does."""
+    return next((str(side.about[name]["scene"]) for side in sides if "scene" in side.about.get(name, {})), name)
+
+
 def open_polar_frames(folder: Path | str) -> PolarFrames:
     """A folder of polar frames with its grid. Raises ValueError as `read_grid`, and where it holds no frames."""
     grid, about = read_grid(folder)

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
+from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Verdict
@@ -178,7 +178,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     by_scene: dict[str, list[np.ndarray]] = {}
     for name in names:
         row = frame_distances(ours.read(name)[0], theirs.read(name)[0])
-        by_scene.setdefault(_scene(theirs, ours, name), []).append(row)
+        by_scene.setdefault(scene_of(name, theirs, ours), []).append(row)
     if len(by_scene) < RULES.fewest_for_scatter:
         raise ValueError(
             f"discover: {len(by_scene)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
@@ -204,8 +204,3 @@ def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
     known = scenes[np.isfinite(scenes)]
     low, high = mean_interval(known)
     return Interval(float(known.mean()) if len(known) > 1 else float("nan"), low, high, unit)
-
-
-def _scene(side: PolarFrames, other: PolarFrames, name: str) -> str:
-    """The scene that either side gives a frame; its own name where neither does."""
-    return str(side.about.get(name, {}).get("scene", other.about.get(name, {}).get("scene", name)))

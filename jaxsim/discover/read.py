@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.checks import (
     all_or_none,
     check_one_grid,
@@ -33,12 +33,16 @@ from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
-from jaxsim.frame import PolarImage
+from jaxsim.frame import PolarGrid, PolarImage
 
 NOTHING_YET = SensorModel()
 """A sensor model without effects."""
 
 
+MOST_CELLS = 128 * 64 * 1024
+"""Of the frames that are read: a fit sees RAYS of them however many there are, and these take about 3 GiB."""
+FEWEST_FRAMES = 16
+"""That are read however large they are."""
 UNKNOWN_BETWEEN = 0.03
 """Share of readings between two surfaces, of the rays beside a step of frames that were cast again: a surface goes on
 between the directions in which it was rendered, and how is in no frame."""
@@ -84,6 +88,8 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
             f"discover: no frame of {simulated} ({', '.join(predicted.names[:3])} ...) has the name of one of "
             f"{measured} ({', '.join(recorded.names[:3])} ...); frames of the same name are compared"
         )
+    shared = len(names)
+    names = thinned(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
     images: list[PolarImage] = []
     sensed: list[PolarImage] = []
     extra: list[Mapping[str, np.ndarray]] = []
@@ -103,7 +109,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         )
     # The simulator's own facts win: its frames were made with them.
     about = [{**recorded.about.get(name, {}), **predicted.about.get(name, {})} for name in names]
-    scenes = [str(fact.get("scene", name)) for name, fact in zip(names, about, strict=True)]
+    scenes = [scene_of(name, predicted, recorded) for name in names]
     scan = scan_of(grid, images, extra, about=about)
     heard = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
@@ -111,6 +117,8 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
     notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
+    if len(names) < shared:
+        notes.append(f"{len(names)} of {shared} frames were compared, spread evenly over {len(set(scenes))} scenes")
     for name in names:
         ours = predicted.about.get(name, {})
         theirs = recorded.about.get(name, {})
@@ -135,6 +143,30 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         registration=registration,
         speeds=speeds,
     )
+
+
+def thinned(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> list[str]:
+    """As many frames as MOST_CELLS allow, in order: as many of each scene, spread evenly over it; where there are more
+    scenes than that, one frame of scenes that are spread evenly."""
+    most = max(FEWEST_FRAMES, MOST_CELLS // (len(grid.elevation_rad) * len(grid.azimuth_rad)))
+    if len(names) <= most:
+        return list(names)
+    of_scene: dict[str, list[str]] = {}
+    for name, scene in zip(names, scenes, strict=True):
+        of_scene.setdefault(scene, []).append(name)
+    kept = [list(of_scene)[k] for k in _evenly(len(of_scene), most)]
+    chosen: set[str] = set()
+    # Short scenes first: what they leave is for longer ones.
+    for done, scene in enumerate(sorted(kept, key=lambda one: len(of_scene[one]))):
+        frames = of_scene[scene]
+        chosen |= {frames[k] for k in _evenly(len(frames), (most - len(chosen)) // (len(kept) - done))}
+    return [name for name in names if name in chosen]
+
+
+def _evenly(count: int, most: int) -> list[int]:
+    """At most so many of the numbers 0 to count - 1, from the middle of as many equal parts."""
+    parts = min(count, most)
+    return [(2 * k + 1) * count // (2 * parts) for k in range(parts)]
 
 
 @dataclass(frozen=True)

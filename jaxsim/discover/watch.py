@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import difference_interval
 from jaxsim.frame import PolarGrid, PolarImage
@@ -73,7 +73,7 @@ def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
     frames = open_polar_frames(folder)
     by_scene: dict[str, list[np.ndarray]] = {}
     for name in frames.names:
-        scene = str(frames.about.get(name, {}).get("scene", name))
+        scene = scene_of(name, frames)
         by_scene.setdefault(scene, []).append(measures(frames.read(name)[0]))
     if len(by_scene) < RULES.fewest_for_scatter:
         raise ValueError(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
+from jaxsim.discover import read
 from jaxsim.discover.read import Comparison, Division, read_comparison
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid, PolarImage
@@ -52,6 +53,33 @@ def test_frames_without_a_partner_are_left_out_and_told(folders):
     found = read_comparison(*folders)
     assert found.names == ("f0", "f1")
     assert "1 frames have no partner" in found.notes[0]
+
+
+def test_of_many_frames_as_many_are_read_as_fit_evenly_over_scenes(folders, monkeypatch):
+    monkeypatch.setattr(read, "FEWEST_FRAMES", 2)
+    monkeypatch.setattr(read, "MOST_CELLS", 2 * 6 * 12)
+    found = read_comparison(*folders)
+    assert len(found.names) == 2
+    assert "2 of 3 frames were compared, spread evenly over 2 scenes" in found.notes
+
+
+@pytest.mark.parametrize(("long", "short", "most"), [(100, 10, 40), (10, 10, 30), (1000, 1, 16)])
+def test_short_scenes_keep_their_frames_and_long_ones_are_thinned_evenly(long, short, most, monkeypatch):
+    monkeypatch.setattr(read, "MOST_CELLS", most * 6 * 12)
+    names = [f"{scene}{k:04d}" for scene, count in (("a", long), ("b", short), ("c", short)) for k in range(count)]
+    kept = read.thinned(names, [name[0] for name in names], grid=GRID)
+    assert len(kept) == min(most, len(names))
+    assert kept == sorted(kept)
+    assert sum(name[0] == "b" for name in kept) == min(short, most // 3)
+    steps = np.diff([int(name[1:]) for name in kept if name[0] == "a"])
+    assert steps.max() - steps.min() <= 1
+
+
+def test_more_scenes_than_frames_fit_give_one_frame_each(monkeypatch):
+    monkeypatch.setattr(read, "MOST_CELLS", 20 * 6 * 12)
+    names = [f"{k:04d}" for k in range(200)]
+    kept = read.thinned(names, [name[:3] for name in names], grid=GRID)
+    assert [int(name) for name in kept] == list(range(5, 200, 10))
 
 
 @pytest.mark.parametrize("side", [0, 1])
