@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_AGAIN_S = 0.05
 
 
 class Terminated(KeyboardInterrupt):
@@ -17,7 +20,8 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Makes SIGTERM raise Terminated in the block, so that a stopped job saves what Ctrl-C would save.
+    """Makes SIGTERM raise Terminated in the block, so that a stopped job saves what Ctrl-C would save. Neither is lost:
+    where it arrives in what no exception can leave, it comes again.
 
     Only a program's main thread may ask for signals; in another nothing changes.
     """
@@ -25,13 +29,34 @@ def terminable() -> Iterator[None]:
     def stop(number: int, frame: Any) -> NoReturn:
         raise Terminated
 
+    def again(lost: Any) -> None:
+        # Python drops what is raised in a `__del__` or a weak reference's callback, of which every import has one.
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            ignored(lost)
+            return
+        number = signal.SIGTERM if isinstance(lost.exc_value, Terminated) else signal.SIGINT
+        later = threading.Timer(_AGAIN_S, resend, (number,))
+        later.daemon = True
+        later.start()
+
+    def resend(number: int) -> None:
+        if signal.getsignal(signal.SIGTERM) is not stop:  # the block has ended
+            return
+        if hasattr(signal, "pthread_kill"):  # which also wakes a thread that waits
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:  # Windows
+            _thread.interrupt_main(signal.Signals(number))
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, stop)
+    before, ignored = signal.signal(signal.SIGTERM, stop), sys.unraisablehook
+    sys.unraisablehook = again
     try:
         yield
     finally:
+        if sys.unraisablehook is again:  # else another took its place, which is to stay
+            sys.unraisablehook = ignored
         signal.signal(signal.SIGTERM, before)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.files import array_names, check_size, parse_json, read_arrays, write_arrays
+from jaxsim.files import array_names, check_size, parse_json, placed, read_arrays, write_arrays
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
@@ -135,16 +135,10 @@ def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weig
     files = [source / name for name in converter.files] or [source]
     if out.exists() and any(file.exists() and out.samefile(file) for file in files):
         raise ValueError(f"convert: --out {out} is the file to convert, which would be lost; give another name")
-    try:
+    with placed(f"convert: {source} cannot be read as {converter.title}", then=f"fetch {converter.fetch}"):
         arrays = read_state_dict(source, converter.files)
-    except ValueError as error:
-        raise ValueError(
-            f"convert: {source} cannot be read as {converter.title}. Fetch {converter.fetch}\n({error})"
-        ) from error
-    try:
+    with placed(f"convert: {source} is not {converter.title}", then=f"fetch {converter.fetch}"):
         kept = converter.convert(arrays)
-    except ValueError as error:
-        raise ValueError(f"convert: {source} is not {converter.title}: {error} Fetch {converter.fetch}") from error
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     published = bool(converter.digest) and digest.startswith(converter.digest)
     about = {"kind": kind, "source": source.name, "source_sha256": digest, "published": published}
@@ -167,10 +161,8 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
         raise ValueError(f"weights: {path} was not written by `jaxsim convert`; {help}") from error
     if about.get("kind") != kind:
         raise ValueError(f"weights: {path} holds {about.get('kind')}, not {kind} ({converter.title}); {help}")
-    try:
+    with placed(f"weights: {path} is not {converter.title}", then=help):
         kept = converter.convert(arrays)
-    except ValueError as error:
-        raise ValueError(f"weights: {path} is not {converter.title}: {error} {help}") from error
     return Weights(kept, fingerprint(kept), bool(about.get("published")))
 
 

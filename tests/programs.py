@@ -1,5 +1,6 @@
 """Programs that tests start, as a user does: started, waited for, and ended whatever becomes of the test."""
 
+import argparse
 import os
 import subprocess
 import sys
@@ -62,3 +63,15 @@ def processor_s(process: int) -> float:
     except OSError:
         return 0.0
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
+def at_least(least: int) -> Callable[[str], int]:
+    """The type of an argument of a program: a whole number, not below `least`."""
+
+    def number(text: str) -> int:
+        # `int` takes 1_0 for ten, too.
+        if not text.isascii() or not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"is {text}; it must be a whole number, {least} or more")
+        return int(text)
+
+    return number

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -17,6 +18,33 @@ def test_sigterm_is_an_interrupt_in_the_block_and_what_it_was_after_it():
         os.kill(os.getpid(), signal.SIGTERM)
     assert issubclass(Terminated, KeyboardInterrupt)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+class Interrupted:
+    """Something in whose end a signal arrives: what is raised there goes nowhere."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __del__(self):
+        signal.raise_signal(self.number)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_that_python_would_drop_comes_again(number, capsys):
+    before = sys.unraisablehook
+
+    def work() -> None:
+        with terminable():
+            one = Interrupted(number)
+            del one
+            time.sleep(60)
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        work()
+    assert isinstance(stopped.value, Terminated) == (number == signal.SIGTERM)
+    assert sys.unraisablehook is before
+    assert not capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", SIGNALS)

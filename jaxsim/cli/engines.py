@@ -12,7 +12,7 @@ import tyro
 from jaxsim.config.ranges import Checked
 from jaxsim.effects.own import known_effects
 from jaxsim.engines import ENGINES, Estimate, Translation, read_answer, translate
-from jaxsim.files import read_json, write_text
+from jaxsim.files import placed, read_json, real, write_text
 
 
 @dataclass(frozen=True)
@@ -52,10 +52,9 @@ class Engines(Checked):
 
 def _numbers(path: Path) -> dict[str, float]:
     content = read_json(path, by="engines")
-    try:
-        return {key: float(value) for key, value in content.items()}
-    except (AttributeError, TypeError, ValueError) as error:
-        raise ValueError(f'engines: {path} must be an object of numbers, {{"noise_stddev": 0.0}}') from error
+    wrong = f'engines: {path} must be an object of numbers, {{"noise_stddev": 0.0}}'
+    with placed(wrong, AttributeError, TypeError):
+        return {key: real(value) for key, value in content.items()}
 
 
 def words(told: Translation) -> str:

@@ -27,7 +27,7 @@ from jaxsim.data.kitti_files import (
     tracking_camera,
     tracking_rect_from_velo,
 )
-from jaxsim.files import files_in, read_pixels
+from jaxsim.files import files_in, placed, read_pixels
 from jaxsim.frame import Boxes, CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
@@ -155,12 +155,8 @@ def read_panoptic(path: Path, size: tuple[int, int]) -> tuple[Int[np.ndarray, "h
         h, w = image.shape[:2]
         raise ValueError(f"kitti_step: {path} is {w} x {h}, its image {size[1]} x {size[0]}; they must be one frame's")
     blue, green, red = np.moveaxis(image, -1, 0)
-    try:
+    with placed(f"kitti_step: {path}", then="a panoptic map keeps the class in R and the instance in G * 256 + B"):
         semantic = ids_of_train_ids(red)
-    except ValueError as error:
-        raise ValueError(
-            f"kitti_step: {path}: {error}; a panoptic map keeps the class in R and the instance in G * 256 + B"
-        ) from None
     number = green.astype(np.int32) * 256 + blue
     if number.max() >= _DIVISOR:
         raise ValueError(

@@ -30,7 +30,7 @@ from jaxsim.data.tfds_builder import (
     features,
     flattened,
 )
-from jaxsim.files import differences, parse_settings, read_json
+from jaxsim.files import differences, parse_settings, placed, read_json
 from jaxsim.frame import Frame
 from jaxsim.geometry import LidarSpec
 
@@ -52,13 +52,9 @@ class PreparedSet:
         self.folder = _folder(Path(root))
         check_features(self.folder)
         metadata = self.folder / "metadata.json"
-        try:
+        with placed(f"prepared: {metadata} does not fit this version; prepare the set again"):
             self.about = parse_settings(About, read_json(metadata, by="prepared"))
             check_about(self.about)
-        except ValueError as error:
-            raise ValueError(
-                f"prepared: {metadata} does not fit this version; prepare the set again: {error}"
-            ) from error
         self._check_files()
         splits = self.about.splits
         self._place = {p: (split, i) for split, own in splits.items() for i, p in enumerate(own.positions)}

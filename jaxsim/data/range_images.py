@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import files_in, read_arrays
+from jaxsim.geometry.points import FAR_M
 
 CHANNELS = ("x", "y", "z", "intensity", "range", "label")
 EIGHT_BITS = 255.0
@@ -69,6 +70,11 @@ def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:
     intensity, away, label = np.moveaxis(scan[..., 3:6], -1, 0)
     if away.min() < 0 or intensity.min() < 0 or intensity.max() > EIGHT_BITS:
         raise ValueError(f"range images: scan in {path} has negative ranges, or intensities outside 0..1 and 0..255")
+    if max(away.max(), np.abs(scan[..., :3]).max()) > FAR_M:
+        raise ValueError(
+            f"range images: scan in {path} reaches {max(away.max(), np.abs(scan[..., :3]).max()):g}; it must be in "
+            f"metres, and no LiDAR sees beyond {FAR_M:g} m"
+        )
     if (label != np.round(label)).any() or label.min() < 0 or label.max() >= MOST_CLASSES:
         raise ValueError(f"range images: scan in {path} has labels that are no classes 0..{MOST_CLASSES - 1}")
     return scan

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.files import check_size
+from jaxsim.files import check_size, need
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import full_grid, points_to_polar, preset
 from jaxsim.geometry.points import FAR_M
@@ -164,13 +164,8 @@ def read_pcap(
 
 
 def _open_pcap(path: Path, meta: Path | None) -> tuple[Any, Any]:
-    try:
-        from ouster.sdk import core
-        from ouster.sdk.open_source import open_source
-    except ImportError as error:
-        raise ModuleNotFoundError(
-            "ouster: reading Ouster's files needs ouster-sdk; pip install jaxsim-lidar[ouster]"
-        ) from error
+    core = need("ouster.sdk.core", "ouster", by="ouster")
+    open_source = need("ouster.sdk.open_source", "ouster", by="ouster").open_source
     if not path.exists():
         raise ValueError(f"ouster: there is no {path}; pass a .pcap, .osf or bag")
     if meta is not None and not meta.is_file():

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from jaxsim.data.calibration import check_rigid
 from jaxsim.data.cityscapes import IDS
-from jaxsim.files import check_image, check_size, image_of, number, read_pixels, read_text
+from jaxsim.files import check_image, check_size, image_of, number, placed, read_pixels, read_text
 from jaxsim.frame import Boxes
 
 Raster = Int[np.ndarray, "h w"]
@@ -132,10 +132,8 @@ def read_instances(path: Path) -> Raster:
     """trackID + 1 of every vehicle's pixels, 0 elsewhere: the index, not the colour, of an indexed PNG."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_instanceSegmentation")
-    try:
+    with placed("vkitti2"):
         return read_indexed(path).astype(np.int32)
-    except ValueError as error:
-        raise ValueError(f"vkitti2: {error}") from error
 
 
 def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:

@@ -25,9 +25,10 @@ from jaxsim.data.polar_frames import open_polar_frames, scene_of
 from jaxsim.discover.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Verdict
-from jaxsim.effects import get_effect
+from jaxsim.effects import EFFECTS
 from jaxsim.files import check_keys, read_json, real
 from jaxsim.frame import PolarImage
+from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.intervals import mean_interval
 
 Colour = Literal["pass", "gap", "unsure"]
@@ -82,9 +83,7 @@ def read_gate(path: Path) -> Gate:
     allowed = content.get("allowed", [])
     if not isinstance(allowed, list) or not all(isinstance(name, str) for name in allowed):
         raise ValueError(f"gate: {path}: allowed must be a list of effects' names")
-    for name in allowed:
-        if name != NOT_NAMED:
-            get_effect(name)
+    check_keys(dict.fromkeys(allowed), (*EFFECTS, NOT_NAMED), where=f"gate: {path}: allowed")
     return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")))
 
 
@@ -96,9 +95,21 @@ def _baseline(path: Path, name: Any) -> Mapping[str, Any] | None:
     # Beside the gate, so that a checkout can be anywhere.
     file = path.parent / name
     content = read_json(file, by="gate")
-    if not isinstance(content, dict) or not isinstance(content.get("effects"), list):
+    if not isinstance(content, dict) or not _is_verdict(content.get("effects"), content.get("gap", {})):
         raise ValueError(f"gate: {file} is no verdict.json; `jaxsim discover` writes one")
     return content
+
+
+def _is_verdict(effects: Any, gap: Any) -> bool:
+    """Whether these are a verdict's: named effects, and distances a channel, where it was compared."""
+    if not isinstance(effects, list) or not isinstance(gap, dict):
+        return False
+    named = all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in effects)
+    distances = [one.get("before") if isinstance(one, dict) else one for one in gap.values()]
+    return named and all(
+        one is None or (isinstance(one, int | float) and not isinstance(one, bool) and 0 <= one <= FAR_M)
+        for one in distances
+    )
 
 
 def judge(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:

@@ -24,7 +24,7 @@ from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.check import check_effect
 from jaxsim.effects.effect import STAGES, Effect
 from jaxsim.effects.origin import Origin, OwnEffect
-from jaxsim.files import write_text
+from jaxsim.files import loaded, placed, write_text
 
 GROUP = "jaxsim.effects"
 """Group of entry points."""
@@ -65,17 +65,7 @@ def _of_packages() -> Iterator[OwnEffect]:
         package = point.dist.name if point.dist else point.value
         origin = Origin(package=package, version=point.dist.version if point.dist else "of no distribution")
         where = f"entry point {point.name} of {origin}"
-        yield own_effect(_loaded(point, where), origin, where)
-
-
-def _loaded(point: Any, where: str) -> Any:
-    # Of no type: where importlib_metadata is installed too, the standard library gives entry points of its class.
-    try:
-        return point.load()
-    except Exception as error:
-        raise ValueError(
-            f"effects: {where} cannot be loaded ({type(error).__name__}: {error}); mend or uninstall the package"
-        ) from error
+        yield own_effect(loaded(point, by="effects", what=where), origin, where)
 
 
 def load_file(path: Path) -> OwnEffect:
@@ -112,10 +102,8 @@ def own_effect(effect: Any, origin: Origin, where: str) -> OwnEffect:
     own = OwnEffect(**{field.name: getattr(effect, field.name) for field in fields(Effect)}, origin=origin)
     if EFFECTS.get(own.name) == own:
         return own
-    try:
+    with placed(f"effects: {where}"):
         check_effect(own)
-    except ValueError as error:
-        raise ValueError(f"effects: {where}: {error}") from error
     return own
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from jaxsim.effects.effect import Law
 from jaxsim.effects.rays import Array, Rays, Scan
-from jaxsim.files import parse_settings
+from jaxsim.files import parse_settings, placed
 
 WHOLE = ("intensity_quantization", "range_quantization", "saturation")
 """Effects that have one number for all rays of a recording (steps, a top), and so no part."""
@@ -96,11 +96,9 @@ class Region:
     @classmethod
     def from_json(cls, entry: Mapping[str, Any]) -> Region:
         """The region of an entry of sensor.json. Raises ValueError where it is none."""
-        try:
+        known = ", ".join(cls.__dataclass_fields__)
+        with placed(f"where: {entry!r:.200} is not understood", then=f"it may hold {known}"):
             return parse_settings(cls, entry)
-        except ValueError as error:
-            known = ", ".join(cls.__dataclass_fields__)
-            raise ValueError(f"where: {entry!r:.200} is not understood ({error}); it may hold {known}") from error
 
 
 def kept(inside: Bool[Array, "*n"], before: Rays, after: Rays) -> Rays:

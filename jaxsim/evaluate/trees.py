@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.evaluate.baselines import Baseline, Guess
+from jaxsim.files import need
 from jaxsim.frame import Pair
 from jaxsim.metrics.paired import DROP_BELOW
 
@@ -33,12 +34,7 @@ def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
 
     Raises ModuleNotFoundError without scikit-learn.
     """
-    try:
-        from sklearn.ensemble import HistGradientBoostingClassifier, HistGradientBoostingRegressor
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "trees: boosted trees need scikit-learn; pip install 'jaxsim-lidar[trees]', or leave out --trees"
-        ) from error
+    ensemble = need("sklearn.ensemble", "trees", by="trees")
     every, settings = (EVERY_WITH_CONTEXT, WITH_CONTEXT) if context else (EVERY_ALONE, ALONE)
     inputs = []
     intensity = []
@@ -51,12 +47,12 @@ def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
     x = np.concatenate(inputs)
     y = np.concatenate(intensity)
     back = np.concatenate(returned)
-    of_intensity: Any = HistGradientBoostingRegressor(loss="absolute_error", **settings, **SHARED)
+    of_intensity: Any = ensemble.HistGradientBoostingRegressor(loss="absolute_error", **settings, **SHARED)
     of_intensity.fit(x[back][::every], y[back][::every])
     dropped = ~back | (y < DROP_BELOW)
     of_drops: Any = None
     if dropped[::every].any() and not dropped[::every].all():
-        of_drops = HistGradientBoostingClassifier(**OF_DROPS, **SHARED)
+        of_drops = ensemble.HistGradientBoostingClassifier(**OF_DROPS, **SHARED)
         of_drops.fit(x[::every], dropped[::every])
 
     def guess(pair: Pair) -> Guess:

@@ -7,6 +7,7 @@
     arrays.py   .npz files, with the SHA-256 of what they hold
     images.py   PNG and JPEG
     code.py     packages that only some files need, and the sources that made others
+    places.py   the place of an error that does not know it
 
 A file may be a stranger's: whatever is read is first measured, nothing in it is ever run or imported, and each reader
 raises ValueError that names the file, says what is wrong and what to do. Files' names that come out of data pass
@@ -15,9 +16,10 @@ raises ValueError that names the file, says what is wrong and what to do. Files'
 
 from jaxsim.files.arrays import array_names, digest, digest_of_values, read_arrays, write_arrays
 from jaxsim.files.claims import claim, differences
-from jaxsim.files.code import making, need
+from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
+from jaxsim.files.places import placed
 from jaxsim.files.texts import (
     check_keys,
     number,
@@ -44,6 +46,7 @@ __all__ = [
     "file_of",
     "files_in",
     "image_of",
+    "loaded",
     "lock",
     "making",
     "need",
@@ -51,6 +54,7 @@ __all__ = [
     "numbers",
     "parse_json",
     "parse_settings",
+    "placed",
     "read_arrays",
     "read_entry",
     "read_json",

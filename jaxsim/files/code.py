@@ -18,6 +18,18 @@ def need(module: str, extra: str, *, by: str) -> Any:
         ) from error
 
 
+def loaded(point: Any, *, by: str, what: str) -> Any:
+    """What an installed package's entry point names; `what` it is says the error. Raises ValueError for whatever the
+    package's own code raises."""
+    # Of no type: where importlib_metadata is installed too, the standard library gives entry points of its class.
+    try:
+        return point.load()
+    except Exception as error:
+        raise ValueError(
+            f"{by}: {what} cannot be loaded ({type(error).__name__}: {error}); mend or uninstall the package"
+        ) from error
+
+
 def making(settings: str, *parts: str) -> str:
     """Sixteen hexadecimal digits for what is made with these settings by the code of these rooms and files of the
     package: what was made by other code, or with other settings, is kept elsewhere."""

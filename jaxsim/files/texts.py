@@ -12,6 +12,7 @@ from typing import Any, NoReturn, TypeVar
 
 from pydantic import TypeAdapter
 
+from jaxsim.files.places import placed
 from jaxsim.files.whole import check_size
 
 MOST_TEXT = 256 * 2**20
@@ -104,10 +105,8 @@ def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def read_json(path: Path | str, *, by: str, hint: str = "") -> Any:
     """What a JSON file holds; `hint` says what to do about one that is none. Raises ValueError as `parse_json`."""
     text = read_text(path, by=by)
-    try:
+    with placed(f"{by}: {path} is not JSON", then=hint):
         return parse_json(text)
-    except ValueError as error:
-        raise ValueError(f"{by}: {path} is not JSON ({error}){hint and f'; {hint}'}") from error
 
 
 def read_entry(path: Path | str, name: str, kind: type[Any], *, by: str) -> Any:
@@ -116,10 +115,8 @@ def read_entry(path: Path | str, name: str, kind: type[Any], *, by: str) -> Any:
     Raises ValueError as `read_json`, and where it holds nothing under that name, or of another type.
     """
     content = read_json(path, by=by)
-    try:
+    with placed(f"{by}: {path} must hold {name!r}, a {kind}", KeyError, TypeError, then="remove it, or make it anew"):
         return parse_settings(kind, content[name])
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{by}: {path} must hold {name!r}, a {kind} ({error}); remove it, or make it anew") from error
 
 
 def check_keys(given: Mapping[str, Any], known: Collection[str], *, where: str) -> None:

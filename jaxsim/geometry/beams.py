@@ -128,6 +128,11 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
         middle = _between(numbers, np.arctan(slope), enough)
         origin = np.interp(numbers, numbers[enough], h[enough])
         off = np.abs(np.arctan2(z - origin[ring], rho) - middle[ring])
+    if np.abs(middle).max() > np.pi / 2:
+        raise NoBeams(
+            f"ring numbers reach {count - 1}, and {int(enough.sum())} have {ENOUGH_POINTS} points or more; so many "
+            "beams would look beyond the zenith: take those that the sensor has with --log.rings"
+        )
     _check_on_beams(middle, off)
     order = np.argsort(-middle, kind="stable")
     close = np.flatnonzero(-np.diff(middle[order]) < _SAME_RAD)

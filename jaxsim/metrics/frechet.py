@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from jaxsim.files import read_arrays, write_arrays
+from jaxsim.files import placed, read_arrays, write_arrays
 
 
 @dataclass(frozen=True)
@@ -173,15 +173,13 @@ def load_halves(path: Path, *, extractor: str, data: str) -> Halves | None:
     if not path.is_file():
         return None
     kept = read_arrays(path, by="frechet", again="delete it", summed=True)
-    try:
+    with placed(f"frechet: {path} is no readable file of statistics", KeyError, TypeError, then="delete it"):
         found = tuple(str(kept[name]) for name in ("extractor", "data"))
         parts = (
             Moments(int(kept[f"{name}.count"]), kept[f"{name}.mean"], kept[f"{name}.scatter"])
             for name in Halves._fields
         )
         statistics = Halves(*parts)
-    except (ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"frechet: {path} is no readable file of statistics ({error}); delete it") from error
     if found != (extractor, data):
         raise ValueError(f"frechet: {path} holds statistics of {found}, not of {(extractor, data)}; delete it")
     return statistics

@@ -23,7 +23,7 @@ from jaxsim.data.records import (
     record_of,
 )
 from jaxsim.devices import wait
-from jaxsim.files import check_name, making, read_arrays, write_arrays
+from jaxsim.files import check_name, making, placed, read_arrays, write_arrays
 from jaxsim.frame import Frame, Pair
 from jaxsim.geometry import LidarSpec
 from jaxsim.prepare import check_networks, edge_map, prepare_frame, prepare_view
@@ -126,8 +126,6 @@ def _entry(file: Path) -> Entry:
 def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:
     if missing := [name for name in wanted if name not in kept]:
         raise ValueError(f"prepared: {file} is damaged: it lacks {', '.join(missing)}; {AGAIN}")
-    try:
+    with placed(f"prepared: {file} is damaged", then=AGAIN):
         check_example(kept)
-    except ValueError as error:
-        raise ValueError(f"prepared: {file} is damaged: {error}; {AGAIN}") from error
     return kept

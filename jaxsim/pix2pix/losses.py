@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from jaxsim.config import LEVELS, Form
+from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.normalisation import statistics_type
@@ -167,10 +168,8 @@ def load_vgg(path: Path | None) -> Weights:
     if path is None or not path.is_file():
         missing = "it needs VGG-19 weights" if path is None else f"no VGG-19 weights at {path}"
         raise FileNotFoundError(f"perceptual loss: {missing}; {HOW_TO_GET}")
-    try:
+    with placed(f"perceptual loss: {path}", then=HOW_TO_GET):
         arrays = VGG19.convert(read_state_dict(path))
-    except ValueError as error:
-        raise ValueError(f"perceptual loss: {path}: {error} {HOW_TO_GET}") from error
     return {name: array.transpose(2, 3, 1, 0) if array.ndim == 4 else array for name, array in arrays.items()}
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.config import PrepareConfig
+from jaxsim.files import placed
 from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Frame, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import LidarSpec, camera_rows, camera_window, crop_camera, incidence, pad_cloud, scan_on_window
 from jaxsim.prepare.denoise import denoise
@@ -49,7 +50,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
     pair, grid = prepare_view(frame, spec, config)
     measured = scan_on_window(cloud, grid, pair.row[:, 0], lines=spec.rows)
     _check_gaps(frame.name, measured.valid)
-    try:
+    with placed(frame.name):
         target = denoise(
             measured.intensity,
             measured.valid,
@@ -58,8 +59,6 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
             statistics=config.denoise_statistics,
             gain=config.denoise_gain,
         )
-    except ValueError as error:
-        raise ValueError(f"{frame.name}: {error}") from error
     return replace(pair, target=target, measured=measured), grid
 
 
@@ -91,7 +90,7 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     A frame that no LiDAR measured comes with a depth of its own, and keeps it whatever the config asks for.
     Raises ValueError where the frame lacks what the config asks for: depth, labels, image size.
     """
-    try:
+    with placed(frame.name):
         view = crop_image(frame.camera, config.image_crop)
         _check_labels(view, config)  # before depth is completed, which takes its time
         rendered = frame.cloud is None and view.depth_m is not None
@@ -103,8 +102,6 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
                 view, depth_m, valid, method=config.depth, weights=config.depth_weights, rows_cut=rows_cut
             )
         check_view(view, config)
-    except ValueError as error:
-        raise ValueError(f"{frame.name}: {error}") from error
     return view
 
 

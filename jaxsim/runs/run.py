@@ -6,8 +6,10 @@ Everything that is needed to use the trained network again lies in it, without t
 from __future__ import annotations
 
 import logging
+import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -19,12 +21,13 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from jaxsim.config import Experiment
-from jaxsim.files import check_size, claim, digest, lock, read_json
+from jaxsim.files import check_size, claim, digest, lock, placed, read_json
 from jaxsim.frame import Array, CameraFrame
 from jaxsim.geometry import LidarSpec
 from jaxsim.runs.kinds import KINDS, AnyRun, DetectorRun, Kind, Matrix, Run, kind_in, kind_of
 
 Loaded = TypeVar("Loaded", bound=AnyRun)
+_LOOP_CLOSED = "Event loop is closed"
 MOST_CHECKPOINT = 64 * 2**30
 """Bytes of one file of a checkpoint."""
 SUMS = "sha256"
@@ -90,10 +93,8 @@ def run_kind(folder: Path | str) -> Kind:
 
 
 def _kind_in(path: Path, content: Any) -> Kind:
-    try:
+    with placed(f"run: {path} is no run's config.json"):
         return kind_in(content)
-    except ValueError as error:
-        raise ValueError(f"run: {path} is no run's config.json: {error}") from error
 
 
 def is_detector(folder: Path | str) -> bool:
@@ -113,10 +114,8 @@ def load_run(folder: Path | str, wanted: type[Loaded] = Run) -> Loaded:
         raise ValueError(
             f"run: {folder} is the run of {kind.name}, not of {asked}; name another (its card.md has scores)"
         )
-    try:
+    with placed(f"run: {path} does not fit this version ({version('jaxsim-lidar')})"):
         return kind.parse(content)
-    except ValueError as error:
-        raise ValueError(f"run: {path} does not fit this version ({version('jaxsim-lidar')}):\n{error}") from error
 
 
 class Checkpoints:
@@ -170,11 +169,9 @@ class Checkpoints:
         plain = {name: jax.tree.map(np.asarray, tree) for name, tree in items.items()}
         saved: dict[str, Any] = {name: ocp.args.StandardSave(tree) for name, tree in plain.items()}
         saved[SUMS] = ocp.args.JsonSave({name: _digest(tree) for name, tree in plain.items()})
-        logger = logging.getLogger("absl")
-        before = logger.level
-        logger.setLevel(logging.CRITICAL)  # Orbax prints a traceback for each of its threads; the error comes anyway
         try:
-            self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
+            with _told_once():
+                self.manager.save(step, args=ocp.args.Composite(**saved), force=True)
         except (OSError, ValueError, RuntimeError) as error:
             # What the system says ends tensorstore's long words.
             why = str(error).strip().rpartition(": ")[2]
@@ -182,8 +179,6 @@ class Checkpoints:
                 f"run: step {step} cannot be saved in {self.folder} ({why}); make room, or mend what is said; the same "
                 "command then goes on from the step before"
             ) from error
-        finally:
-            logger.setLevel(before)
 
     def restore(self, item: str, like: Any, *, step: int | None = None) -> Any:
         """An item of a step (by default the latest), in the structure of `like` (arrays or their shapes).
@@ -215,6 +210,24 @@ class Checkpoints:
                 stacklevel=2,
             )
         return jax.tree.map(jnp.asarray, found[item])
+
+
+@contextmanager
+def _told_once() -> Iterator[None]:
+    """Keeps Orbax and tensorstore from printing tracebacks where saving fails: the error comes anyway.
+
+    Orbax logs one of each of its threads; tensorstore tells the loop, which is closed by then, of each array that it
+    had still in hand, and asyncio of each that nobody asks for: both also after the block.
+    """
+    loggers, ignored = [logging.getLogger(name) for name in ("absl", "asyncio")], sys.unraisablehook
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    sys.unraisablehook = lambda lost: None if str(lost.exc_value) == _LOOP_CLOSED else ignored(lost)
+    yield
+    sys.unraisablehook = ignored
+    for logger, level in zip(loggers, before, strict=True):
+        logger.setLevel(level)
 
 
 def _digest(tree: Any) -> str:

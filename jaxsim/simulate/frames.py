@@ -17,6 +17,7 @@ from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
 from jaxsim.effects import scan_of
 from jaxsim.effects.chain import SensorModel
+from jaxsim.files import placed
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.geometry.points import FAR_M
@@ -50,10 +51,8 @@ def simulate_batch(
     from dense views to results. `keys`, one a frame, draw from the network's distribution. Raises ValueError where a
     frame's images are not like those of the run."""
     for frame in frames:
-        try:
+        with placed(frame.name):
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
-        except ValueError as error:
-            raise ValueError(f"{frame.name}: {error}") from error
     views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 
 from jaxsim.config import LoopConfig
-from jaxsim.files import parse_settings, read_json
+from jaxsim.files import parse_settings, placed, read_json
 from jaxsim.runs.kinds import AnyExperiment, kind_in
 
 PACKAGE = Path(__file__).parents[1]
@@ -61,10 +61,8 @@ def load_loop(name: str) -> tuple[LoopConfig, str]:
         if not Path(name).is_file():
             known = ", ".join(loop_names())
             raise ValueError(f"real2sim2real: no file {name}; name one of {known}, or a loop.json")
-        try:
+        with placed(f"real2sim2real: {name} is no loop.json of this version"):
             return parse_settings(LoopConfig, read_json(name, by="real2sim2real")), f"settings of {name}"
-        except ValueError as error:
-            raise ValueError(f"real2sim2real: {name} is no loop.json of this version: {error}") from error
     if not name.endswith(".py") and name not in loop_names():
         raise ValueError(f"no Real2Sim2Real {name!r}; there are {', '.join(loop_names())}")
     module = _module(name)
@@ -79,11 +77,9 @@ def read_experiment(path: Path) -> AnyExperiment:
         raise ValueError(
             f"no file {path}; give an experiment's name (`jaxsim train --help` lists them), or the config.json of a run"
         )
-    try:
+    with placed(f"{path} is not the config.json of a run of this version"):
         content = read_json(path, by="train")
         return parse_settings(kind_in(content).experiment, content.get("experiment", content))
-    except ValueError as error:
-        raise ValueError(f"{path} is not the config.json of a run of this version: {error}") from error
 
 
 def _names() -> list[str]:

@@ -1,4 +1,4 @@
-"""`python -m tests.data.many_frames FOLDER COUNT [ROWS COLUMNS]`: writes polar frames as `simulate` does, reads all.
+"""`python -m tests.data.many_frames FOLDER COUNT [ROWS COLUMNS SEED]`: writes frames as `simulate` does, reads all.
 
 Prints how many were read, their mean range in metres, and the most memory that it took, in MB.
 """
@@ -13,11 +13,11 @@ from jaxsim.data.polar_frames import open_polar_frames, write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
 
 
-def main(folder: Path, count: int, rows: int = 32, columns: int = 128) -> None:
+def main(folder: Path, count: int, rows: int = 32, columns: int = 128, seed: int = 0) -> None:
     grid = PolarGrid(
         np.linspace(1, -1, columns, dtype="f4"), np.linspace(0, -0.4, rows, dtype="f4"), np.zeros(rows, "f4")
     )
-    rng, valid = np.random.default_rng(0), np.ones((rows, columns), bool)
+    rng, valid = np.random.default_rng(seed), np.ones((rows, columns), bool)
     folder.mkdir(parents=True, exist_ok=True)
     write_grid(folder, grid, frames={f"{k:06d}": {"scene": f"{k // 100}", "time": k / 10} for k in range(count)})
     for k in range(count):

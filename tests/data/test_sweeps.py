@@ -252,5 +252,5 @@ def test_without_the_sdk_the_error_names_the_extra(monkeypatch, tmp_path):
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without_ouster)
-    with pytest.raises(ImportError, match=r"pip install jaxsim-lidar\[ouster\]"):
+    with pytest.raises(ImportError, match=r"pip install 'jaxsim-lidar\[ouster\]'"):
         list(read_pcap(tmp_path / "drive.pcap"))

@@ -65,7 +65,7 @@ def test_a_frame_listed_twice_is_refused(tmp_path):
 )
 def test_json_that_is_none_or_says_two_things_is_refused(tmp_path, text, message):
     (tmp_path / "a.json").write_text(text)
-    with pytest.raises(ValueError, match=rf"a\.json is not JSON \(.*{message}"):
+    with pytest.raises(ValueError, match=rf"a\.json is not JSON: .*{message}"):
         read_json(tmp_path / "a.json", by="test")
 
 

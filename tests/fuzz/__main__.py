@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tests.fuzz.judge import BAD, COLUMNS
 from tests.fuzz.worker import LIMIT_S, Outcome, run, table
-from tests.programs import processor_s
+from tests.programs import at_least, processor_s
 
 PATIENCE_S = 180.0
 """Until a worker is ended that takes no processor time: it waits for ever. A busy machine makes nobody late."""
@@ -128,17 +128,19 @@ def kept(file: Path, *, about: str) -> list[Outcome]:
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("count", type=int, help="mutations")
-    parser.add_argument("seed", type=int)
-    parser.add_argument("--first", type=int, default=0, help="number of the first mutation: repeats a single one")
+    parser.add_argument("count", type=at_least(1), help="mutations")
+    parser.add_argument("seed", type=at_least(0))
+    parser.add_argument("--first", type=at_least(0), default=0, help="number of the first: repeats a single one")
     parser.add_argument("--only", default="", help="readers whose name holds this")
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--workers", type=at_least(1), default=os.cpu_count() or 1)
     parser.add_argument(
         "--kept", type=Path, help="a file for the outcomes, a line each: what is in it is not made again"
     )
-    parser.add_argument("--each", type=int, default=2, help="bad outcomes to show of each reader and column")
+    parser.add_argument("--each", type=at_least(0), default=2, help="bad outcomes to show of each reader and column")
     given = parser.parse_args(argv)
     names = [name for name in table() if given.only in name]
+    if not names:
+        parser.error(f"no reader's name holds {given.only!r}; there are {', '.join(table())}")
     counts: dict[str, Counter[str]] = {name: Counter() for name in names}
 
     def count(outcome: Outcome) -> None:

@@ -16,9 +16,11 @@ from jaxsim.config import DataConfig, DepthExperiment, DetectorExperiment, Exper
 from jaxsim.data.clouds import read_cloud
 from jaxsim.data.polar_frames import open_polar_frames, read_grid, write_frame, write_grid
 from jaxsim.data.prepared_set import PreparedSet
+from jaxsim.data.range_images import read_range_images
 from jaxsim.data.records import PairRecord, example_of
 from jaxsim.data.tfds_builder import About, JaxsimPairs, Shard, SplitPairs, serialized
 from jaxsim.detect.scenes import Scene, View, read_scene, write_scene
+from jaxsim.discover.gate import read_gate
 from jaxsim.discover.law.source import read_law, write_effect
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.chain import SensorModel
@@ -237,6 +239,19 @@ def _claimed(name: str, text: str, made: dict[str, Any]) -> Reader:
     return Reader(one(name, text), lambda f: claim(f / name, made, by="test", filled=True), (name,))
 
 
+def _gate(folder: Path) -> None:
+    baseline = {"verdict": "effects", "effects": [{"name": "beam_gain"}], "gap": {"intensity": {"before": 0.1}}}
+    one("verdict.json", json.dumps(baseline))(folder)
+    gate = {"thresholds": {"intensity": 0.1}, "allowed": ["random_dropout"], "baseline": "verdict.json"}
+    one("gate.json", json.dumps(gate))(folder)
+
+
+def _range_images(folder: Path) -> None:
+    scan = np.concatenate([_rng.uniform(-40, 40, (R, C, 3)), _rng.uniform(0, 1, (R, C, 1))], axis=2)
+    scan = np.concatenate([scan, np.linalg.norm(scan[..., :3], axis=2, keepdims=True), np.ones((R, C, 1))], axis=2)
+    np.savez(folder / "a.npz", scan=scan.astype("f4"))
+
+
 def _export(folder: Path) -> None:
     TreeRecord({"a": 1}, {"000000": {"name": "x", "left_out": ""}}).save(folder)
     one("training/velodyne/000000.bin", b"x")(folder)
@@ -321,6 +336,8 @@ MADE: dict[str, Reader] = {
         lambda f: read_entry(f / "s.json", "checkpoints", list[Scored], by="test"),
         largest=1e12,
     ),
+    "gate.json": Reader(_gate, lambda f: read_gate(f / "gate.json"), largest=1e12),
+    "range images": Reader(_range_images, read_range_images, within={**BOUNDS, "range_m": (0.0, 1e3)}, largest=1e3),
     "clouds.json": Reader(one("clouds.json", '{"clouds": ["real", "simulated"], "classes": {}}'), checked_kinds),
     "note of a shard": Reader(
         lambda f: (_set(f), None)[1],

@@ -81,8 +81,10 @@ def test_errors_fall_into_their_columns(tmp_path):
     assert column(UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid")) == "bare foreign text"
     assert column(KeyError("a")) == "raw traceback"
     wrapped = ValueError(str(tmp_path))
-    wrapped.__cause__ = MemoryError()
+    wrapped.__cause__ = MemoryError("malloc of size 3221225472 failed")
     assert column(wrapped) == "memory"
+    wrapped.__cause__ = MemoryError(f"malloc of size {2**62} failed")
+    assert column(wrapped) != "memory"
 
 
 def test_a_careless_reader_is_found_out(tmp_path, monkeypatch):

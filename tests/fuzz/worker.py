@@ -38,10 +38,11 @@ class Outcome(NamedTuple):
 
 def table() -> dict[str, Reader]:
     """Every reader by its name."""
+    from tests.fuzz.logs import LOGS
     from tests.fuzz.made import MADE
     from tests.fuzz.recordings import RECORDINGS
 
-    return RECORDINGS | MADE
+    return RECORDINGS | MADE | LOGS
 
 
 def prepare(work: Path, only: str = "") -> tuple[dict[str, Reader], dict[str, str]]:

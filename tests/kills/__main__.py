@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 import tempfile
 from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from tests.kills.commands import COMMANDS, Command, digests, fresh
 from tests.kills.process import Running
+from tests.programs import at_least
 
 GOOD = ("same bytes", "ended before")
 """Outcomes as they should be: the second, where the command ended before it was reached, and rightly."""
@@ -60,9 +63,11 @@ def attack(name: str, count: int, seed: int, base: Path) -> Counter[str]:
     about, log = place / "whole.json", place / "outcomes.jsonl"
     if not about.exists():
         fresh(place / "inputs", make=command.inputs)
-        # Twice: the second one finds compiled programs, as the attacked ones will.
-        for _ in range(2):
-            took_s = run_whole(command, fresh(place / "work", like=place / "inputs"), base)
+        # Twice: the second one finds compiled programs and rendered frames, as the attacked ones will.
+        run_whole(command, fresh(place / "work", like=place / "inputs"), base)
+        for folder in command.kept:
+            shutil.copytree(place / "work" / folder, place / "inputs" / folder)
+        took_s = run_whole(command, fresh(place / "work", like=place / "inputs"), base)
         files = [path for path in (place / "work" / command.results).rglob("*") if path.is_file()]
         whole = {"took_s": took_s, "largest": max(path.stat().st_size for path in files)}
         about.write_text(json.dumps(whole | {"digests": digests(place / "work" / command.results)}))
@@ -95,9 +100,10 @@ def resumed(command: Command, work: Path, cache: Path, wanted: dict[str, str]) -
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
-    parser.add_argument("count", type=int, help="attacks")
-    parser.add_argument("seed", type=int)
-    parser.add_argument("--only", nargs="*", default=list(COMMANDS), choices=list(COMMANDS))
+    parser.add_argument("count", type=at_least(1), help="attacks")
+    parser.add_argument("seed", type=at_least(0))
+    can = [name for name, command in COMMANDS.items() if not command.needs or find_spec(command.needs)]
+    parser.add_argument("--only", nargs="+", default=can, choices=list(COMMANDS), help="default: all that can run here")
     parser.add_argument("--kept", type=Path, help="a folder for what was done, to go on from")
     given = parser.parse_args(argv)
     total = Counter[str]()

@@ -10,6 +10,7 @@ import pytest
 
 from jaxsim.runs.run import SUMS, Checkpoints
 from tests.full_disk import no_file_above
+from tests.programs import said
 
 # Where it fails, Orbax leaves coroutines of a loop that is closed, which say so when they go.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -102,3 +103,20 @@ def test_a_disk_without_room_is_one_line_and_the_step_can_be_saved_later(tmp_pat
     assert Checkpoints(tmp_path).steps == [6]
     saved(tmp_path)
     assert same(restored(tmp_path))
+
+
+def test_of_many_arrays_that_have_no_room_one_line_is_told(tmp_path):
+    program = f"""
+import numpy as np
+from jaxsim.runs.run import Checkpoints
+from tests.full_disk import no_file_above
+from tests.programs import said
+try:
+    with no_file_above(300_000):
+        Checkpoints(Path({str(tmp_path)!r})).save(1, state={{f"{{k}}": np.random.rand(100, 100) for k in range(300)}})
+except OSError as error:
+    print("error:", error)
+"""
+    output = said(tmp_path, "-c", f"from pathlib import Path{program}")
+    assert "error: run: step 1 cannot be saved" in output, output
+    assert "Traceback" not in output, output

@@ -22,6 +22,7 @@ from pathlib import Path
 from jaxsim.data.logs import files, makers, messages
 from jaxsim.data.logs.folder import Written, write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
+from jaxsim.files import loaded
 
 __all__ = ["SOURCES", "Item", "LogOptions", "LogScan", "Source", "Written", "known_sources", "source_for", "write_log"]
 
@@ -34,14 +35,7 @@ def known_sources() -> dict[str, Source]:
     """The families here and those of installed packages. Raises ValueError where a package's is no Source."""
     own: dict[str, Source] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
-        try:
-            source = point.load()
-        except Exception as error:  # a package's own code
-            raise ValueError(
-                f"frames: the source {point.name} ({point.value}) cannot be loaded ({type(error).__name__}: "
-                f"{error}); mend "
-                "or uninstall its package"
-            ) from error
+        source = loaded(point, by="frames", what=f"the source {point.name} ({point.value})")
         if not isinstance(source, Source) or point.name in SOURCES:
             raise ValueError(
                 f"frames: the entry point {point.name} ({point.value}) must be a Source of a name of its own"

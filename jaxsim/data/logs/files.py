@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from os import SEEK_END
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,13 @@ from jaxsim.data import carla
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs.fields import scan_of_fields
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
-from jaxsim.files import files_in, need, read_json
+from jaxsim.files import check_size, files_in, need, number, read_json
 from jaxsim.geometry import LidarSpec
+from jaxsim.geometry.points import FAR_M
 
-MOST_BYTES = 2 * 2**30
+MOST_POINTS = 2**23
+"""Of a scan: four times those of the densest sensors."""
+MOST_BEAMS, MOST_COLUMNS = 1024, 2**16
 _LAS_SCALE = 65535.0
 _SEMANTIC = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cos", "<f4"), ("idx", "<u4"), ("tag", "<u4")])
 """CARLA's sensor.lidar.ray_cast_semantic, 24 bytes a point (carla.SemanticLidarDetection)."""
@@ -31,7 +36,7 @@ def _items(suffixes: tuple[str, ...], read: Read, by: str) -> Callable[[Path, Lo
     """Items of a family with one scan a file: the files of a folder, or one file. The folder is the scene."""
 
     def items(path: Path, options: LogOptions) -> Iterator[Item]:
-        files = [path] if path.is_file() else files_in(path, *suffixes)
+        files = files_in(path, *suffixes) if path.is_dir() else [path]
         if not files:
             raise ValueError(f"{by}: no {' or '.join(suffixes)} in {path}")
         for file in files:
@@ -67,11 +72,32 @@ def read_ply(file: Path, options: LogOptions) -> LogScan:
     return scan_of_fields(values, options, by="ply", where=str(file), name=file.stem, scene=_scene(file))
 
 
+def _check_promises(file: Path, header: Any) -> None:
+    """Raises ValueError where a LAS promises more points than a scan has, or a LAZ more chunks than points: lazrs, for
+    want of memory, would end the program."""
+    if header.point_count > MOST_POINTS:
+        raise ValueError(f"its header promises {header.point_count} points, and a scan has at most {MOST_POINTS}")
+    if not header.are_points_compressed:
+        return
+    with file.open("rb") as raw:
+        raw.seek(header.offset_to_point_data)
+        table = int.from_bytes(raw.read(8), "little", signed=True)
+        if table < 0:  # written by a program that could not go back: its place is the file's end
+            raw.seek(-8, SEEK_END)
+            table = int.from_bytes(raw.read(8), "little")
+        raw.seek(table + 4)
+        if (chunks := int.from_bytes(raw.read(4), "little")) > header.point_count:
+            raise ValueError(f"it promises {chunks} chunks of {header.point_count} points")
+
+
 def read_las(file: Path, options: LogOptions) -> LogScan:
     """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...), or user_data where it holds rings."""
     laspy = need("laspy", "las", by="las")
     with reading("las", file, "it is cut off, or no LAS; copy it again (.laz needs lazrs, in the extra, too)"):
-        data = laspy.read(str(file))
+        # One thread: it reads what it finds, where several make room for the sizes in the table of chunks.
+        with laspy.open(str(file), laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as opened:
+            _check_promises(file, opened.header)
+            data = opened.read()
         names = list(data.point_format.dimension_names)
         values = {name: np.asarray(data[name]) for name in names if name not in ("X", "Y", "Z")}
         values |= {axis: np.asarray(getattr(data, axis)) for axis in "xyz"}
@@ -94,9 +120,11 @@ def read_carla(file: Path, options: LogOptions) -> LogScan:
 
     Source: CARLA's sensor reference; https://carla.readthedocs.io/en/latest/ref_sensors/#lidar-sensor
     """
-    about = _attributes(options.meta or file.parent / "attributes.json")
+    where = options.meta or file.parent / "attributes.json"
+    about = _attributes(where)
     semantic = "semantic" in about["type"]
     dtype = _SEMANTIC if semantic else _RAY_CAST
+    check_size(file, by="carla", most=MOST_POINTS * dtype.itemsize)
     raw = file.read_bytes()
     if not raw or len(raw) % dtype.itemsize:
         raise ValueError(
@@ -104,8 +132,10 @@ def read_carla(file: Path, options: LogOptions) -> LogScan:
             "each): cut off, or of the other LiDAR; write bytes(measurement.raw_data)"
         )
     points = np.frombuffer(raw, dtype)
+    if not all(np.isfinite(points[axis]).all() for axis in (dtype.names or ())[:4]):
+        raise ValueError(f"carla: {file} has points that are NaN or infinite; write bytes(measurement.raw_data)")
     xyz = carla.mirror_y(np.stack([points[axis] for axis in "xyz"], axis=1))
-    spec = _carla_spec(about)
+    spec = _carla_spec(about, where)
     layers: dict[str, np.ndarray] = {}
     if semantic:
         tags = carla.tags_of(options.version)
@@ -119,7 +149,7 @@ def read_carla(file: Path, options: LogOptions) -> LogScan:
             "semantic": classes,
             "instance": np.where(np.isin(classes, carla.THINGS), points["idx"], 0).astype(np.int32),
         }
-        rate = float(about.get("atmosphere_attenuation_rate", ATTENUATION_PER_M))
+        rate = _attribute(about, "atmosphere_attenuation_rate", where, 0, 10, default=ATTENUATION_PER_M)
         intensity = np.exp(-rate * np.linalg.norm(xyz, axis=1)).astype(np.float32)
     else:
         intensity = points["intensity"].astype(np.float32)
@@ -159,18 +189,34 @@ def _attributes(path: Path) -> dict[str, str]:
     return {key: str(value) for key, value in about.items()}
 
 
-def _carla_spec(about: dict[str, str]) -> LidarSpec:
+def _attribute(
+    about: dict[str, str], key: str, where: Path, low: float, high: float, *, default: float | None = None
+) -> float:
+    """A number of the attributes. Raises ValueError where it is none, or outside of low..high."""
+    value = number(about.get(key, str(default)), float, where=f"carla: {where}: {key}")
+    if not low <= value <= high:
+        raise ValueError(f"carla: {where}: {key} is {value:g}; it must lie in {low:g}..{high:g}")
+    return value
+
+
+def _carla_spec(about: dict[str, str], where: Path) -> LidarSpec:
     """CARLA spaces its channels evenly from upper_fov to lower_fov; a channel fires points_per_second over channels."""
-    channels = int(about["channels"])
-    turn = float(about["points_per_second"]) / channels / float(about["rotation_frequency"])
-    beams = np.linspace(float(about["upper_fov"]), float(about["lower_fov"]), channels)
+    channels = int(_attribute(about, "channels", where, 2, MOST_BEAMS))
+    upper, lower = (_attribute(about, key, where, -90, 90) for key in ("upper_fov", "lower_fov"))
+    rate = _attribute(about, "points_per_second", where, 1, 1e9)
+    turn = rate / channels / _attribute(about, "rotation_frequency", where, 0.01, 1e4)
+    if not lower < upper or turn > MOST_COLUMNS:
+        raise ValueError(
+            f"carla: {where}: beams from {upper:g} down to {lower:g} degrees with {turn:g} points a turn are no "
+            "sensor's; write dict(lidar.attributes)"
+        )
     return LidarSpec(
         name="carla",
-        elevation_deg=tuple(float(e) for e in beams),
+        elevation_deg=tuple(float(e) for e in np.linspace(upper, lower, channels)),
         origin_m=(0.0,) * channels,
         columns=max(round(turn), 2),
         min_range_m=0.0,
-        max_range_m=float(about["range"]),
+        max_range_m=_attribute(about, "range", where, 0.1, FAR_M),
     )
 
 

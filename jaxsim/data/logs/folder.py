@@ -17,10 +17,10 @@ import numpy as np
 
 from jaxsim.data.announced import Announced
 from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, named
 from jaxsim.data.polar_frames import read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
-from jaxsim.files import claim, file_of, read_json, write_text
+from jaxsim.files import claim, file_of, parse_json, read_json, write_text
 from jaxsim.frame import PolarGrid
 from jaxsim.geometry import same_grid
 from jaxsim.progress import Progress
@@ -52,9 +52,8 @@ def write_log(
     """Writes the scans of a log to a folder of polar frames; those that are there are not made again.
 
     Every `every`-th scan is taken, and at most `most` (0: all). The first scans tell the sensor's beams and columns,
-    and
-    all frames lie on its grid. Raises ValueError where `out` holds another log's frames, and where scans are damaged or
-    do not tell the sensor.
+    and all frames lie on its grid. Raises ValueError where `out` holds another log's frames, and where scans are
+    damaged or do not tell the sensor.
     """
     plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(options).items()}
     made = json.loads(json.dumps({"log": str(path.resolve()), "kind": kind, "options": plain, "every": every}))
@@ -64,7 +63,7 @@ def write_log(
         made,
         by="frames",
         filled=record.is_file() and (out / "grid.json").is_file(),
-        read=lambda text: {key: value for key, value in json.loads(text).items() if key != "sensor"},
+        read=lambda text: {key: value for key, value in parse_json(text).items() if key != "sensor"},
     )
     items = _chosen(source.items(path, options), every, most)
     grid, sensor, items = _begin(record, made, items, options=options, by=kind)
@@ -76,7 +75,8 @@ def write_log(
             if item.name in announced.frames and file_of(out, item.name, ".npz", by="frames").is_file():
                 already += 1
                 continue
-            sweep = _sweep(item.read(), sensor, grid, options=options, by=kind)
+            with named(kind, path):
+                sweep = _sweep(item.read(), sensor, grid, options=options, by=kind)
             if np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
                 partial += 1
                 continue
@@ -117,12 +117,13 @@ def _begin(
     if record.is_file() and (record.parent / "grid.json").is_file():
         grid, _ = read_grid(record.parent)
         kept = read_json(record, by="frames").get("sensor")
-        return grid, None if kept is None else Sensor.from_json(kept, grid), items
-    first = [(item, item.read()) for item in islice(items, FIRST)]
-    if not first:
-        raise ValueError(f"{by}: {made['log']} holds no scan")
-    scans = [scan for _, scan in first if isinstance(scan, LogScan)]
-    sensor = sensor_of([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
+        return grid, None if kept is None else Sensor.from_json(kept, grid, where=f"frames: {record}"), items
+    with named(by, Path(made["log"])):
+        first = [(item, item.read()) for item in islice(items, FIRST)]
+        if not first:
+            raise ValueError(f"{by}: {made['log']} holds no scan")
+        scans = [scan for _, scan in first if isinstance(scan, LogScan)]
+        sensor = sensor_of([_of_rings(scan, options) for scan in scans], options, by=by) if scans else None
     grid = sensor.grid if sensor else next(scan.grid for _, scan in first if isinstance(scan, Sweep))
     write_text(record, json.dumps(made | {"sensor": sensor.to_json() if sensor else None}, indent=1))
     again = (Item(item.name, lambda scan=scan: scan) for item, scan in first)

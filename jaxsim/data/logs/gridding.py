@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from jaxsim.data.calibration import check_rigid
 from jaxsim.data.logs.fields import ring_of_shape
 from jaxsim.data.logs.scan import LogOptions, LogScan
 from jaxsim.data.sweeps import Sweep
+from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, columns_of, rings_by_elevation
 from jaxsim.geometry.mount import fit_mount
@@ -20,6 +22,7 @@ from jaxsim.geometry.points import FAR_M
 
 FIRST = 5
 """Scans from which the sensor is told: a beam that looks into the sky has no return in one of them."""
+TURN_S = 10.0
 _MOUNT_M = (0.0, 0.0, 1.7)
 """Where a car's LiDAR stands, about."""
 _SAME_FIRING_RAD = 2e-5
@@ -49,16 +52,35 @@ class Sensor:
         }
 
     @classmethod
-    def from_json(cls, content: dict[str, Any], grid: PolarGrid) -> Sensor:
-        """The sensor of a folder that is gone on with, whose grid.json holds its grid."""
+    def from_json(cls, content: Any, grid: PolarGrid, *, where: str) -> Sensor:
+        """The sensor of a folder that is gone on with, whose grid.json holds its grid. Raises ValueError, beginning
+        with `where`, for what is none."""
         elevation, origin = np.asarray(grid.elevation_rad, np.float64), np.asarray(grid.origin_m, np.float64)
-        return cls(
-            beams=Beams(elevation, origin, np.asarray(content["ring"]), float(content["off_deg"])),
-            grid=grid,
-            full_scale=float(content["full_scale"]),
-            cloud_from_sensor=np.asarray(content["cloud_from_sensor"], np.float64),
-            axis=content["axis"],
-        )
+        with placed(f"{where}: what it says of the sensor cannot be read", TypeError, then=_ANEW):
+            kept = parse_settings(_Kept, content)
+        pose, ring = np.asarray(kept.cloud_from_sensor), np.asarray(kept.ring, np.int64)
+        if not (len({*kept.ring}) == len(ring) == len(elevation) and kept.full_scale > 0 and kept.axis in (None, 0, 1)):
+            raise ValueError(
+                f"{where}: {len(ring)} rings, full scale {kept.full_scale:g} and axis {kept.axis} are no sensor's of "
+                f"{len(elevation)} rows; {_ANEW}"
+            )
+        check_rigid(pose, f"{where}: cloud_from_sensor")
+        return cls(Beams(elevation, origin, ring, kept.off_deg), grid, kept.full_scale, pose, kept.axis)
+
+
+_Row = tuple[float, float, float, float]
+_ANEW = "delete the folder, and the same command makes it anew"
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What log.json holds of a sensor."""
+
+    ring: tuple[int, ...]
+    full_scale: float
+    cloud_from_sensor: tuple[_Row, _Row, _Row, _Row]
+    axis: int | None
+    off_deg: float
 
 
 def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sensor:
@@ -165,6 +187,12 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
     else:
         row = _nearest_rows(xyz, sensor.grid)
     inside = row >= 0
+    span_s = 0.0 if scan.offset_s is None else float(scan.offset_s.max())
+    if not span_s <= TURN_S:  # also where one is NaN
+        raise ValueError(
+            f"{where}: the times of its points span {span_s:g} s, and a turn takes at most {TURN_S:g}: whole numbers "
+            "are nanoseconds, others seconds; write them so, or leave the field out"
+        )
     scale = np.float32(sensor.full_scale)
     low, high = float(scan.intensity.min()), float(scan.intensity.max())
     if low < 0 or high > scale:

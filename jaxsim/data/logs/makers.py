@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from io import BufferedReader, FileIO
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from jaxsim.data.clouds import fitted_spec, read_scan
 from jaxsim.data.logs.fields import offsets
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
-from jaxsim.files import files_in, need
+from jaxsim.files import files_in, need, numbers, placed, read_text
 from jaxsim.geometry import UnorderedCloud, preset
 
 _VELODYNE_BYTES = 1206
+_LARGEST_PACKET = 2**18
+"""libpcap's own limit."""
 _UPPER_LASERS = 32
 """Of Argoverse 2: those below are the upper sensor's."""
 _KITTI_COLUMNS = preset("hdl64e").columns
@@ -39,11 +42,12 @@ def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
     """The turns of a .pcap of Velodyne's packets, through velodyne-decoder."""
     decoder = need("velodyne_decoder", "velodyne", by="velodyne")
     config = decoder.Config()
-    with reading("velodyne", path, "copy it again; an HDL-64E needs --log.meta calibration.yml"):
+    hint = "copy it again; an HDL-64E needs --log.meta calibration.yml"
+    with reading("velodyne", path, hint), _Packets(FileIO(path)) as packets:
         if options.meta is not None:
             config.calibration = decoder.Calibration.read(str(options.meta))
         stem, number = path.stem, 0
-        for stamp, points in decoder.read_pcap(str(path), config, as_pcl_structs=True):
+        for stamp, points in decoder.read_pcap(packets, config, as_pcl_structs=True):
             points = points[_fired(points)]
             scan = LogScan(
                 name=f"{stem}-{number:06d}",
@@ -59,6 +63,15 @@ def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
             number += 1
     if not number:
         raise ValueError(f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each)")
+
+
+class _Packets(BufferedReader):
+    """A recording for a library that makes room for whatever length a packet's header promises."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > _LARGEST_PACKET:
+            raise ValueError(f"a packet's header promises {size} bytes; it is damaged")
+        return super().read(size)
 
 
 def _fired(points: np.ndarray) -> np.ndarray:
@@ -135,9 +148,10 @@ def _times(folder: Path) -> list[float]:
     """Seconds of a drive's scans: timestamps.txt of raw drives, times.txt of odometry."""
     raw, odometry = folder.parent / "timestamps.txt", folder.parent / "times.txt"
     if raw.is_file():
-        stamps = [line.strip().replace(" ", "T") for line in raw.read_text().splitlines() if line.strip()]
-        return (np.array(stamps, "datetime64[ns]").astype(np.int64) / 1e9).tolist()
-    return [float(line) for line in odometry.read_text().split()] if odometry.is_file() else []
+        stamps = [line.strip().replace(" ", "T") for line in read_text(raw, by="kitti").splitlines() if line.strip()]
+        with placed(f"kitti: {raw} holds what is no time", then="copy it again"):
+            return (np.array(stamps, "datetime64[ns]").astype(np.int64) / 1e9).tolist()
+    return numbers(read_text(odometry, by="kitti").split(), where=f"kitti: {odometry}") if odometry.is_file() else []
 
 
 def argoverse2_items(path: Path, options: LogOptions) -> Iterator[Item]:

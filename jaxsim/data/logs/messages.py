@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import lzma
 from collections.abc import Iterator
+from os import SEEK_CUR
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -16,6 +18,7 @@ POINT_CLOUD = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """sensor_msgs/PointField's datatypes."""
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
+_LARGEST_MESSAGE = 2**29
 _ONE_BEAM_RAD = 1e-5
 _LIGHT_M_S = 299_792_458.0
 
@@ -126,6 +129,7 @@ def mcap_topics(path: Path) -> dict[str, str]:
     make_reader = need("mcap.reader", "ros", by="ros").make_reader
     hint = "it is cut off or damaged: `mcap recover` mends what can be mended"
     with reading("ros", path, hint), path.open("rb") as file:
+        _check_records(file, path.stat().st_size)
         summary = make_reader(file).get_summary()
         if summary is None:
             raise ValueError("it has no summary")
@@ -133,6 +137,17 @@ def mcap_topics(path: Path) -> dict[str, str]:
             channel.topic: summary.schemas[channel.schema_id].name if channel.schema_id in summary.schemas else ""
             for channel in summary.channels.values()
         }
+
+
+def _check_records(file: BinaryIO, size: int) -> None:
+    """Raises ValueError where a record of an MCAP is longer than what is there, for which room would be made."""
+    file.seek(len(_MCAP_MAGIC))
+    while len(head := file.read(9)) == 9:  # the kind, and the length of what follows
+        length = int.from_bytes(head[1:], "little")
+        if file.tell() + length > size:
+            raise ValueError(f"a record promises {length} bytes where {size - file.tell()} are left")
+        file.seek(length, SEEK_CUR)
+    file.seek(0)
 
 
 def _bag_messages(path: Path, options: LogOptions) -> Iterator[Any]:
@@ -149,6 +164,8 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
     stem, number = path.stem, 0
     with reading("osi", path, "it is cut off, or not a trace of SensorView or SensorData messages"):
         kind, topic = _osi_kind(path, options)
+        if path.suffix != ".mcap":
+            _check_lengths(path)
         trace = trace_type(str(path), kind, topic=topic)
         try:
             for message in trace:
@@ -159,6 +176,17 @@ def osi_items(path: Path, options: LogOptions) -> Iterator[Item]:
             trace.close()
     if not number:
         raise ValueError(f"osi: {path} holds no message")
+
+
+def _check_lengths(path: Path) -> None:
+    """Raises ValueError where a message of a trace is shorter than its length says, for which room would be made."""
+    with (lzma.open if path.suffix in (".xz", ".lzma") else Path.open)(path, "rb") as file:
+        while head := file.read(4):
+            left = promised = int.from_bytes(head, "little")
+            while left and promised <= _LARGEST_MESSAGE and (got := len(file.read(min(left, 2**20)))):
+                left -= got
+            if left:
+                raise ValueError(f"a message promises {promised} bytes, which are not there")
 
 
 def _osi_kind(path: Path, options: LogOptions) -> tuple[str, str | None]:

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.config.ranges import Checked, Positive
 from jaxsim.data.sweeps import Sweep
+from jaxsim.files import check_size
 from jaxsim.geometry import LidarSpec
 
 
@@ -111,15 +112,33 @@ class Source(NamedTuple):
 
 @contextmanager
 def reading(by: str, path: Path, hint: str) -> Iterator[None]:
-    """What a library raises on a file that is not what it should be becomes a ValueError that names the file."""
+    """What a library raises on a file that is not what it should be becomes a ValueError that names the file.
+
+    What is no regular file is refused before: a library would wait for ever for somebody who writes into a pipe.
+    """
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            check_size(file, by=by)
+    with named(by, path):
+        try:
+            yield
+        except (ValueError, ModuleNotFoundError) as error:
+            if str(error).startswith(f"{by}:") or isinstance(error, ModuleNotFoundError):
+                raise
+            raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+        except Exception as error:  # libraries of formats have no common base for their errors
+            raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+
+
+@contextmanager
+def named(by: str, path: Path) -> Iterator[None]:
+    """In the block a ValueError names the log: of what is wrong with a scan's values the scan alone is known."""
     try:
         yield
-    except (ValueError, ModuleNotFoundError) as error:
-        if str(error).startswith(f"{by}:") or isinstance(error, ModuleNotFoundError):
+    except ValueError as error:
+        if str(path) in str(error):
             raise
-        raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
-    except Exception as error:  # libraries of formats have no common base for their errors
-        raise ValueError(f"{by}: {path} cannot be read ({_words(error)}); {hint}") from error
+        raise ValueError(f"{by}: {path}: {str(error).removeprefix(f'{by}: ')}") from error
 
 
 def _words(error: BaseException) -> str:

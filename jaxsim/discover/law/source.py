@@ -13,7 +13,7 @@ from jaxsim.discover.verdict import ClosedLaw
 from jaxsim.effects import EFFECTS
 from jaxsim.effects.check import RESERVED
 from jaxsim.effects.learned import LIMITS
-from jaxsim.files import parse_settings, read_json, write_text
+from jaxsim.files import parse_settings, placed, read_json, write_text
 
 STAGES = {"intensity": "receiver", "range": "ranging", "drop": "detection"}
 EDITS = {"intensity": "brighten", "range": "misread", "drop": "lose"}
@@ -34,12 +34,10 @@ def read_law(path: Path | str) -> ClosedLaw:
             f"law: {path} holds no formula: nothing was learned there that is near one; take `learned` of the "
             "sensor.json beside it as it is (`jaxsim simulate --effects`)"
         )
-    try:
+    with placed(f"law: {path} holds a `law` that is none", then="run `jaxsim discover` again"):
         law = parse_settings(ClosedLaw, content["law"])
         check_law(law, {covariate: name for covariate, (name, _) in VARIABLES.items()})
         return law
-    except ValueError as error:
-        raise ValueError(f"law: {path} holds a `law` that is none: {error}; run `jaxsim discover` again") from error
 
 
 def write_effect(law: ClosedLaw, path: Path | str, *, name: str | None = None) -> Path:

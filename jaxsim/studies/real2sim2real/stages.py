@@ -16,7 +16,7 @@ from jaxsim.data import open_dataset, select
 from jaxsim.detect.batches import in_range
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
-from jaxsim.files import replacing
+from jaxsim.files import placed, replacing
 from jaxsim.metrics.cloud_checks import CloudCounts, count_clouds
 from jaxsim.progress import Progress
 from jaxsim.report.pictures import Rgb
@@ -41,12 +41,10 @@ def check_sources(config: LoopConfig) -> None:
     """
     sources = {"intensity.data": config.intensity.data, "detector.data": config.detector.data}
     for flag, source in {**sources, "synthetic": config.synthetic}.items():
-        try:
+        with placed(f"real2sim2real: --{flag}", FileNotFoundError):
             dataset = open_dataset(source)
             places = [*select(source.train, dataset), *select(source.validation, dataset)]
             labelled = flag == "intensity.data" or dataset[places[0]].boxes is not None
-        except (ValueError, FileNotFoundError) as error:
-            raise ValueError(f"real2sim2real: --{flag}: {error}") from error
         if not labelled:
             raise ValueError(
                 f"real2sim2real: --{flag}: frames of {source.kind} have no labels, and detectors need them"

@@ -113,6 +113,24 @@ def test_damaged_files_are_named(tmp_path, fields, suffix, damage):
         frames_of(path, tmp_path / "out")
 
 
+@pytest.mark.parametrize(
+    ("suffix", "at", "told"), [(".las", 247, "promises .* points"), (".laz", None, "chunks of 2880")]
+)
+def test_room_is_made_for_no_more_points_than_a_scan_has(tmp_path, fields, suffix, at, told):
+    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
+    pytest.importorskip("lazrs", reason="lazrs is not installed")
+    path = las(tmp_path / f"scan{suffix}", fields)
+    content = bytearray(path.read_bytes())
+    if at is None:  # the number of chunks, in the table whose place stands before the points
+        with laspy.open(path) as opened:
+            first = opened.header.offset_to_point_data
+        at = int.from_bytes(content[first : first + 8], "little") + 4
+    content[at : at + 4] = b"\xff" * 4
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"las: .*scan\{suffix} cannot be read .*{told}"):
+        frames_of(path, tmp_path / "out")
+
+
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):
     (tmp_path / "scan.ply").write_bytes(b"ply\n")
     monkeypatch.setitem(__import__("sys").modules, "plyfile", None)
@@ -181,6 +199,15 @@ def test_carlas_buffers_are_checked(tmp_path, fields):
     (folder / "attributes.json").write_text('{"type": "sensor.lidar.ray_cast"}')
     with pytest.raises(ValueError, match="lacks channels, upper_fov"):
         frames_of(folder, tmp_path / "out")
+    for key, value, told in (
+        ("channels", "many", r"attributes.json: channels: 'many' is no number"),
+        ("range", "1e30", r"attributes.json: range is 1e\+30; it must lie in 0.1..1000"),
+        ("lower_fov", "40", r"are no sensor's"),
+    ):
+        about = ATTRIBUTES | {"type": "sensor.lidar.ray_cast", key: value}
+        (folder / "attributes.json").write_text(json.dumps(about))
+        with pytest.raises(ValueError, match=told):
+            frames_of(folder, tmp_path / "out")
     points = bytearray((carla_buffer(tmp_path, fields, semantic=True) / "000010.raw").read_bytes())
     points[20:24] = (25).to_bytes(4, "little")
     (folder / "000010.raw").write_bytes(points)

@@ -127,10 +127,15 @@ def test_a_sensor_that_looks_ahead_gets_a_window(fields):
     [
         ({"intensity": np.full(RINGS * FIRINGS, 300.0, "f4")}, "does not say what is full scale"),
         ({"intensity": np.full(RINGS * FIRINGS, -1.0, "f4")}, r"intensity spans -1\.\.-1, off the log's scale"),
+        (
+            {"t": np.linspace(0, 1e5, RINGS * FIRINGS)},
+            r"times of its points span 100000 s, and a turn takes at most 10",
+        ),
         ({"ring": np.full(RINGS * FIRINGS, 0.5)}, "rings that are no whole numbers"),
         ({"ring": np.zeros(RINGS * FIRINGS, "u2")}, "two are needed to tell a sensor"),
         ({"ring": np.arange(RINGS * FIRINGS) % 7}, "the rings are not its beams"),
         ({"ring": np.arange(RINGS * FIRINGS)}, "no sensor has more than 1024 beams"),
+        ({"ring": np.where(np.arange(RINGS * FIRINGS), np.arange(RINGS * FIRINGS) % RINGS, 130)}, "beyond the zenith"),
     ],
 )
 def test_values_that_cannot_be_are_named(fields, change, message):

@@ -1,5 +1,6 @@
 """Recordings of makers and data sets: real ones, and small ones in their formats."""
 
+import os
 import shutil
 
 import numpy as np
@@ -30,6 +31,38 @@ def test_a_pcap_of_something_else(tmp_path):
     (tmp_path / "x.pcap").write_bytes(bytes(100))
     with pytest.raises(ValueError, match=r"velodyne: .*x.pcap"):
         frames_of(tmp_path / "x.pcap", tmp_path / "out")
+
+
+def test_a_packet_that_promises_gigabytes_is_no_packet(samples, tmp_path):
+    pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
+    whole = bytearray((samples / "velodyne_vlp16/my.pcap").read_bytes())
+    whole[24 + 8 : 24 + 12] = b"\xff\xff\xff\xef"  # the first packet's length
+    (tmp_path / "x.pcap").write_bytes(whole)
+    with pytest.raises(ValueError, match=r"velodyne: .*x.pcap cannot be read .* promises \d+ bytes; it is damaged"):
+        frames_of(tmp_path / "x.pcap", tmp_path / "out")
+
+
+def test_what_is_no_regular_file_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "x.ply")
+    pytest.importorskip("plyfile", reason="plyfile is not installed")
+    with pytest.raises(ValueError, match=r"ply: .*x.ply is no regular file"):
+        frames_of(tmp_path / "x.ply", tmp_path / "out")
+
+
+def test_times_of_a_drive_are_times(tmp_path):
+    kind, source = source_for(tmp_path, "kitti")
+    folder = tmp_path / "velodyne_points/data"
+    folder.mkdir(parents=True)
+    (folder / "0000000000.bin").write_bytes(bytes(16))
+    for name, content, message in (
+        ("timestamps.txt", "2011-09-26 13:02:25\nyesterday\n", r"timestamps.txt holds what is no time"),
+        ("times.txt", "0.0 1_0\n", r"times.txt: '1_0' is no number"),
+    ):
+        path = folder.parent / name
+        path.write_text(content)
+        with pytest.raises(ValueError, match=message):
+            write_log(tmp_path, kind, source, out=tmp_path / "out", options=LogOptions())
+        path.unlink()
 
 
 def test_ousters_recording(samples, tmp_path):

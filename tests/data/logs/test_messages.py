@@ -117,17 +117,11 @@ def test_a_damaged_mcap_is_named(tmp_path, fields, damage):
         frames_of(path, tmp_path / "out")
 
 
-def test_a_ros2_bag(tmp_path, fields):
-    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
-    typesys = pytest.importorskip("rosbags.typesys")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    types = store.types
-    kind = "sensor_msgs/msg/PointCloud2"
+def native_message(types, fields):
+    """The same for rosbags: a message of its own types."""
     m = message(fields)
-    native = types[kind](
-        header=types["std_msgs/msg/Header"](
-            stamp=types["builtin_interfaces/msg/Time"](sec=12, nanosec=0), frame_id=m.header.frame_id
-        ),
+    return types["sensor_msgs/msg/PointCloud2"](
+        header=types["std_msgs/msg/Header"](**_header(types, m.header.frame_id)),
         height=m.height,
         width=m.width,
         fields=[types["sensor_msgs/msg/PointField"](**vars(f)) for f in m.fields],
@@ -137,11 +131,40 @@ def test_a_ros2_bag(tmp_path, fields):
         data=np.frombuffer(m.data, np.uint8),
         is_dense=True,
     )
+
+
+def _header(types, frame):
+    about = {"stamp": types["builtin_interfaces/msg/Time"](sec=12, nanosec=0), "frame_id": frame}
+    # ROS 1 also counts messages.
+    return about | ({"seq": 0} if "seq" in types["std_msgs/msg/Header"].__dataclass_fields__ else {})
+
+
+def ros2_bag(path, fields):
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    kind = "sensor_msgs/msg/PointCloud2"
     newer = {"version": 8} if "version" in inspect.signature(rosbag2.Writer).parameters else {}
-    with rosbag2.Writer(tmp_path / "bag", **newer) as writer:
+    with rosbag2.Writer(path, **newer) as writer:
         connection = writer.add_connection("/points", kind, typestore=store)
-        writer.write(connection, 0, store.serialize_cdr(native, kind))
-    kind, frames = frames_of(tmp_path / "bag", tmp_path / "out")
+        writer.write(connection, 0, store.serialize_cdr(native_message(store.types, fields), kind))
+    return path
+
+
+def ros1_bag(path, fields):
+    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="rosbags is not installed")
+    typesys = pytest.importorskip("rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    kind = "sensor_msgs/msg/PointCloud2"
+    with rosbag1.Writer(path) as writer:
+        connection = writer.add_connection("/points", kind, typestore=store)
+        writer.write(connection, 0, store.serialize_ros1(native_message(store.types, fields), kind))
+    return path
+
+
+@pytest.mark.parametrize(("write", "name"), [(ros2_bag, "bag"), (ros1_bag, "drive.bag")])
+def test_a_bag_of_either_ros(tmp_path, fields, write, name):
+    kind, frames = frames_of(write(tmp_path / name, fields), tmp_path / "out")
     assert kind == "ros"
     check(frames, fields)
 
@@ -179,12 +202,22 @@ def sensor_view(fields, *, short=0):
     return view
 
 
-def test_reflections_of_an_osi_trace(tmp_path, fields):
-    view = sensor_view(fields)
-    raw = view.SerializeToString()
-    path = tmp_path / "drive_sv_3.osi"
+def osi_trace(path, message):
+    """A trace of one message."""
+    raw = message.SerializeToString()
     path.write_bytes(len(raw).to_bytes(4, "little") + raw)
-    kind, frames = frames_of(path, tmp_path / "out")
+    return path
+
+
+def osi_mcap(path, fields):
+    utilities = pytest.importorskip("mcap_protobuf.writer", reason="mcap-protobuf-support is not installed")
+    with path.open("wb") as file, utilities.Writer(file) as writer:
+        writer.write_message("SensorViewTopic", sensor_view(fields), log_time=0, publish_time=0)
+    return path
+
+
+def test_reflections_of_an_osi_trace(tmp_path, fields):
+    kind, frames = frames_of(osi_trace(tmp_path / "drive_sv_3.osi", sensor_view(fields)), tmp_path / "out")
     assert kind == "osi"
     check(frames, fields)
     _, more = frames.read(frames.names[0])
@@ -194,16 +227,12 @@ def test_reflections_of_an_osi_trace(tmp_path, fields):
 
 
 def test_a_multi_channel_osi_trace(tmp_path, fields):
-    utilities = pytest.importorskip("mcap_protobuf.writer", reason="mcap-protobuf-support is not installed")
-    path = tmp_path / "drive.mcap"
-    with path.open("wb") as file, utilities.Writer(file) as writer:
-        writer.write_message("SensorViewTopic", sensor_view(fields), log_time=0, publish_time=0)
-    kind, frames = frames_of(path, tmp_path / "out")
+    kind, frames = frames_of(osi_mcap(tmp_path / "drive.mcap", fields), tmp_path / "out")
     assert kind == "osi"
     check(frames, fields)
 
 
-def test_detections_of_an_osi_trace(tmp_path, fields):
+def detections(fields):
     data_module = pytest.importorskip("osi3.osi_sensordata_pb2", reason="osi-python is not installed")
     data = data_module.SensorData()
     data.timestamp.seconds = 1
@@ -215,10 +244,11 @@ def test_detections_of_an_osi_trace(tmp_path, fields):
         detection.position.azimuth = float(np.arctan2(y[k], x[k]))
         detection.position.elevation = float(np.arctan2(z[k], np.hypot(x[k], y[k])))
         detection.beam_id.value = int(fields["ring"][k])
-    raw = data.SerializeToString()
-    path = tmp_path / "drive_sd_3.osi"
-    path.write_bytes(len(raw).to_bytes(4, "little") + raw)
-    _, frames = frames_of(path, tmp_path / "out")
+    return data
+
+
+def test_detections_of_an_osi_trace(tmp_path, fields):
+    _, frames = frames_of(osi_trace(tmp_path / "drive_sd_3.osi", detections(fields)), tmp_path / "out")
     check(frames, fields)
 
 
@@ -228,9 +258,9 @@ def test_damaged_osi_traces_are_named(tmp_path, fields):
     path.write_bytes(len(raw).to_bytes(4, "little") + raw)
     with pytest.raises(ValueError, match=rf"{RINGS * FIRINGS - 7} reflections for {RINGS * FIRINGS} directions"):
         frames_of(path, tmp_path / "out")
-    for content in (raw[: len(raw) // 2], b"", bytes(64)):
+    for content, told in ((raw[: len(raw) // 2], "promises"), (b"", "holds no message"), (bytes(64), "promises")):
         path.write_bytes(len(raw).to_bytes(4, "little") + content if content else b"")
-        with pytest.raises(ValueError, match=r"osi: .*"):
+        with pytest.raises(ValueError, match=rf"osi: .*{told}"):
             frames_of(path, tmp_path / "out")
 
 
@@ -242,6 +272,13 @@ def test_a_killed_command_goes_on_with_the_same_sensor(tmp_path, fields):
     write_log(path, kind, source, out=tmp_path / "cut", options=options, most=2)
     with pytest.raises(ValueError, match="was made with other settings"):
         write_log(path, kind, source, out=tmp_path / "cut", options=LogOptions(returns="last"))
+    record = tmp_path / "cut/log.json"
+    good = record.read_text()
+    for change in ('"axis": 7, "was"', '"axis": "x", "was"', '"axes"'):
+        record.write_text(good.replace('"axis"', change))
+        with pytest.raises(ValueError, match=r"(?s)frames: .*log.json: .* delete the folder"):
+            write_log(path, kind, source, out=tmp_path / "cut", options=options)
+    record.write_text(good)
     second = write_log(path, kind, source, out=tmp_path / "cut", options=options)
     assert (second.already, second.frames) == (2, 4)
     write_log(path, kind, source, out=tmp_path / "whole", options=options)
