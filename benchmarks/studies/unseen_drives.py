@@ -17,7 +17,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,8 @@ from jaxsim.train.experiments import load_experiment
 from jaxsim.train.loop import train_apart
 
 BAR = "trees, context"
+FACTORS = np.arange(0.5, 2.51, 0.05)
+"""By which levels may lie farther from the median than they do (`--generator.widen` times them)."""
 
 
 def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path) -> dict[str, Sums]:
@@ -79,8 +81,8 @@ def network_of(fold: int, seed: int, data: DataConfig, *, config: str, out: Path
 
 
 def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
-    """Of each frame of the fold the network's sums and how many measurements its levels cover; once, kept in OUT/sums.
-    Draws a frame of each drive."""
+    """Of each frame of the fold the network's sums, and how many measurements its outer levels cover at each of
+    FACTORS; once, kept in OUT/sums. Draws a frame of each drive."""
     path = out / "sums" / f"{run.name}.json"
     if path.is_file():
         return json.loads(path.read_text())
@@ -88,17 +90,30 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
     prepare = sensor.run.experiment.prepare
     pairs = prepared(dataset, select(FOLDS[fold], dataset), data, prepare=prepare)
     predict = make_predict(sensor.generate, prepare)
-    covered: list[list[float]] = []
+    covered: list[list[int]] = []
+    counts: list[int] = []
+    widths: list[float] = []
     drawn: set[str] = set()
     for name, scene, pair in zip(pairs.names, pairs.scenes, pairs, strict=True):
         says = predict(sensor.params, pair)
         assert says.levels is not None
         levels, value = np.asarray(says.levels), np.asarray(pair.measured.intensity)
-        counts = np.asarray(pair.painted.valid & pair.measured.valid)
-        inside = (value >= levels[..., 0] - STEP / 2) & (value <= levels[..., -1] + STEP / 2)
+        seen = np.asarray(pair.painted.valid & pair.measured.valid)
+        below, middle, above = (levels[..., k][seen] for k in (0, LEVELS.index(0.5), -1))
+        value = value[seen]
         covered.append(
-            [float(inside[counts].sum()), float(counts.sum()), float((levels[..., -1] - levels[..., 0])[counts].sum())]
+            [
+                int(
+                    (
+                        (value >= middle + f * (below - middle) - STEP / 2)
+                        & (value <= middle + f * (above - middle) + STEP / 2)
+                    ).sum()
+                )
+                for f in FACTORS
+            ]
         )
+        counts.append(len(value))
+        widths.append(float((above - below).sum()))
         if scene not in drawn:
             drawn.add(scene)
             spread = levels[..., -1] - levels[..., 0]
@@ -109,6 +124,8 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
         "scenes": pairs.scenes,
         "sums": network_sums(predict, sensor.params, pairs),
         "covered": covered,
+        "counts": counts,
+        "widths": widths,
     }
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(found))
@@ -156,19 +173,61 @@ def by_drive(sums: Sums, scenes: Sequence[str]) -> dict[str, float]:
     return dict(sorted(found.items()))
 
 
-def coverage_of(covered: np.ndarray, scenes: Sequence[str]) -> str:
-    """Share of measurements inside the outer levels with its interval over drives, and the mean width."""
-    drives = sorted(set(scenes))
-    total = np.array([covered[[name == drive for name in scenes]].sum(0) for drive in drives])
-    low, high = ratio_interval(total[:, 0], total[:, 1])
-    share = total[:, 0].sum() / total[:, 1].sum()
-    worst = total[:, 0] / total[:, 1]
-    width = total[:, 2].sum() / total[:, 1].sum()
-    return (
-        f"{round(100 * (LEVELS[-1] - LEVELS[0]))} % intervals cover {100 * share:.1f} % "
-        f"({100 * low:.1f}..{100 * high:.1f}) of the measurements, {100 * worst.min():.1f} to "
-        f"{100 * worst.max():.1f} % by drive; their mean width is {width:.3f}"
-    )
+@dataclass
+class Coverage:
+    """What the outer levels cover, a frame an entry; the fold that each is of."""
+
+    scenes: list[str] = field(default_factory=list)
+    folds: list[int] = field(default_factory=list)
+    inside: list[list[int]] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    widths: list[float] = field(default_factory=list)
+
+    def add(self, fold: int, judged: Mapping[str, Any]) -> None:
+        self.scenes += judged["scenes"]
+        self.folds += [fold] * len(judged["scenes"])
+        self.inside += judged["covered"]
+        self.counts += judged["counts"]
+        self.widths += judged["widths"]
+
+    def told(self) -> str:
+        """Coverage as it stands; and at the factor of each fold that the drives of all other folds ask for."""
+        own = int(np.argmin(np.abs(FACTORS - 1)))
+        aim = LEVELS[-1] - LEVELS[0]
+        text = f"{round(100 * aim)} % intervals cover {self._share([own] * len(self.counts))}"
+        folds = np.array(self.folds)
+        if len(set(self.folds)) == 1:
+            return text
+        inside, counts = np.array(self.inside), np.array(self.counts)
+        asked = {
+            fold: int(np.argmin(np.abs(inside[folds != fold].sum(0) / counts[folds != fold].sum() - aim)))
+            for fold in set(self.folds)
+        }
+        factors = sorted(FACTORS[k] for k in asked.values())
+        every = FACTORS[np.argmin(np.abs(inside.sum(0) / counts.sum() - aim))]
+        of_others = self._share([asked[fold] for fold in self.folds])
+        return (
+            f"{text}. With the levels of each fold {factors[0]:.2f} to {factors[-1]:.2f} times as far from the median, "
+            f"which is what the drives of the other folds ask for, {of_others}. All drives together ask for {every:.2f}"
+        )
+
+    def _share(self, at: Sequence[int]) -> str:
+        """The share inside with its interval over drives, by drive, and the mean width, at a factor for each frame."""
+        drives = sorted(set(self.scenes))
+        scenes = np.array(self.scenes)
+        columns = np.array(
+            [
+                [row[k], n, FACTORS[k] * w]
+                for row, k, n, w in zip(self.inside, at, self.counts, self.widths, strict=True)
+            ]
+        )
+        total = np.array([columns[scenes == drive].sum(0) for drive in drives])
+        low, high = ratio_interval(total[:, 0], total[:, 1])
+        share, each = total[:, 0].sum() / total[:, 1].sum(), total[:, 0] / total[:, 1]
+        return (
+            f"{100 * share:.1f} % ({100 * low:.1f}..{100 * high:.1f}) of the measurements, {100 * each.min():.1f} to "
+            f"{100 * each.max():.1f} % by drive, with a mean width of {total[:, 2].sum() / total[:, 1].sum():.3f}"
+        )
 
 
 def main(
@@ -179,7 +238,7 @@ def main(
     data = replace(experiment.data, root=root, cache=out / "cache")
     scenes: list[str] = []
     sums: dict[str, Sums] = {}
-    covered: list[list[float]] = []
+    coverage = Coverage()
     for fold in tqdm(folds, desc="folds", unit="fold"):
         rows = baselines_of(fold, data, experiment, out)
         for seed in seeds:
@@ -188,7 +247,7 @@ def main(
             rows |= {"network" if seed == seeds[0] else f"network, seed {seed}": judged["sums"]}
             if seed == seeds[0]:
                 scenes += judged["scenes"]
-                covered += judged["covered"]
+                coverage.add(fold, judged)
         for name, frames in rows.items():
             sums.setdefault(name, []).extend(frames)
     order = sorted(sums, key=lambda name: -total_scores(sums[name])["mae"].value)
@@ -199,7 +258,7 @@ def main(
     shown = [name for name in ("per-row median", "range, incidence, row", *TREES, "network") if name in errors]
     frames = {short(scene): scenes.count(scene) for scene in scenes}
     rows = [[drive, str(frames[drive]), *(f"{errors[name][drive]:.4f}" for name in shown)] for drive in sorted(frames)]
-    covers = coverage_of(np.array(covered), scenes)
+    covers = coverage.told()
     text = [
         f"{len(scenes)} frames of {len(frames)} drives, each judged by what has not seen it; intervals over drives",
         score_table(scores, intervals),

@@ -33,6 +33,9 @@ class GeneratorConfig(Checked):
     enhancers: Whole = 1
     enhancer_blocks: Whole = 3
     out_channels: Count = 1
+    widen: NotNegative = 1.0
+    """Of `unet`: how far its levels lie from the median, times what was learned. A network is surer of the drives that
+    it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""
 
     @property
     def channels(self) -> int:

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import optax
 from flax import nnx
 from jax.sharding import Mesh
+from jaxtyping import Float
 
-from jaxsim.config import Experiment
+from jaxsim.config import LEVELS, Experiment
 from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import on_cpu
@@ -195,6 +196,22 @@ def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Arr
 
 
 def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, Array], Array]:
-    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]."""
+    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]; of a U-Net LEVELS so, as far
+    from the median as `generator.widen` says, and the logit of a drop.
+
+    Raises ValueError where a network without levels is to have them wider.
+    """
     definition = generator_definition(experiment.generator, in_channels, spectral=False)
-    return jax.jit(lambda parameters, inputs: nnx.merge(definition, parameters)(inputs))
+    form, widen, median = experiment.generator.form, experiment.generator.widen, LEVELS.index(0.5)
+    if form != "unet" and widen != 1:
+        raise ValueError(f"generator.widen is {widen}; {form} gives no levels that could be wider: only unet does")
+
+    def generate(parameters: Tree, inputs: Float[Array, "b h w c"]) -> Float[Array, "b h w k"]:
+        outputs = nnx.merge(definition, parameters)(inputs)
+        if widen == 1:
+            return outputs
+        levels, rest = outputs[..., : len(LEVELS)], outputs[..., len(LEVELS) :]
+        middle = levels[..., median : median + 1]
+        return jnp.concatenate([middle + widen * (levels - middle), rest], axis=-1)
+
+    return jax.jit(generate)

@@ -106,3 +106,21 @@ def test_it_learns_each_lasers_gain_its_spread_and_its_drops():
 def test_a_gan_is_refused():
     with pytest.raises(ValueError, match=r"a unet gives quantiles.*--loss\.gan 0"):
         make_train_step(replace(EXPERIMENT, loss=LossConfig(gan=1.0, reconstruction=1.0)), 4)
+
+
+def test_levels_are_as_much_wider_as_the_settings_say():
+    parameters = create_state(EXPERIMENT, 3, seed=0).ema
+    x = jax.random.normal(jax.random.key(0), (1, 8, 12, 3))
+    as_learned = np.asarray(make_generate(EXPERIMENT, 3)(parameters, x))
+    wider = np.asarray(make_generate(replace(EXPERIMENT, generator=replace(CONFIG, widen=1.5)), 3)(parameters, x))
+    middle = LEVELS.index(0.5)
+    for k in range(len(LEVELS)):
+        np.testing.assert_allclose(
+            wider[..., k] - wider[..., middle], 1.5 * (as_learned[..., k] - as_learned[..., middle]), atol=1e-6
+        )
+    np.testing.assert_array_equal(wider[..., [middle, -1]], as_learned[..., [middle, -1]])
+
+
+def test_a_network_without_levels_has_none_to_widen():
+    with pytest.raises(ValueError, match=r"generator\.widen is 1\.5; imaginaire gives no levels"):
+        make_generate(Experiment(generator=GeneratorConfig(filters=4, widen=1.5)), 3)
