@@ -140,7 +140,7 @@ def objects(kinds: Sequence[Fidelity]) -> Markup:
         "per cent of the measured value, as mean absolute error and signed (above 0: the simulation has more); means "
         "over scenes with 90 % intervals."
     )
-    head = ["target", "seen", "points, error", "points, more", "intensity, error", "intensity, more"]
+    head = ["target", "seen", "points, error", "points, signed", "intensity, error", "intensity, signed"]
     return section("Targets", paragraph(words) + table(head, rows, text=1))
 
 
