@@ -12,6 +12,7 @@ import tyro
 
 from jaxsim.cloud.export import save_cloud, table_of
 from jaxsim.cloud.mcap import Stamped, write_mcap
+from jaxsim.cloud.osi import write_osi
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, Written, known_sources, source_for, write_log
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
@@ -19,6 +20,9 @@ from jaxsim.files import file_of
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress
+
+WHOLE = {"mcap": write_mcap, "osi": write_osi}
+"""Forms that hold all frames in one file."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +52,15 @@ class Frames(Checked):
     """Take every so many turns."""
     most: Whole = 0
     """At most so many turns; 0: all."""
-    to: Literal["", "mcap", "pcd", "ply", "las", "npz"] = ""
+    to: Literal["", "mcap", "osi", "pcd", "ply", "las", "npz"] = ""
     """The other way: write polar frames (SOURCE is their folder) as clouds with ring and time a point: one .mcap with
-    PointCloud2, or in a folder a file a frame."""
+    PointCloud2, one .osi with SensorData (of which no time a point is known), or in a folder a file a frame."""
     list: bool = False
     """List the families, and what to install for each."""
 
     @property
     def writes_to(self) -> Path | None:
-        return None if self.list or self.to == "mcap" else self.out
+        return None if self.list or self.to in WHOLE else self.out
 
     def __call__(self) -> None:
         if self.list:
@@ -78,8 +82,8 @@ def write_clouds(folder: Path, out: Path, to: str, *, every: int = 1, most: int 
     frames = open_polar_frames(folder)
     names = frames.names[::every][: most or None]
     bar = Progress(names, unit="cloud", desc="writing")
-    if to == "mcap":
-        return write_mcap(out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
+    if to in WHOLE:
+        return WHOLE[to](out, (_stamped(frames, name, k) for k, name in enumerate(bar)))
     for name in bar:
         path = file_of(out, name, f".{to}", by="frames")
         if not path.is_file():

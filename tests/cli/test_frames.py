@@ -52,3 +52,40 @@ def test_frames_become_an_mcap_that_becomes_the_same_frames(tmp_path):
         np.testing.assert_allclose(image.range_m, again.range_m, atol=1e-4)
         np.testing.assert_allclose(image.intensity, again.intensity, atol=1e-6)
         np.testing.assert_allclose(more["time"], later["time"], atol=1e-6)
+
+
+def test_frames_become_an_osi_trace_that_becomes_the_same_frames(tmp_path):
+    trace_type = pytest.importorskip("osi3trace.osi_trace", reason="osi-python is not installed").OSITrace
+    (tmp_path / "drive").mkdir()
+    for k in range(2):
+        pcd(tmp_path / f"drive/{k:03d}.pcd", room(seed=k), "binary")
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "a")])
+    main(["frames", str(tmp_path / "a"), "--to", "osi", "--out", str(tmp_path / "a_sd.osi")])
+    # The standard's own library reads it ...
+    trace = trace_type(str(tmp_path / "a_sd.osi"), "SensorData")
+    messages = list(trace)
+    trace.close()
+    first = open_polar_frames(tmp_path / "a")
+    assert len(messages) == len(first.names) == 2
+    assert messages[0].version.version_major >= 3
+    for name, message in zip(first.names, messages, strict=True):
+        detections = message.feature_data.lidar_sensor[0].detection
+        assert len(detections) == first.read(name)[0].valid.sum()
+        assert 0 <= min(d.intensity for d in detections) <= max(d.intensity for d in detections) <= 100
+    # ... and so do we.
+    main(["frames", str(tmp_path / "a_sd.osi"), "--out", str(tmp_path / "b")])
+    second = open_polar_frames(tmp_path / "b")
+    np.testing.assert_allclose(first.grid.elevation_rad, second.grid.elevation_rad, atol=1e-5)
+    for one, other in zip(first.names, second.names, strict=True):
+        image, again = first.read(one)[0], second.read(other)[0]
+        np.testing.assert_allclose(image.range_m, again.range_m, atol=1e-4)
+        np.testing.assert_allclose(image.intensity, again.intensity, atol=1e-6)
+
+
+def test_a_trace_of_detections_must_say_so_in_its_name(tmp_path):
+    (tmp_path / "drive").mkdir()
+    pcd(tmp_path / "drive/000.pcd", room(seed=0), "binary")
+    main(["frames", str(tmp_path / "drive"), "--out", str(tmp_path / "a")])
+    with pytest.raises(SystemExit, match=r"a\.osi must say that it holds SensorData, .*drive_sd\.osi"):
+        main(["frames", str(tmp_path / "a"), "--to", "osi", "--out", str(tmp_path / "a.osi")])
+    assert not (tmp_path / "a.osi").exists()
