@@ -56,7 +56,8 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
             continue
         count = sum(map(len, scenes.values()))
         off = [np.array(rows) for rows in scenes.values()]
-        points, intensity = ([rows[:, k] for rows in off] for k in (0, 1))
+        points = [rows[:, 0] for rows in off]
+        intensity = [rows[:, 1] for rows in off]
         found.append(
             Fidelity(
                 kind,

@@ -113,13 +113,14 @@ def changes(
     """The questions whose answers differ between two days by more than scenes scatter (Welch's test)."""
     found = []
     for k, (what, channel) in enumerate(names):
-        a, b = (table[np.isfinite(table[:, k]), k] for table in (before, today))
-        if min(len(a), len(b)) < RULES.fewest_for_scatter:
+        then = before[np.isfinite(before[:, k]), k]
+        now = today[np.isfinite(today[:, k]), k]
+        if min(len(then), len(now)) < RULES.fewest_for_scatter:
             continue
-        low, high = difference_interval(b, a, level=1 - RULES.watch_chance / len(names))
+        low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
         # Scenes without any scatter say nothing of chance.
         if low < high and (low > 0 or high < 0):
-            value = float(b.mean() - a.mean())
+            value = float(now.mean() - then.mean())
             found.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(found, key=lambda pair: -pair[0]))
 
