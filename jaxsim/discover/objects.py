@@ -14,13 +14,12 @@ import numpy as np
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.read import Comparison
+from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.verdict import Fidelity, Interval
 
 FEWEST_POINTS = 10
 """Of a target on either side: with fewer, counts are chance."""
-FEWEST_SCENES = 4
-"""That hold such targets: with fewer nothing is known of their scatter."""
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
 BESIDE_M = 0.5
@@ -52,7 +51,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
             of_scene.append((_more(*target.points), _more(*target.intensity)))
     found = []
     for kind, scenes in by_kind.items():
-        if len(scenes) < FEWEST_SCENES:
+        if len(scenes) < RULES.fewest_for_scatter:
             continue
         count = sum(map(len, scenes.values()))
         off = [np.array(rows) for rows in scenes.values()]
@@ -109,6 +108,6 @@ def _over_scenes(values: list[np.ndarray]) -> Interval:
     """The mean over scenes of the means over their targets, in per cent."""
     means = np.array([np.nanmean(rows) if np.isfinite(rows).any() else np.nan for rows in values])
     means = 100 * means[np.isfinite(means)]
-    if len(means) < FEWEST_SCENES:
+    if len(means) < RULES.fewest_for_scatter:
         return Interval(float("nan"), float("nan"), float("nan"), "%")
     return Interval(float(means.mean()), *mean_interval(means), "%")

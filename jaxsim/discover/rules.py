@@ -283,9 +283,9 @@ class Rules:
     unpaired_uneven: float = 2.5
     """Losses of one probability differ by less than this factor between parts of the rows and of the azimuth."""
 
-    # Gate and watch: whether a simulation passes, and whether a sensor is as it was.
+    # Gate, watch and targets: whether a simulation passes, and whether a sensor is as it was.
     fewest_for_scatter: int = 4
-    """Scenes below which the scatter between them says nothing of a distance, or of a day."""
+    """Scenes below which the scatter between them says nothing of a distance, of a day, or of a kind of targets."""
     gate_worse_share: float = 0.10
     """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
     watch_chance: float = 0.05
