@@ -238,6 +238,10 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
             files = pipeline | "files" >> beam.Create(list(shards))
             spread = files | "spread" >> beam.Reshuffle()
             _ = spread | "make" >> beam.Map(partial(_make_on_worker, folder=folder, job=job))
+    except KeyboardInterrupt:
+        # Its threads go on with what the main one gave up, and tell in tracebacks what they miss.
+        logging.getLogger("apache_beam").setLevel(logging.CRITICAL + 1)
+        raise
     except ValueError as error:  # of Dask's runner: the worker's own
         raise ValueError(f"{error} (the same command goes on with the files that are made)") from error
     except RuntimeError as error:  # of others a worker's error comes as text, in a traceback of many

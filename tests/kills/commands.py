@@ -54,18 +54,32 @@ experiment = DepthExperiment(
     run=RunConfig(name="depth", log_every=1, save_every=1, picture_every=2),
 )
 """
+LABELLED = """
+from dataclasses import replace
+from configs.synthetic import experiment as base
+
+experiment = replace(
+    base,
+    data=replace(base.data, train="0,8", validation="16", cache="cache"),
+    prepare=replace(base.prepare, columns=64, network_size=(64, 128)),
+    generator=replace(base.generator, filters=4, blocks=1, downsamples=1, enhancers=0),
+    discriminator=replace(base.discriminator, filters=4, max_filters=8, scales=1, layers=1),
+    optim=replace(base.optim, steps=3, batch=2),
+    run=replace(base.run, name="tiny", log_every=1, save_every=2, picture_every=3),
+)
+"""
+"""Of frames that were rendered: they have labels."""
 LOOP = """
 import sys
 from dataclasses import replace
-from pathlib import Path
 sys.path.insert(0, ".")
 from jaxsim.config import LoopConfig
+from labelled import experiment as intensity
 from tests.detect.tiny import EXPERIMENT
-from tiny import experiment as intensity
 
-real = replace(intensity.data, train="0,8", validation="16", cache=Path("cache"))
+real = intensity.data
 loop = LoopConfig(
-    intensity=replace(intensity, data=real, optim=replace(intensity.optim, steps=4)),
+    intensity=intensity,
     detector=replace(
         EXPERIMENT,
         data=real,
@@ -136,7 +150,7 @@ def _clouds(work: Path) -> None:
 
 
 def _loop(work: Path) -> None:
-    (work / "tiny.py").write_text(INTENSITY)
+    (work / "labelled.py").write_text(LABELLED)
     (work / "loop.py").write_text(LOOP)
 
 
@@ -176,9 +190,10 @@ COMMANDS: dict[str, Command] = {
         ("discover", "--measured", "measured", "--simulated", "simulated", "--out", "out"), "out", _toy_folders
     ),
     "ablation": Command(
-        ("eval", "ablation", "--train", "tiny.py", "--out", "runs", "--", "--optim.steps", "3"),
+        ("eval", "ablation", "--train", "labelled.py", "--out", "runs"),
         "runs",
-        _drive,
+        _text("labelled.py", LABELLED),
+        kept=("cache",),
     ),
     "real2sim2real": Command(("real2sim2real", "--config", "loop.py", "--out", "loop"), "loop", _loop, kept=("cache",)),
     "prepare beam": Command(
