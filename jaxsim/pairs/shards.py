@@ -245,7 +245,8 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
     except ValueError as error:  # of Dask's runner: the worker's own
         raise ValueError(f"{error} (the same command goes on with the files that are made)") from error
     except RuntimeError as error:  # of others a worker's error comes as text, in a traceback of many
-        reasons = re.findall(r"^(?:\w+\.)*ValueError: (.*?)(?: \[while running .*)?$", str(error), re.MULTILINE)
+        own = r"^(?:\w+\.)*(?:ValueError|OSError): (.*?)(?: \[while running .*)?$"
+        reasons = re.findall(own, str(error), re.MULTILINE)
         if not reasons:
             raise
         raise ValueError(f"{reasons[-1]} (the same command goes on with the files that are made)") from error
