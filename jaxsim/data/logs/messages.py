@@ -150,8 +150,22 @@ def _check_records(file: BinaryIO, size: int) -> None:
     file.seek(0)
 
 
+def _check_bag(path: Path) -> None:
+    """Raises ValueError where the head or the data of a ROS 1 bag's record is longer than what is there."""
+    with path.open("rb") as file:
+        size = path.stat().st_size
+        file.readline()  # the version
+        while len(head := file.read(4)) == 4:
+            length = int.from_bytes(head, "little")
+            if file.tell() + length > size:
+                raise ValueError(f"a record promises {length} bytes where {size - file.tell()} are left")
+            file.seek(length, SEEK_CUR)
+
+
 def _bag_messages(path: Path, options: LogOptions) -> Iterator[Any]:
     any_reader = need("rosbags.highlevel", "ros", by="ros").AnyReader
+    if path.suffix == ".bag":
+        _check_bag(path)
     with any_reader([path]) as bag:
         topic = _one_topic(path, {c.topic: c.msgtype for c in bag.connections}, options)
         for connection, _, raw in bag.messages(connections=[c for c in bag.connections if c.topic == topic]):

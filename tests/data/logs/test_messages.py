@@ -162,6 +162,15 @@ def ros1_bag(path, fields):
     return path
 
 
+def test_a_bag_whose_record_promises_gigabytes_is_named(tmp_path, fields):
+    path = ros1_bag(tmp_path / "drive.bag", fields)
+    content = bytearray(path.read_bytes())
+    content[13:17] = b"\xff\xff\xff\xef"  # behind the version, the length of the first record's head
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"ros: .*drive.bag cannot be read .*a record promises 4026531839 bytes"):
+        frames_of(path, tmp_path / "out")
+
+
 @pytest.mark.parametrize(("write", "name"), [(ros2_bag, "bag"), (ros1_bag, "drive.bag")])
 def test_a_bag_of_either_ros(tmp_path, fields, write, name):
     kind, frames = frames_of(write(tmp_path / name, fields), tmp_path / "out")
