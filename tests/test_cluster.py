@@ -49,7 +49,7 @@ def test_an_error_that_nobody_expects_keeps_its_kind(scheduler):
 
 
 def test_a_worker_with_other_code_ends_the_command(scheduler, monkeypatch):
-    monkeypatch.setattr(cluster, "build", lambda: "jaxsim of yesterday")
+    monkeypatch.setattr(cluster, "build_name", lambda: "jaxsim of yesterday")
     with pytest.raises(Unlike, match=r"the worker tcp://.* this command has jaxsim of yesterday; install the same"):
         list(spread(scheduler, Squares(), range(4), by="test"))
 
