@@ -29,7 +29,9 @@ experiment = Experiment(
         depth="ip_basic",
         network_size=(44, 372),  # the window itself
     ),
-    generator=GeneratorConfig(form="unet", filters=16, max_filters=128, downsamples=3, blocks=1, enhancers=0, widen=1.2),
+    generator=GeneratorConfig(
+        form="unet", filters=16, max_filters=128, downsamples=3, blocks=1, enhancers=0, widen=1.2
+    ),
     loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.05, occluded_weight=1.0),
     optim=OptimConfig(
         lr=3e-3,
