@@ -78,7 +78,7 @@ def training(drops, experiment):
 
 @pytest.mark.parametrize(("drops", "steps"), [((0, 9, 0, 0), 1), ((0, 0, 0, 0), 0)])
 def test_a_step_that_is_not_logged_is_counted_and_told(tmp_path, monkeypatch, capsys, drops, steps):
-    monkeypatch.setattr(loop, "build", lambda experiment: training(drops, experiment))
+    monkeypatch.setattr(loop, "training_of", lambda experiment: training(drops, experiment))
     monkeypatch.setattr(loop, "Checkpoints", Kept)
     monkeypatch.setattr(loop.devices, "everywhere", lambda mesh, state: state)
     settings = replace(EXPERIMENT.run, name="short", out=tmp_path, log_every=4)
