@@ -39,7 +39,7 @@ NOTHING_YET = SensorModel()
 """A sensor model without effects."""
 
 
-MOST_CELLS = 128 * 64 * 1024
+MOST_CELLS = 72 * 64 * 1024
 """Of the frames that are read: a fit sees RAYS of them however many there are, and these take about 3 GiB."""
 FEWEST_FRAMES = 16
 """That are read however large they are."""
