@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.config import LEVELS
-from jaxsim.files import replacing, write_text
+from jaxsim.files import need, replacing, write_text
 from jaxsim.frame import Array
 from jaxsim.pix2pix import make_generate
 from jaxsim.pix2pix.convolution import for_any_device
@@ -27,7 +27,6 @@ from jaxsim.simulate import LearnedSensor
 
 Form = Literal["stablehlo", "onnx"]
 PLATFORMS = ("cpu", "cuda", "tpu")
-EXTRA = "pip install 'jaxsim-lidar[portable]'"
 Network = Callable[[Array], Array]
 
 
@@ -100,10 +99,7 @@ def describe(sensor: LearnedSensor) -> dict[str, Any]:
 
 
 def _stablehlo(network: Network, batch: int | None, size: tuple[int, ...]) -> bytes:
-    try:
-        import flatbuffers  # noqa: F401  (jax.export writes with it, and says less where it is missing)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f"convert: StableHLO files need flatbuffers; {EXTRA}") from error
+    need("flatbuffers", "portable", by="convert")  # jax.export writes with it, and says less where it is missing
     shape = jax.export.symbolic_shape("b, " + ", ".join(map(str, size))) if batch is None else (batch, *size)
     with for_any_device():
         made = jax.export.export(jax.jit(network), platforms=PLATFORMS)(jax.ShapeDtypeStruct(shape, np.float32))

@@ -14,6 +14,8 @@ import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
 
+from jaxsim.files import need
+
 OPSET = 18
 Value = np.ndarray | str
 """A constant, or the name of what a node gives."""
@@ -69,10 +71,7 @@ def onnx_model(
 
     Raises ModuleNotFoundError without onnx, NotImplementedError for a primitive that has no translation here.
     """
-    try:
-        import onnx
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("convert: ONNX files need onnx; pip install 'jaxsim-lidar[portable]'") from error
+    onnx = need("onnx", "portable", by="convert")
     closed = jax.make_jaxpr(function)(jax.ShapeDtypeStruct(shape, np.float32))
     graph = Graph(onnx)
     (result,) = _walk(graph, closed.jaxpr, [np.asarray(c) for c in closed.consts], ["inputs"])

@@ -106,6 +106,6 @@ def test_wrong_requests_write_nothing(arguments, said, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("to", "package"), [("onnx", "onnx"), ("stablehlo", "flatbuffers")])
 def test_a_missing_extra_is_named(to, package, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ModuleNotFoundError, match=rf"need {package}; pip install 'jaxsim-lidar\[portable\]'"):
+    with pytest.raises(ModuleNotFoundError, match=rf"needs {package}; pip install 'jaxsim-lidar\[portable\]'"):
         export_network(jaxsim.load("embedded"), tmp_path / "out", to=to)
     assert not list(tmp_path.iterdir())
