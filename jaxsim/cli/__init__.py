@@ -72,7 +72,7 @@ COMMANDS = {
     "effects": Command("effects:Effects", "the catalogue of sensor effects", "jaxsim effects beam_gain"),
     "convert": Command(
         "convert:Convert",
-        "published weights to files that jaxsim reads",
+        "published weights to files that jaxsim reads, a network to ONNX or StableHLO",
         "jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out vgg19.npz",
     ),
     "completion": Command(

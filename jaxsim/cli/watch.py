@@ -20,8 +20,6 @@ class Watch(Checked):
     """Holds a sensor's frames of today against its frames of before: dirt on the window, a dying beam, a drifting
     emitter.
 
-        jaxsim watch monday --days tuesday wednesday
-
     Folders of polar frames of one sensor (`jaxsim frames`), of any streets; each needs four scenes or more. Ends with 0
     where nothing has changed, with 1 where something has.
     """
@@ -34,6 +32,8 @@ class Watch(Checked):
     """File for the table (Markdown)."""
 
     def __call__(self) -> None:
+        if not self.days:
+            raise ValueError("watch: --days names no folder; give those of later days, in order")
         found = watch_days(self.before, self.days)
         page = table(found)
         print(page)

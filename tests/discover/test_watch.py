@@ -91,3 +91,8 @@ def test_another_sensor_and_too_few_scenes_are_refused(tmp_path):
         path.unlink()
     with pytest.raises(ValueError, match="monday has 1 scenes; 4 are needed"):
         watch_days(monday, [monday])
+
+
+def test_a_day_alone_cannot_be_watched(tmp_path):
+    with pytest.raises(SystemExit, match="--days names no folder"):
+        main(["watch", str(tmp_path), "--days"])
