@@ -56,7 +56,6 @@ def test_attached_it_gives_the_clouds_of_the_sensor(sensor, view, live):
     expected = returned(sensor.simulate(**arrays))
     assert len(expected) > 1000
     np.testing.assert_allclose(returned(live(view)), expected, atol=1e-5)
-    assert 0 < live.latency_s < 600
 
 
 def test_a_batch_is_its_views(sensor, view, live):
