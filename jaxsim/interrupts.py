@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import _thread
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
@@ -93,3 +94,38 @@ def unheard_by_children() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+_given_up = threading.Event()
+
+
+def apart(work: Callable[[], None], *, by: str) -> None:
+    """Does work of a package whose threads cannot be interrupted in a thread `by` that can be given up. What it raises
+    is raised here. After Ctrl-C or SIGTERM it goes on by itself until `leave` ends the program.
+    """
+    failed: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            work()
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run, name=by, daemon=True)
+    try:
+        thread.start()
+        thread.join()
+    except KeyboardInterrupt:
+        _given_up.set()
+        raise
+    if failed:
+        raise failed[0]
+
+
+def leave(code: int) -> NoReturn:
+    """Ends the program: at once where work was given up, for Python's own end waits for the threads that the work had
+    started, or breaks into those that run C++, which then aborts."""
+    if _given_up.is_set():
+        sys.stdout.flush()
+        os._exit(code)
+    sys.exit(code)

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from jaxsim.interrupts import SIGNALS, Terminated, terminable, unheard_by_children, uninterrupted
+from jaxsim.interrupts import SIGNALS, Terminated, apart, terminable, unheard_by_children, uninterrupted
 
 
 def test_sigterm_is_an_interrupt_in_the_block_and_what_it_was_after_it():
@@ -102,3 +102,34 @@ def test_children_do_not_hear_what_a_terminal_sends_to_all():
         child.send_signal(signal.SIGINT)
         assert child.stdout.read() == "unharmed\n"
     assert child.returncode == 0
+
+
+def test_work_apart_raises_here_what_it_raised_there():
+    done = []
+    apart(lambda: done.append(threading.current_thread().name), by="aside")
+    assert done == ["aside"]
+    with pytest.raises(ZeroDivisionError):
+        apart(lambda: 1 // 0, by="aside")
+
+
+GIVEN_UP = """
+import os, signal, threading, time
+from jaxsim.interrupts import apart, leave, terminable
+
+def work():
+    threading.Thread(target=time.sleep, args=(3600,)).start()  # Python's end would wait for it
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(3600)
+
+try:
+    with terminable():
+        apart(work, by="aside")
+except KeyboardInterrupt:
+    print("said")
+    leave(143)
+"""
+
+
+def test_work_that_was_given_up_does_not_hold_the_end_up():
+    ended = subprocess.run([sys.executable, "-c", GIVEN_UP], capture_output=True, text=True, timeout=600)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (143, "said\n", "")

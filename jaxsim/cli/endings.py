@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from jaxsim.interrupts import Terminated, terminable
+from jaxsim.interrupts import Terminated, leave, terminable
 
 DAMAGE = (zlib.error, zipfile.BadZipFile, EOFError, RecursionError)
 """Errors of files that no reader has named: what the packages that unpack them raise."""
@@ -56,7 +56,7 @@ def stop_on_error() -> Iterator[None]:
         if os.environ.get("JAXSIM_TRACEBACK"):
             raise
         _say(str(stop) or "stopped; what was finished is kept, and the same command goes on")
-        sys.exit(143 if isinstance(stop, Terminated) else 130)
+        leave(143 if isinstance(stop, Terminated) else 130)
     except Exception as error:
         told = words_of(error)
         if told is None or os.environ.get("JAXSIM_TRACEBACK"):

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from tqdm import tqdm
 
 from jaxsim.cloud import points_of
 from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
@@ -88,8 +87,7 @@ def spaced(names: Sequence[str], most: int) -> list[str]:
 
 def _batches(folder: Folder, names: Sequence[str]) -> Iterator[tuple[Sequence[str], np.ndarray, np.ndarray]]:
     """Names, (b, n, 4) points and (b, n) which of them are real."""
-    told = {"desc": "comparing", "unit": "batch", "leave": False}
-    for first in Progress(range(0, len(names), BATCH), **told):
+    for first in range(0, len(names), BATCH):
         chosen = names[first : first + BATCH]
         clouds = [folder.points(name) for name in chosen]
         room = room_for(max(map(len, clouds)), POINTS)
@@ -112,7 +110,7 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
     each: dict[str, list[np.ndarray]] = {name: [] for name in COUNTS}
     total = {name: np.zeros((BINS, BINS)) for name in COUNTS}
     occupied = lidm_occupancy([])
-    with tqdm(total=len(folder.names), desc=folder.path.name, unit="frame") as bar:
+    with Progress(total=len(folder.names), desc=f"seen from above: {folder.path.name}", unit="frame") as bar:
         for names, points, valid in _batches(folder, folder.names):
             kept = [name in compared for name in names]
             for definition, count in COUNTS.items():
@@ -168,7 +166,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     for folder, other in ((a, b), (b, a)):
         assert folder.grid is not None
         table = np.zeros((), np.int64)
-        for name in folder.names:
+        for name in Progress(folder.names, desc=f"intensities: {folder.path.name}", unit="frame"):
             image, more = folder.image(name)
             semantic = more.get("semantic")
             if semantic is None and name in shared:
@@ -196,14 +194,16 @@ def generation_scores(
     scores = _bev(a, b, compared)
     shared = sorted({*a.names} & {*b.names})
     if shared:
-        pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in shared]
+        named = Progress(shared, desc="frames of the same name", unit="frame")
+        pairs = [chamfer(a.points(name)[:, :3], b.points(name)[:, :3]) for name in named]
         for name, unit in (("distance_m", "m"), ("square_m2", "m2"), ("density_aware", "1")):
             value = float(np.mean([getattr(pair, name) for pair in pairs]))
             scores[f"chamfer_{name}"] = Score(value, unit, len(pairs))
     if rangenet is not None:
         features = []
         for folder in (a, b):
-            batches = _batches(folder, spaced(folder.names, compared))
+            names = spaced(folder.names, compared)
+            batches = Progress(_batches(folder, names), total=-(-len(names) // BATCH), desc="RangeNet", unit="batch")
             features.append(range_features(rangenet, ((p[..., :3], p[..., 3], valid) for _, p, valid in batches)))
         scores["frechet_rangenet53"] = Score(frechet_distance_of(*features), "1", min(map(len, features)))
     if a.grid is None or b.grid is None:

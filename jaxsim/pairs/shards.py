@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import islice
@@ -34,7 +35,7 @@ from jaxsim.data.records import example_of
 from jaxsim.data.tfds_builder import Shard, serialized, write_records
 from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
-from jaxsim.interrupts import unheard_by_children, uninterrupted
+from jaxsim.interrupts import apart, unheard_by_children, uninterrupted
 from jaxsim.pairs.prepared import make_record
 from jaxsim.progress import Progress
 
@@ -219,8 +220,7 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
     Raises ModuleNotFoundError where Beam is not installed, ValueError where a frame lacks what the job asks for.
     """
     try:
-        import apache_beam as beam
-        from apache_beam.options.pipeline_options import PipelineOptions
+        import apache_beam  # noqa: F401 - whether it is there
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             f"prepare: --beam needs Apache Beam ({error}); in an environment of its own, for it asks for older "
@@ -230,18 +230,9 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
     logging.getLogger("apache_beam").setLevel(logging.WARNING)
     spelled = _spelled_out(options, len(shards))
     flags = ["--default_sdk_harness_log_level=WARNING", *(f"--{option}" for option in spelled)]
-    ended = threading.Event()
-    watch = threading.Thread(target=_show, args=(shards, folder), kwargs={"bar": bar, "ended": ended})
-    watch.start()
     try:
-        with beam.Pipeline(options=PipelineOptions(flags)) as pipeline:
-            files = pipeline | "files" >> beam.Create(list(shards))
-            spread = files | "spread" >> beam.Reshuffle()
-            _ = spread | "make" >> beam.Map(partial(_make_on_worker, folder=folder, job=job))
-    except KeyboardInterrupt:
-        # Its threads go on with what the main one gave up, and tell in tracebacks what they miss.
-        logging.getLogger("apache_beam").setLevel(logging.CRITICAL + 1)
-        raise
+        with _shown(shards, folder, bar=bar):
+            apart(partial(_pipe, shards, folder, job=job, flags=flags), by="beam")
     except ValueError as error:  # of Dask's runner: the worker's own
         raise ValueError(f"{error} (the same command goes on with the files that are made)") from error
     except RuntimeError as error:  # of others a worker's error comes as text, in a traceback of many
@@ -250,9 +241,17 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
         if not reasons:
             raise
         raise ValueError(f"{reasons[-1]} (the same command goes on with the files that are made)") from error
-    finally:
-        ended.set()
-        watch.join()
+
+
+def _pipe(shards: Sequence[Shard], folder: Path, *, job: Job, flags: Sequence[str]) -> None:
+    """Runs Beam's pipeline to its end."""
+    import apache_beam as beam
+    from apache_beam.options.pipeline_options import PipelineOptions
+
+    with beam.Pipeline(options=PipelineOptions(list(flags))) as pipeline:
+        files = pipeline | "files" >> beam.Create(list(shards))
+        spread = files | "spread" >> beam.Reshuffle()
+        _ = spread | "make" >> beam.Map(partial(_make_on_worker, folder=folder, job=job))
 
 
 def _spelled_out(options: Sequence[str], files: int) -> list[str]:
@@ -270,6 +269,20 @@ def _make_on_worker(shard: Shard, folder: Path, job: Job) -> int:
     jax.config.update("jax_platforms", "cpu")
     write_shard(shard, folder, (make(job, position) for position in shard.positions))
     return len(shard.positions)
+
+
+@contextmanager
+def _shown(shards: Sequence[Shard], folder: Path, *, bar: Progress) -> Iterator[None]:
+    """Shows on `bar` what appears in the folder while the block runs."""
+    ended = threading.Event()
+    watch = threading.Thread(target=_show, args=(shards, folder), kwargs={"bar": bar, "ended": ended}, daemon=True)
+    try:
+        watch.start()
+        yield
+    finally:
+        ended.set()
+        if watch.is_alive():
+            watch.join()
 
 
 def _show(shards: Sequence[Shard], folder: Path, *, bar: Progress, ended: threading.Event) -> None:

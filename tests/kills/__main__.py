@@ -49,7 +49,8 @@ def broken(command: Command, kind: str, work: Path, cache: Path, *, share: float
     elif not running.reach((0.1 + 0.9 * share) * took_s):
         right = False
     else:
-        right = running.end(hard=kind == "killed") in (-9, 143)
+        # -15: it had done its work, and Python was on its way out.
+        right = running.end(hard=kind == "killed") in (-9, 143, -15)
     if "Traceback" in running.said:
         return f"traceback: {running.said[-400:]}"
     return "" if right else GOOD[1] if running.code == 0 else f"ends otherwise: {running.code}, {running.said[-400:]}"
