@@ -57,6 +57,8 @@ class CameraFrame:
     """Cityscapes ids 0..33; 0 = unlabeled."""
     instance: Int[Array, "*b h w"] | None = None
     """Object number, unique within the frame; 0 = none."""
+    has_image: bool = struct.field(pytree_node=False, default=True)
+    """Whether `rgb` is an image; where the source has none, it is black and gives the size alone."""
 
 
 @struct.dataclass

@@ -20,10 +20,10 @@ class Source(Checked):
     kind: Literal["same", DataKind] = "same"
     """Kind of data set; `same`: the run's own."""
     root: Path | None = None
-    """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or `Scene01/`
-    (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
+    """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), `sequences/`
+    (odometry), or `Scene01/` (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
     scenes: tuple[str, ...] = ()
-    """Its sequences to use: `0001 0018`, or of vkitti2 `Scene01`. None named: all."""
+    """Its sequences to use: `0001 0018`, of kitti_odometry `00`, of vkitti2 `Scene01`. None named: all."""
     variations: tuple[str, ...] | None = None
     """Of vkitti2: `clone` (the default), `15-deg-left`, `fog` ..."""
     camera: Literal[0, 1] | None = None

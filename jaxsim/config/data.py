@@ -8,7 +8,17 @@ from typing import Literal
 
 from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Whole
 
-DataKind = Literal["synthetic", "kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "vkitti2", "prepared"]
+DataKind = Literal[
+    "synthetic",
+    "kitti_raw",
+    "kitti_object",
+    "kitti_tracking",
+    "kitti_step",
+    "kitti_odometry",
+    "kitti",
+    "vkitti2",
+    "prepared",
+]
 InputName = Literal[
     "rgb", "depth", "semantic", "edges", "incidence", "range", "log_range", "row", "beam", "surroundings"
 ]
@@ -21,11 +31,12 @@ class DataConfig(Checked):
     kind: DataKind = "synthetic"
     """`synthetic` is the embedded world and needs no files; `prepared` is what `jaxsim prepare` made of another."""
     root: Path | None = None
-    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), or
-    `Scene01/` (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
+    """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step),
+    `sequences/` (odometry), any of these (kitti), or `Scene01/` (vkitti2); the `--out` of `jaxsim prepare`
+    (prepared)."""
     scenes: tuple[str, ...] = ()
-    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, or scenes of vkitti2, `Scene01`. None named: all,
-    and all must be there."""
+    """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, of kitti_odometry, `00 08`, or scenes of vkitti2,
+    `Scene01`. None named: all, and all must be there (of kitti_odometry those that are)."""
     variations: tuple[str, ...] = ("clone",)
     """Of vkitti2: `clone`, `15-deg-left`, `fog` ..."""
     camera: Literal[0, 1] = 0

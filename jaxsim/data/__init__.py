@@ -15,7 +15,9 @@ from typing import Any, Protocol, runtime_checkable
 
 from jaxsim.config import DataConfig
 from jaxsim.data.kitti import KittiObject, KittiRaw
+from jaxsim.data.kitti_odometry import KittiOdometry
 from jaxsim.data.kitti_step import KittiStep
+from jaxsim.data.kitti_together import KittiTogether
 from jaxsim.data.select import select
 from jaxsim.data.sweeps import Sweep, read_lidar_top, read_pcap
 from jaxsim.frame import Frame
@@ -25,8 +27,10 @@ __all__ = [
     "DATASETS",
     "Dataset",
     "KittiObject",
+    "KittiOdometry",
     "KittiRaw",
     "KittiStep",
+    "KittiTogether",
     "Sweep",
     "open_dataset",
     "read_lidar_top",
@@ -87,6 +91,8 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
         _root(config), sequences=config.scenes, rows=config.rows, panoptic=False
     ),
     "kitti_step": lambda config: KittiStep(_root(config), sequences=config.scenes, rows=config.rows),
+    "kitti_odometry": lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows),
+    "kitti": lambda config: KittiTogether(_root(config), rows=config.rows),
     "vkitti2": _vkitti2,
     "prepared": _prepared,
 }

@@ -85,6 +85,17 @@ def fitted_spec(path: Path, rows: str) -> LidarSpec:
     return fit_beams(xyz_m, _lines(path, xyz_m, rows), lines=spec.rows, name=f"{SENSOR}, fitted to {path.stem}")
 
 
+@cache
+def compensated_spec(path: Path, rows: str) -> LidarSpec:
+    """The beam table of scans like this one: fitted, or the sensor's nominal one where the car's motion was taken out
+    of it, as of the odometry benchmark's, so that no cone fits its lines."""
+    try:
+        return fitted_spec(path, rows)
+    except (ValueError, UnorderedCloud):
+        read_scan(path, rows)  # a scan that cannot be read is no matter of motion
+        return preset(SENSOR)
+
+
 def _lines(path: Path, xyz_m: Float[np.ndarray, "n 3"], rows: str) -> Int[np.ndarray, " n"]:
     spec = preset(SENSOR)
     if rows == "elevation":

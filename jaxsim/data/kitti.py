@@ -5,6 +5,7 @@
              ROOT/2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png
              ROOT/2011_09_26/2011_09_26_drive_0001_sync/oxts/data/0000000000.txt    optional: speed and heading
     object   ROOT/training/{velodyne, image_2, calib, label_2}/000000.{bin, png, txt, txt}
+             ROOT/testing/{velodyne, image_2, calib}/000000.{bin, png, txt}                   optional: no labels
 
 A `.bin` does not name the laser of a point. It follows from the order of the file; a cloud that was shuffled
 has lost it, and then `rows="elevation"` takes the nearest beam of the nominal table instead, which puts
@@ -34,8 +35,10 @@ from jaxsim.files import files_in, read_text
 from jaxsim.frame import CameraFrame, Frame
 from jaxsim.geometry import LidarSpec
 
-_DATE = re.compile(r"\d{4}_\d\d_\d\d")
+DATE = re.compile(r"\d{4}_\d\d_\d\d")
 _FRAME = re.compile(r"\d+")
+SCANS = ("velodyne", "velodyne_reduced")
+"""Folders of the object benchmark's scans: whole ones, and such as are cropped to the image."""
 
 
 class KittiRaw:
@@ -91,7 +94,7 @@ class KittiRaw:
         drives: dict[Path, list[int]] = {}
         for position, (drive, _) in enumerate(self._frames):
             drives.setdefault(drive, []).append(position)
-        short = {drive: re.sub(rf"^{_DATE.pattern}_|_(sync|extract)$", "", drive.name) for drive in drives}
+        short = {drive: re.sub(rf"^{DATE.pattern}_|_(sync|extract)$", "", drive.name) for drive in drives}
         times = Counter(short.values())
         names = {d: short[d] if times[short[d]] == 1 else d.name.removesuffix("_sync") for d in drives}
         return {names[drive]: positions for drive, positions in drives.items()}
@@ -102,10 +105,11 @@ class KittiRaw:
 
 
 class KittiObject:
-    """The object benchmark: the single frames of `training`, from many drives.
+    """The object benchmark: the single frames of `training`, then those of `testing`, from many drives.
 
     The files do not say which frames belong to one drive, so each frame is its own scene: to split by drive,
-    use the published lists. Scans are in `velodyne`, else in `velodyne_reduced` (clouds cropped to the image).
+    use the published lists. Scans are in `velodyne`, else in `velodyne_reduced` (clouds cropped to the image). Frames
+    of `testing` have no labels. Where both parts are there, one without scans or images is left out.
     """
 
     name = "kitti_object"
@@ -113,9 +117,7 @@ class KittiObject:
     def __init__(self, root: Path, *, rows: str = "file_order"):
         self.root = Path(root)
         self._rows = check_rows(rows)
-        self._folder = _training_folder(self.root)
-        self._scans = _first_folder(self._folder, ("velodyne", "velodyne_reduced"))
-        self._frames = _numbers(self._scans, self._folder / "image_2")
+        self._frames = [frame for folder in _object_folders(self.root) for frame in _object_frames(folder)]
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -123,36 +125,41 @@ class KittiObject:
     @property
     def spec(self) -> LidarSpec:
         """The beam table, fitted to the first scan."""
-        return fitted_spec(self._scan(0), self._rows)
+        return fitted_spec(self._frames[0], self._rows)
 
     def __getitem__(self, index: int) -> Frame:
-        number = self._frames[index]
-        rgb = read_image(self._folder / "image_2" / f"{number}.png")
-        calibration = self._folder / "calib" / f"{number}.txt"
-        labels, plane = self._folder / "label_2" / f"{number}.txt", self._folder / "planes" / f"{number}.txt"
+        scan = self._frames[index]
+        folder, number = scan.parent.parent, scan.stem
+        rgb = read_image(folder / "image_2" / f"{number}.png")
+        calibration = folder / "calib" / f"{number}.txt"
+        labels, plane = folder / "label_2" / f"{number}.txt", folder / "planes" / f"{number}.txt"
         return Frame(
-            name=number,
-            scene=number,
+            name=self.name_of(index),
+            scene=self.name_of(index),
             camera=CameraFrame(rgb=rgb, camera=object_camera(calibration, rgb.shape[:2])),
-            cloud=read_scan(self._scan(index), self._rows),
+            cloud=read_scan(scan, self._rows),
             boxes=read_labels(labels) if labels.is_file() else None,
             rect_from_velo=object_rect_from_velo(calibration),
             ground=read_plane(plane) if plane.parent.is_dir() else None,
         )
 
     def name_of(self, index: int) -> str:
-        """The frame's number in the files, for a drive's frame after the drive's name."""
-        return self._frames[index]
+        """The frame's number in the files; of `testing`, which counts from 0 again, after that word."""
+        scan = self._frames[index]
+        return scan.stem if scan.parent.parent.name == "training" else f"testing-{scan.stem}"
 
     @property
     def splits(self) -> dict[str, list[int]]:
-        """Positions by the name of a list: ROOT/ImageSets/NAME.txt, one number a line (`train`, `val` in OpenPCDet)."""
-        place = {number: position for position, number in enumerate(self._frames)}
-        lists = files_in(self.root / "ImageSets", ".txt")
-        return {path.stem: [place[n] for n in read_list(path) if n in place] for path in lists}
-
-    def _scan(self, index: int) -> Path:
-        return self._scans / f"{self._frames[index]}.bin"
+        """Positions by folder, `training` and `testing`, where there are frames, and by the name of a list:
+        ROOT/ImageSets/NAME.txt, one number a line (`train`, `val` in OpenPCDet; `test` is of `testing`)."""
+        places: dict[str, dict[str, int]] = {}
+        for position, scan in enumerate(self._frames):
+            places.setdefault(scan.parent.parent.name, {})[scan.stem] = position
+        splits = {name: list(place.values()) for name, place in places.items()}
+        for path in files_in(self.root / "ImageSets", ".txt"):
+            place = places.get("testing" if path.stem == "test" else "training", {})
+            splits[path.stem] = [place[n] for n in read_list(path) if n in place]
+        return splits
 
 
 def _frames_in(folder: Path, *suffixes: str) -> list[str]:
@@ -184,13 +191,13 @@ def _drives(root: Path) -> list[Path]:
     """Folders of drives under the date folders of `root`."""
     if not root.is_dir():
         raise ValueError(f"kitti: there is no folder {root}; pass the one that holds 2011_09_26/")
-    if _DATE.fullmatch(root.resolve().name) and (root / "calib_velo_to_cam.txt").is_file():
+    if DATE.fullmatch(root.resolve().name) and (root / "calib_velo_to_cam.txt").is_file():
         raise ValueError(f"kitti: {root} is the folder of one date; pass the folder above it")
     if (root / "velodyne_points").is_dir():
         raise ValueError(
             f"kitti: {root} is the folder of one drive; pass the folder two levels up, that holds 2011_09_26/"
         )
-    dates = sorted(p for p in root.iterdir() if p.is_dir() and _DATE.fullmatch(p.name))
+    dates = sorted(p for p in root.iterdir() if p.is_dir() and DATE.fullmatch(p.name))
     if not dates and ((root / "training").is_dir() or (root / "testing").is_dir()):
         raise ValueError(f"kitti: {listing(root)}: this is the object benchmark; use --data.kind kitti_object")
     if not dates:
@@ -204,15 +211,28 @@ def _drives(root: Path) -> list[Path]:
     return drives
 
 
-def _training_folder(root: Path) -> Path:
-    folder = root / "training"
-    if folder.is_dir():
-        return folder
+def _object_folders(root: Path) -> list[Path]:
+    """`training` and `testing`, those of them that have scans and images; one alone is taken as it is, so that the
+    error says what it lacks."""
+    folders = [root / name for name in ("training", "testing") if (root / name).is_dir()]
+    if folders:
+        whole = [folder for folder in folders if _is_whole(folder)]
+        return whole or folders[:1]
     if (root / "image_2").is_dir():
         raise ValueError(f"kitti: {root} is a split of the object benchmark; pass the folder above it")
-    if root.is_dir() and any(_DATE.fullmatch(p.name) for p in root.iterdir()):
+    if root.is_dir() and any(DATE.fullmatch(p.name) for p in root.iterdir()):
         raise ValueError(f"kitti: {listing(root)}: these are raw drives; use --data.kind kitti_raw")
     raise ValueError(f"kitti: no training/: {listing(root)}; pass the folder that holds training/velodyne")
+
+
+def _is_whole(folder: Path) -> bool:
+    return any(_holds_frames(folder / name) for name in SCANS) and _holds_frames(folder / "image_2")
+
+
+def _object_frames(folder: Path) -> list[Path]:
+    """Scans of the frames of `training` or `testing`."""
+    scans = _first_folder(folder, SCANS)
+    return [scans / f"{number}.bin" for number in _numbers(scans, folder / "image_2")]
 
 
 def _first_folder(parent: Path, names: tuple[str, ...]) -> Path:

@@ -129,6 +129,28 @@ def raw_camera(folder: Path, size: tuple[int, int], *, camera: int = 2) -> Camer
     return _pinhole(path, values, f"P_rect_{tag}", size=size, rect_from_velo=rect_from_velo)
 
 
+IMAGE_SIZES = {718.856: (376, 1241), 721.5377: (375, 1242), 707.0912: (370, 1226)}
+"""Rows and columns of the rectified images by their focal length in pixels: KITTI's three days of calibration."""
+
+
+def odometry_camera(path: Path, size: tuple[int, int] | None) -> tuple[Camera, tuple[int, int]]:
+    """Camera 2 of an odometry sequence from its `calib.txt`, and the size (h, w) of its images.
+
+    The file does not say the size: without an image (`size` None) it is that of KITTI's cameras of the same focal
+    length. Raises ValueError where there is none, and for what is no camera.
+    """
+    values = _read_calibration(path, {"P2": 12, "Tr": 12})
+    if size is None:
+        focal = float(values["P2"][0])
+        size = next((known for length, known in IMAGE_SIZES.items() if abs(length - focal) < 0.1), None)
+    if size is None:
+        raise ValueError(
+            f"kitti: {path}: P2 has the focal length {focal:g}, none of KITTI's cameras "
+            f"({', '.join(f'{length:g}' for length in IMAGE_SIZES)}), so the images' size is not known; copy image_2/"
+        )
+    return _pinhole(path, values, "P2", size=size, rect_from_velo=_rigid(path, values, "Tr")), size
+
+
 def read_labels(path: Path) -> Boxes:
     """Labelled objects of `label_2/NNNNNN.txt`.
 

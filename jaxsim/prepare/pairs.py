@@ -92,7 +92,7 @@ def dense_view(frame: Frame, config: PrepareConfig) -> CameraFrame:
     """
     with placed(frame.name):
         view = crop_image(frame.camera, config.image_crop)
-        _check_labels(view, config)  # before depth is completed, which takes its time
+        _check_inputs(view, config)  # before depth is completed, which takes its time
         rendered = frame.cloud is None and view.depth_m is not None
         if config.depth != "given" and not rendered:
             rows_cut = frame.camera.rgb.shape[-3] - config.image_crop[0]
@@ -122,17 +122,23 @@ def check_view(view: CameraFrame, config: PrepareConfig) -> None:
             "prepare: the view has no depth; give depth_m and depth_valid, or complete it from the LiDAR's "
             "points with --prepare.depth ip_basic_fast"
         )
-    _check_labels(view, config)
+    _check_inputs(view, config)
 
 
-def _check_labels(view: CameraFrame, config: PrepareConfig) -> None:
-    needed = [name for name in ("semantic", "edges") if name in config.inputs]
-    if needed and view.semantic is None:
-        rest = " ".join(name for name in config.inputs if name not in needed)
-        raise ValueError(
-            f"prepare: the inputs {' and '.join(needed)} need class labels, which this view does not have; "
-            f"leave them out with --prepare.inputs {rest or 'rgb depth row'}"
-        )
+def _check_inputs(view: CameraFrame, config: PrepareConfig) -> None:
+    lacks = (
+        (view.semantic is None, ("semantic", "edges"), "class labels"),
+        (not view.has_image, ("rgb", "surroundings"), "an image"),
+    )
+    for missing, of_it, what in lacks:
+        needed = [name for name in of_it if name in config.inputs]
+        if missing and needed:
+            rest = " ".join(name for name in config.inputs if name not in needed)
+            rest = rest or ("rgb depth row" if view.has_image else "depth row")
+            raise ValueError(
+                f"prepare: the inputs {' and '.join(needed)} need {what}, which this view does not have; "
+                f"leave them out with --prepare.inputs {rest}, or choose frames that have it"
+            )
 
 
 def window_of(
@@ -176,6 +182,7 @@ def crop_image(view: CameraFrame, size: tuple[int, int]) -> CameraFrame:
         depth_valid=cut(view.depth_valid),
         semantic=cut(view.semantic),
         instance=cut(view.instance),
+        has_image=view.has_image,
     )
 
 

@@ -89,8 +89,10 @@ def ahead(loader: Loader[Item], start: int, stop: int, *, threads: int = 2) -> I
 
 LICENCES = {
     "synthetic": "apache-2.0",
-    **dict.fromkeys(("kitti_raw", "kitti_object", "kitti_tracking", "kitti_step"), "cc-by-nc-sa-3.0"),
-    "vkitti2": "cc-by-nc-sa-3.0",
+    **dict.fromkeys(
+        ("kitti_raw", "kitti_object", "kitti_tracking", "kitti_step", "kitti_odometry", "kitti", "vkitti2"),
+        "cc-by-nc-sa-3.0",
+    ),
 }
 """Licence of a data set's files, by the names that model hubs use, which what is learned from them must heed."""
 

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.data.clouds import fitted_spec, read_scan
+from jaxsim.data.clouds import compensated_spec, read_scan
 from jaxsim.data.logs.fields import offsets
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
+from jaxsim.data.semantic_kitti import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.files import files_in, need, numbers, placed, read_text
-from jaxsim.geometry import UnorderedCloud, preset
+from jaxsim.geometry import preset
 
 _VELODYNE_BYTES = 1206
 _LARGEST_PACKET = 2**18
@@ -99,16 +100,17 @@ def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
 
 
 def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below."""
+    """Scans of KITTI's raw drives, object and odometry benchmarks: every .bin of a `velodyne` folder below.
+    SemanticKITTI's labels beside them become classes and objects."""
     files = kitti_files(path)
     rows = "elevation" if options.lines else "file_order"
 
     def read(file: Path, *, name: str, scene: str, time_s: float | None) -> LogScan:
         cloud = read_scan(file, rows)
-        try:
-            spec = fitted_spec(files[0][2], rows)
-        except (ValueError, UnorderedCloud):
-            spec = preset("hdl64e")  # motion was taken out of the odometry's scans: no cone fits them
+        labels = labels_of(file)
+        layers: dict[str, np.ndarray] = {}
+        if labels.is_file():
+            layers["semantic"], layers["instance"] = read_point_labels(labels, len(cloud.xyz_m))
         return LogScan(
             name=name,
             scene=scene,
@@ -117,8 +119,9 @@ def kitti_items(path: Path, options: LogOptions) -> Iterator[Item]:
             ring=np.asarray(cloud.row).astype(np.int64),
             time_s=time_s,
             full_scale=1.0,
-            spec=spec,
+            spec=compensated_spec(files[0][2], rows),
             columns=_KITTI_COLUMNS,
+            layers=layers,
         )
 
     for name, scene, file, time_s in files:
