@@ -77,6 +77,9 @@ class Evidence:
     returned: Bool[Array, "b c r"]
     range_m: Float[Array, "b c r"]
     log_intensity: Float[Array, "b c r"]
+    """ln of the readings, `lift` above them."""
+    lift: Float[Array, "b c r"]
+    """Nats by which the mean of a reading's logarithm lies below the logarithm of its mean."""
     lowest: Float[Array, ""]
     """ln of the weakest reading that is not 0: a 0 says that the intensity lies below it."""
     given_rad: Float[Array, "b c r"]
@@ -113,6 +116,13 @@ class Evidence:
     """Names of the features behind the gain: classes, or what stands in for them (`kinds`)."""
     after_kinds: int = struct.field(pytree_node=False, default=AFTER_KINDS)
     """Features behind the kinds of surfaces."""
+
+    @property
+    def intensity(self) -> Float[np.ndarray, "b c r"]:
+        """The readings themselves, on their lattice where they have one; 0 of nothing."""
+        reading = np.exp(np.asarray(self.log_intensity) - np.asarray(self.lift))
+        # FLOOR stands for a reading of 0, whose logarithm could not be kept.
+        return np.where(reading > FLOOR * 1.001, reading, 0)
 
     @property
     def all_blocks(self) -> Float[np.ndarray, " b"]:
@@ -217,7 +227,10 @@ def _gather(
     level = expected + jnp.nanmedian(jnp.where(seen, log_measured - rays.log_intensity, jnp.nan))
     dark = own.constant * jnp.exp(-level)
     compared = compared & (dark < DARK)
-    known_variance = own.variance + jnp.minimum(dark, DARK) ** 2
+    blur = jnp.minimum(dark, DARK) ** 2
+    known_variance = own.variance + blur
+    # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
+    lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
     features = _features(rays, given, kinds)
     ridge = _ridge(len(kind_names))
     if own.detail is not None:
@@ -227,8 +240,8 @@ def _gather(
         rays=rays,
         returned=returned,
         range_m=range_m,
-        # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
-        log_intensity=log_measured + 0.5 * jnp.minimum(dark, DARK) ** 2,
+        log_intensity=log_measured + lift,
+        lift=lift,
         lowest=lowest,
         given_rad=given,
         compared=compared,

@@ -78,7 +78,7 @@ def intensity_terms(
     sd = jnp.sqrt(variance)
     density = log_student(unexplained, sd)
     # A reading of 0 says no more than that the intensity lies below all others.
-    nothing = ev.log_intensity <= _NOTHING
+    nothing = ev.log_intensity - ev.lift <= _NOTHING
     density = jnp.where(nothing, log_below((ev.lowest - (ev.log_intensity - unexplained)) / sd), density)
     # At the sensor's top: all that would be brighter piles up there. 1.6 makes of the logistic function nearly the
     # normal distribution's; the pile is spread over the _PILE on both sides of the top.

@@ -12,7 +12,6 @@ from jaxsim.discover.model.lattice import FINEST, lattice_step, log_rounding
 from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect
-from jaxsim.effects.rays import FLOOR
 
 
 def rounded(ev: Evidence) -> dict[str, float]:
@@ -42,10 +41,5 @@ def rounding_gain(ev: Evidence, steps: Mapping[str, float]) -> Float[np.ndarray,
 
 
 def _readings(ev: Evidence) -> dict[str, Float[np.ndarray, "b c r"]]:
-    """What the sensor read, by the effect that rounds it; an intensity of nothing is 0."""
-    # FLOOR stands for a reading of 0, whose logarithm could not be kept.
-    intensity = np.exp(np.asarray(ev.log_intensity))
-    return {
-        "intensity_quantization": np.where(intensity > FLOOR * 1.001, intensity, 0),
-        "range_quantization": np.asarray(ev.range_m),
-    }
+    """What the sensor read, by the effect that rounds it."""
+    return {"intensity_quantization": ev.intensity, "range_quantization": np.asarray(ev.range_m)}

@@ -99,13 +99,14 @@ def bootstrap(problem: Problem, explained: Problem, seed: int) -> Evidence:
     drawn = jnp.swapaxes(image.intensity, -1, -2)
     returned = jnp.swapaxes(image.valid, -1, -2)
     # A sensor that reports zeros reports one where the light is below its lowest reading.
-    zeros = bool((np.asarray(ev.log_intensity)[np.asarray(ev.returned)] <= np.log(FLOOR) + 1e-3).any())
+    zeros = bool((ev.intensity[np.asarray(ev.returned)] == 0).any())
     drawn = jnp.where(jnp.log(jnp.maximum(drawn, FLOOR)) < ev.lowest, 0.0, drawn) if zeros else drawn
     return replace(
         ev,
         returned=returned,
         range_m=drawn_m,
         log_intensity=jnp.log(jnp.maximum(drawn, FLOOR)),
+        lift=jnp.zeros_like(drawn),
         compared=ev.compared & returned & near_enough(drawn_m, ev.rays.range_m),
     )
 

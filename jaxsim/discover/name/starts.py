@@ -36,7 +36,7 @@ def starts_of(problem: Problem) -> dict[str, tuple[Start, ...]]:
 
 
 def _ceiling(ev: Evidence) -> tuple[Start, ...]:
-    values = np.exp(ev.log_intensity[ev.returned])
+    values = ev.intensity[ev.returned]
     if not len(values):
         return ()
     top = float(values.max())

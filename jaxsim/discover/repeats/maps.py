@@ -133,7 +133,7 @@ def half_steps(ev: Evidence) -> dict[str, float]:
     """Half a step of the simulator's lattice plus half a step of the sensor's: of intensities, and of ranges in m; 0
     where neither rounds."""
     returned = np.asarray(ev.returned)
-    readings = {"intensity": np.exp(np.asarray(ev.log_intensity)), "range": np.asarray(ev.range_m)}
+    readings = {"intensity": ev.intensity, "range": np.asarray(ev.range_m)}
     steps = {}
     for own, (channel, values) in zip(np.asarray(ev.own_step).tolist(), readings.items(), strict=True):
         seen = values[returned]

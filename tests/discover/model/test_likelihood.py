@@ -105,3 +105,6 @@ def test_a_zero_costs_little_where_the_simulation_is_as_dark_as_the_sensor_can_t
     counted = np.asarray(evidence.compared)
     assert np.asarray(near)[counted].min() > -1
     assert np.asarray(far)[counted].max() < -3
+    lifted = replace(dark, log_intensity=dark.log_intensity + 0.1, lift=zero + 0.1)
+    same = intensity_terms(dim, lifted, START, equations=w, fitted=fitted)[0]
+    assert np.asarray(same)[counted].min() > -1

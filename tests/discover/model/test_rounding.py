@@ -43,3 +43,14 @@ def test_a_reading_of_nothing_lies_on_every_lattice_of_intensities(judged):
     ev = judged[0].ev
     dark = replace(ev, log_intensity=jnp.full_like(ev.log_intensity, np.log(1e-4)))
     assert (rounding_gain(dark, {"intensity_quantization": 1 / 255})[:, 0] > 0).all()
+
+
+def test_a_lattice_is_read_off_the_readings_not_off_what_noise_makes_of_their_logarithms(judged):
+    """A simulator with constant noise lifts the logarithms of dark readings."""
+    ev = judged[0].ev
+    step = 2 / 255
+    reading = jnp.maximum(jnp.round(jnp.exp(ev.log_intensity) / step), 1) * step
+    lift = 0.5 * jnp.minimum(0.008 / reading, 0.5) ** 2
+    noisy = replace(ev, log_intensity=jnp.log(reading) + lift, lift=lift)
+    assert rounded(noisy)["intensity_quantization"] == pytest.approx(step, rel=1e-4)
+    assert "intensity_quantization" not in rounded(replace(noisy, lift=jnp.zeros_like(lift)))
