@@ -21,7 +21,8 @@ class Source(Checked):
     """Kind of data set; `same`: the run's own."""
     root: Path | None = None
     """Its folder: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step), `sequences/`
-    (odometry), or `Scene01/` (vkitti2); the `--out` of `jaxsim prepare` (prepared)."""
+    (odometry), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames` (polar) or `jaxsim prepare`
+    (prepared)."""
     scenes: tuple[str, ...] = ()
     """Its sequences to use: `0001 0018`, of kitti_odometry `00`, of vkitti2 `Scene01`. None named: all."""
     variations: tuple[str, ...] | None = None

@@ -17,6 +17,7 @@ DataKind = Literal[
     "kitti_odometry",
     "kitti",
     "vkitti2",
+    "polar",
     "prepared",
 ]
 InputName = Literal[
@@ -32,8 +33,8 @@ class DataConfig(Checked):
     """`synthetic` is the embedded world and needs no files; `prepared` is what `jaxsim prepare` made of another."""
     root: Path | None = None
     """Folder of the data set: the one that holds `2011_09_26/` (raw), `training/` (object, tracking, step),
-    `sequences/` (odometry), any of these (kitti), or `Scene01/` (vkitti2); the `--out` of `jaxsim prepare`
-    (prepared)."""
+    `sequences/` (odometry), any of these (kitti), or `Scene01/` (vkitti2); the `--out` of `jaxsim frames`
+    (polar) or `jaxsim prepare` (prepared)."""
     scenes: tuple[str, ...] = ()
     """Sequences of kitti_tracking and kitti_step to use, `0001 0018`, of kitti_odometry, `00 08`, or scenes of vkitti2,
     `Scene01`. None named: all, and all must be there (of kitti_odometry those that are)."""

@@ -77,6 +77,12 @@ def _vkitti2(config: DataConfig) -> Dataset:
     )
 
 
+def _polar(config: DataConfig) -> Dataset:
+    from jaxsim.data.polar_views import PolarViews
+
+    return PolarViews(_root(config))
+
+
 def _prepared(config: DataConfig) -> Dataset:
     from jaxsim.data.prepared_set import PreparedSet
 
@@ -94,6 +100,7 @@ DATASETS: dict[str, Callable[[DataConfig], Dataset]] = {
     "kitti_odometry": lambda config: KittiOdometry(_root(config), sequences=config.scenes, rows=config.rows),
     "kitti": lambda config: KittiTogether(_root(config), rows=config.rows),
     "vkitti2": _vkitti2,
+    "polar": _polar,
     "prepared": _prepared,
 }
 

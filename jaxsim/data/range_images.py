@@ -6,6 +6,7 @@ are laser lines from the top down, columns azimuths, and a cell of range 0 has n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,23 +36,38 @@ class RangeImage:
     """Something came back."""
 
 
-def read_range_images(folder: Path) -> list[RangeImage]:
-    """All scans of a folder, by name. Intensities beyond 1 anywhere are taken as 0..255 everywhere.
-
-    Raises ValueError where there is none, where sizes differ, and for values that cannot be.
-    """
+def range_image_files(folder: Path) -> list[Path]:
+    """The files of a folder. Raises ValueError where there is none."""
     files = files_in(folder, ".npz")
     if not files:
         raise ValueError(
             f"range images: no NAME.npz in {folder}; expected files whose `scan` is (rows, columns, 6): "
             f"{', '.join(CHANNELS)}"
         )
-    scans = {path.stem: _scan(path) for path in files}
+    return files
+
+
+def read_range_images(folder: Path) -> list[RangeImage]:
+    """All scans of a folder, by name. Intensities beyond 1 anywhere are taken as 0..255 everywhere.
+
+    Raises ValueError where there is none, where sizes differ, and for values that cannot be.
+    """
+    scans = {path.stem: _scan(path) for path in range_image_files(folder)}
     sizes = {scan.shape[:2] for scan in scans.values()}
     if len(sizes) > 1:
         raise ValueError(f"range images: {folder} holds images of {sorted(sizes)} cells; keep each sensor in a folder")
     scale = EIGHT_BITS if max(float(scan[..., 3].max()) for scan in scans.values()) > 1 else 1.0
     return [_image(name, scan, scale) for name, scan in scans.items()]
+
+
+def intensity_scale(files: Sequence[Path]) -> float:
+    """What becomes intensity 1 in these files: 255 where one is beyond 1 anywhere."""
+    return EIGHT_BITS if any(float(_scan(path)[..., 3].max()) > 1 for path in files) else 1.0
+
+
+def read_range_image(path: Path, scale: float) -> RangeImage:
+    """One scan, its intensities divided by `scale`. Raises ValueError as `read_range_images`."""
+    return _image(path.stem, _scan(path), scale)
 
 
 def _scan(path: Path) -> Float[np.ndarray, "rows columns 6"]:

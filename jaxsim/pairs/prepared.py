@@ -89,7 +89,10 @@ def prepared(dataset: Any, positions: Sequence[int], data: DataConfig, *, prepar
 def pairs_before(
     dataset: Any, positions: Sequence[int], data: DataConfig, *, prepare: PrepareConfig
 ) -> list[Pair | None]:
-    """The pair before each position; None at the beginning of a scene, and where a prepared set leaves it out."""
+    """The pair before each position; None at the beginning of a scene, where a prepared set leaves it out, and in data
+    sets in whose order nothing `follows` (views of one moment)."""
+    if not getattr(dataset, "follows", True):
+        return [None] * len(positions)
     holds = dataset.holds if data.kind == "prepared" else lambda position: True
     followers = [p for p in positions if p > 0 and holds(p - 1)]
     scenes = prepared(dataset, followers, data, prepare=prepare).scenes

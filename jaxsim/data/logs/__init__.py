@@ -4,6 +4,7 @@ scan        what a source delivers, scan by scan, and the options that it is rea
 fields      points whose values have names, as a scan
 makers      Ouster, Velodyne, nuScenes, KITTI, Argoverse 2
 files       PCD, PLY, LAS; CARLA's raw buffers
+images      labelled range images
 messages    ROS bags and MCAP, ASAM OSI traces
 gridding    the sensor's beams and columns from its first scans, and every scan on that grid
 folder      a log to a folder: `write_log` (`jaxsim frames`)
@@ -19,7 +20,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from jaxsim.data.logs import files, makers, messages
+from jaxsim.data.logs import files, images, makers, messages
 from jaxsim.data.logs.folder import Written, write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.files import loaded
@@ -27,7 +28,7 @@ from jaxsim.files import loaded
 __all__ = ["SOURCES", "Item", "LogOptions", "LogScan", "Source", "Written", "known_sources", "source_for", "write_log"]
 
 GROUP = "jaxsim.sources"
-SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES
+SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES | images.SOURCES
 """Every family by its name, those that are told most surely first."""
 
 

@@ -16,6 +16,7 @@ from jaxsim.data.logs.scan import LogOptions, LogScan
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.geometry import preset, rows_by_elevation
 from jaxsim.geometry.beams import Beams, NoBeams, assign_columns, beams_of_rings, columns_of, rings_by_elevation
 from jaxsim.geometry.mount import fit_mount
 from jaxsim.geometry.points import FAR_M
@@ -96,7 +97,7 @@ def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sens
             problem = error
     hint = (
         "give --log.mount fit where the points are in a car's frame, --log.rings 0-31 where they are of several "
-        "sensors, or the log as the sensor's driver wrote it"
+        "sensors, --log.sensor hdl32e where the car's motion was taken out, or the log as the sensor's driver wrote it"
     )
     raise ValueError(f"{by}: the sensor's beams cannot be told from {first.name}: {problem}; {hint}") from problem
 
@@ -105,16 +106,21 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     pose = np.eye(4)
     parts = [returned(scan, axis) for scan in scans]
     first = scans[0]
+    spec = preset(options.sensor) if options.sensor and first.ring is None else first.spec
     if (options.mount or first.mount) == "fit":
         xyz = np.concatenate([p.xyz_m for p in parts])
         pose, _ = fit_mount(xyz, _all_rings(parts, options), near_m=_MOUNT_M)
         parts = [replace(p, xyz_m=in_frame(p.xyz_m, pose)) for p in parts]
-    ring = _all_rings(parts, options)
     xyz = np.concatenate([p.xyz_m for p in parts])
-    if first.spec is not None:
-        spec = first.spec
+    off = 0.0
+    if spec is not None and first.ring is None:
+        ring = rows_by_elevation(xyz, spec).astype(np.int64)
+        off = _missed_deg(xyz, spec.elevation_rad[ring])
+    else:
+        ring = _all_rings(parts, options)
+    if spec is not None:
         origin = np.asarray(spec.origin_m, np.float64)
-        beams = Beams(spec.elevation_rad, origin, np.arange(spec.rows), 0.0)
+        beams = Beams(spec.elevation_rad, origin, np.arange(spec.rows), off)
     else:
         beams = beams_of_rings(xyz, ring, rings=options.lines)
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0]).astype(np.float64)
@@ -125,6 +131,12 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
     own = columns_of(azimuth[one], beams.rows_of(ring[one]), columns=options.columns or first.columns)
     grid = PolarGrid(own.astype(np.float32), beams.elevation_rad.astype(np.float32), beams.origin_m.astype(np.float32))
     return Sensor(beams, grid, scale, pose, axis)
+
+
+def _missed_deg(xyz_m: Float[np.ndarray, "n 3"], elevation_rad: Float[np.ndarray, " n"]) -> float:
+    """By how much points miss beams of these elevations: the median."""
+    own = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
+    return float(np.rad2deg(np.median(np.abs(own - elevation_rad))))
 
 
 def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray, " n"]:

@@ -75,6 +75,12 @@ class LogOptions(Checked):
     """Beams to take, by their numbers in the log: `0-31` is the upper LiDAR of Argoverse 2, its default. Empty: all."""
     lines: int | None = None
     """How many beams the sensor has, where the log does not say."""
+    sensor: str = ""
+    """Preset (`hdl64e`, `hdl32e` ...) whose nearest beam a point is of, where the log has no rings and its points do
+    not lie on beams, because the car's motion was taken out: a few points end up a line off."""
+    classes: str = ""
+    """Of range images: what their numbers of classes are, `semantickitti` for that set's 20, or pairs of a number and a
+    Cityscapes class, `0:road,2:building`. Empty: frames have no classes."""
     columns: int | None = None
     """Columns of the frames. None given: as many as a beam fires in a turn."""
     mount: Literal["", "sensor", "fit"] = ""
