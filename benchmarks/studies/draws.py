@@ -1,0 +1,162 @@
+"""How far draws of a learned sensor scatter, beside the sensor itself: what `jaxsim simulate --draws` adds.
+
+    python -m benchmarks.studies.draws ROOT RUN OUT [--still drive_0060] [--seeds 4] [--picture 0]
+
+RUN is a trained run of KITTI's raw drives whose network gives a distribution, ROOT holds `2011_09_26/`; the frames are
+the run's validation frames. Measured scatter of one and the same cell is that of a drive in which the car stands still
+(--still; its images are not needed), of neighbours that of the frames themselves.
+
+Writes OUT/draws.md, .json, and draws.png, a frame measured, as it is most likely, and drawn twice.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+import jaxsim
+from jaxsim.data import open_dataset, select
+from jaxsim.data.clouds import read_scan
+from jaxsim.files import files_in
+from jaxsim.frame import Pair, PolarImage
+from jaxsim.geometry import scan_on_window
+from jaxsim.pairs.prepared import prepared
+from jaxsim.report import save_picture, strip
+from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.results import markdown_table, write_results
+from jaxsim.simulate.predict import drawn, make_predict
+from jaxsim.simulate.sensor import LearnedSensor
+
+SAME_M = 0.05
+"""Cells whose ranges differ by less are one surface."""
+Raster = Float[np.ndarray, "rows columns"]
+Mask = Bool[np.ndarray, "rows columns"]
+
+
+def again(images: Sequence[PolarImage]) -> tuple[list[float], float]:
+    """Differences of a cell's intensity from one image to the next, where both came back from one surface; and the
+    share of the cells that drop in one that drop in the next, too."""
+    differences: list[float] = []
+    drops = repeated = 0
+    for a, b in pairwise(images):
+        both = np.asarray(a.valid & b.valid) & (np.abs(np.asarray(a.range_m) - np.asarray(b.range_m)) < SAME_M)
+        differences += np.abs(np.asarray(a.intensity) - np.asarray(b.intensity))[both].tolist()
+        lost = ~np.asarray(a.valid)
+        drops += int(lost.sum())
+        repeated += int((lost & ~np.asarray(b.valid)).sum())
+    return differences, repeated / max(drops, 1)
+
+
+def beside(intensity: Raster, range_m: Raster, valid: Mask) -> Float[np.ndarray, " n"]:
+    """Differences of neighbours in a row that came back from one surface."""
+    both = valid[:, 1:] & valid[:, :-1] & (np.abs(np.diff(range_m, axis=1)) < SAME_M)
+    return np.abs(np.diff(intensity, axis=1))[both]
+
+
+def still_scans(sensor: LearnedSensor, root: Path, drive: str) -> list[PolarImage]:
+    """The scans of a drive on the run's window. Raises ValueError where there are none."""
+    folder = root / f"2011_09_26/2011_09_26_{drive}_sync/velodyne_points/data"
+    files = files_in(folder, ".bin")
+    if len(files) < 2:
+        raise ValueError(f"draws: {len(files)} scans in {folder}; name a drive in which the car stands: --still")
+    grid, place = sensor.window
+    return [scan_on_window(read_scan(f, "file_order"), grid, place, lines=sensor.run.spec.rows) for f in files]
+
+
+def scatter(sensor: LearnedSensor, pairs: Sequence[Pair], seeds: int) -> dict[str, list[float]]:
+    """By what is looked at: neighbours' differences, differences of a cell between two draws, intensities, drops."""
+    predict = make_predict(sensor.generate, sensor.run.experiment.prepare)
+    found: dict[str, list[float]] = {}
+
+    def add(name: str, values: np.ndarray | list[float]) -> None:
+        found.setdefault(name, []).extend(np.asarray(values, float).ravel().tolist())
+
+    for k, pair in enumerate(pairs):
+        says = predict(sensor.params, pair)
+        seen, range_m = np.asarray(pair.painted.valid), np.asarray(pair.painted.range_m)
+        measured = np.asarray(pair.measured.intensity)
+        came_back = np.asarray(pair.measured.valid) & (measured > 0) & seen
+        keys = [jax.random.fold_in(jax.random.key(seed), k) for seed in range(seeds)]
+        kinds = {"measured": [(measured, came_back)], "most likely": [_of(says.reported, seen)]}
+        kinds["drawn"] = [_of(drawn(says, key), seen) for key in keys]
+        for name, images in kinds.items():
+            for intensity, valid in images:
+                add(f"{name}: neighbours", beside(intensity, range_m, valid))
+                add(f"{name}: intensities", intensity[valid])
+                add(f"{name}: drops", [1 - valid[seen].mean()])
+        draws = [PolarImage(range_m, intensity, valid) for intensity, valid in kinds["drawn"]]
+        differences, repeated = again(draws)
+        add("drawn: again", differences)
+        add("drawn: drops again", [repeated])
+    return found
+
+
+def _of(reported: object, seen: Mask) -> tuple[Raster, Mask]:
+    intensity = np.asarray(reported)
+    return intensity, (intensity > 0) & seen
+
+
+def picture(sensor: LearnedSensor, pair: Pair) -> np.ndarray:
+    """A frame measured, as it is most likely, and drawn twice."""
+    says = make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair)
+    seen, measured = np.asarray(pair.painted.valid), np.asarray(pair.measured.intensity)
+    panels = [("measured", intensity_panel(measured, np.asarray(pair.measured.valid) & (measured > 0) & seen))]
+    panels.append(("most likely (jaxsim simulate)", intensity_panel(*_of(says.reported, seen))))
+    for seed in range(2):
+        image = _of(drawn(says, jax.random.key(seed)), seen)
+        panels.append((f"drawn (jaxsim simulate --draws --seed {seed})", intensity_panel(*image)))
+    return strip(panels)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path)
+    parser.add_argument("run", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--still", default="drive_0060")
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--picture", type=int, default=0)
+    given = parser.parse_args()
+    sensor = jaxsim.load(given.run)
+    experiment = sensor.run.experiment
+    dataset = open_dataset(experiment.data)
+    pairs = prepared(dataset, select(experiment.data.validation, dataset), experiment.data, prepare=experiment.prepare)
+    found = scatter(sensor, pairs, given.seeds)
+    still, still_drops = again([_dark_lost(image) for image in still_scans(sensor, given.root, given.still)])
+    found |= {"measured: again": still, "measured: drops again": [still_drops]}
+    rows = [
+        [f"{name}, mean", *(_cell(found, f"{kind}: {key}", np.mean) for kind in ("measured", "most likely", "drawn"))]
+        if key != "intensities"
+        else [name, *(_cell(found, f"{kind}: {key}", np.std) for kind in ("measured", "most likely", "drawn"))]
+        for name, key in (
+            ("the same cell once more, difference of intensity", "again"),
+            ("neighbours on one surface, difference of intensity", "neighbours"),
+            ("all intensities, standard deviation", "intensities"),
+            ("share of cells that drop", "drops"),
+            ("a cell that drops drops once more", "drops again"),
+        )
+    ]
+    text = markdown_table(["", "measured", "most likely", f"drawn ({given.seeds} times)"], rows)
+    plain = {name: {"mean": float(np.mean(v)), "median": float(np.median(v)), "n": len(v)} for name, v in found.items()}
+    save_picture(given.out / "draws.png", picture(sensor, pairs[given.picture]))
+    print(text)
+    print(write_results(given.out, "draws", plain, text=text))
+
+
+def _dark_lost(image: PolarImage) -> PolarImage:
+    """Returns of intensity 0 as drops, as the network counts them."""
+    return image.replace(valid=np.asarray(image.valid) & (np.asarray(image.intensity) > 0))  # type: ignore[attr-defined]
+
+
+def _cell(found: dict[str, list[float]], name: str, of: object) -> str:
+    return f"{of(found[name]):.3f}" if name in found else "-"  # type: ignore[operator]
+
+
+if __name__ == "__main__":
+    main()
