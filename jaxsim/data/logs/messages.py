@@ -46,7 +46,8 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
         formats.append(kind)
         offsets.append(field.offset)
     dtype = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": message.point_step})
-    data = np.frombuffer(bytes(message.data), np.uint8)
+    # A list is what decoders make of bytes that came as single numbers.
+    data = np.frombuffer(bytes(message.data) if isinstance(message.data, list) else message.data, np.uint8)
     if message.row_step < message.width * message.point_step or len(data) < message.height * message.row_step:
         raise ValueError(
             f"ros: {where} promises {message.height} rows of {message.width} points of {message.point_step} bytes and "
@@ -55,7 +56,7 @@ def points_of_message(message: Any, *, where: str) -> dict[str, np.ndarray]:
     # Rows may be padded too: each is cut to its own points.
     rows = data[: message.height * message.row_step].reshape(message.height, message.row_step)
     points = np.ascontiguousarray(rows[:, : message.width * message.point_step]).view(dtype)
-    return {name: np.ascontiguousarray(points[name]).astype(points.dtype[name].newbyteorder("=")) for name in names}
+    return {name: points[name].astype(points.dtype[name].newbyteorder("="), copy=False) for name in names}
 
 
 def scan_of_message(message: Any, options: LogOptions, *, name: str, scene: str) -> LogScan:
