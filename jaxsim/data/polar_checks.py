@@ -20,6 +20,8 @@ LOW_ORIGIN_M = 10.0
 SHAPES = {"range": 2, "intensity": 2, "incidence": 2, "semantic": 2, "instance": 2, "time": 2, "rgb": 3}
 """Dimensions of each raster of the format; rgb's third is its three channels."""
 ABOUT = ("scene", "time", "speed", "heading", "tags")
+LATEST_S = 1e10
+"""Seconds since 1970 in the year 2286: a time beyond is in another unit."""
 """What grid.json may say of a frame."""
 WHOLE = ("semantic", "instance")
 """Rasters of ids."""
@@ -106,6 +108,11 @@ def check_about(path: Path, frames: dict[str, Any]) -> None:
                 [value],
                 f"polar frames: {path}: the {key} of {name!r} is {as_given(value)}; it must be a finite number in "
                 f"{unit}, or be left out",
+            )
+        if abs(entry.get("time", 0.0)) > LATEST_S:
+            raise ValueError(
+                f"polar frames: {path}: the time of {name!r} is {as_given(entry['time'])}, which is no time in "
+                "seconds; divide nanoseconds by 1e9, microseconds by 1e6, milliseconds by 1e3"
             )
         check_motion_of(entry.get("speed", 0.0), entry.get("heading", 0.0), f"polar frames: {path}: frames[{name!r}]")
 

@@ -15,6 +15,8 @@ from jaxsim.runs.trackers import Track, trackers
 
 LONGEST_S = 1e9
 """Thirty years: no training takes them."""
+LARGEST = 1e9
+"""No loss, gradient or score is beyond it: a training that goes there has left the numbers that mean something."""
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -34,6 +36,8 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
                 raise ValueError("it has no step")
             if not 0 <= real(content.get("seconds", 0)) < LONGEST_S:
                 raise ValueError("its seconds cannot be")
+            for name, value in content.items():
+                _check_number(name, value)
         except ValueError as error:
             raise ValueError(
                 f"run: {path}, line {number} is not what a training writes there ({error}); remove that line, and the "
@@ -41,6 +45,14 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             ) from error
         lines.append(content)
     return lines
+
+
+def _check_number(name: str, value: Any) -> None:
+    """Raises ValueError where it is none that a training writes; of scores alone some may have no value."""
+    if name.startswith("validation/") and isinstance(value, float) and not np.isfinite(value):
+        return
+    if not abs(real(value)) <= LARGEST:
+        raise ValueError(f"{name} is {value}")
 
 
 class TrainingDiverged(ValueError):

@@ -133,6 +133,10 @@ NAN = float("nan")
         ({"frames": {"a": {"speed": "fast"}}}, "the speed of 'a' is 'fast'; it must be a finite number in m/s"),
         ({"frames": {"a": {"speed": None}}}, "the speed of 'a' is None"),
         ({"frames": {"a": {"time": "now"}}}, "the time of 'a' is 'now'; it must be a finite number in seconds"),
+        (
+            {"frames": {"a": {"time": 1.7e18}}},
+            "the time of 'a' is 1.7e.18, which is no time in seconds; divide nanoseconds",
+        ),
         ({"frames": {"a": {"time": 10**400}}}, "0000 is too large for a whole number"),
         ({"frames": {"a": {"speed": 1e300}}}, "the speed of 'a' is 1e"),
         ({"frames": {"a": {"tag": ["night"]}}}, "'tag' means nothing here; did you mean tags"),

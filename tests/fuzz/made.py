@@ -283,7 +283,7 @@ _FILES = ("config.json",)
 
 MADE: dict[str, Reader] = {
     "polar frames": Reader(_polar, _read_polar, within=BOUNDS),
-    "grid.json": Reader(_polar, read_grid, ("grid.json",)),
+    "grid.json": Reader(_polar, read_grid, ("grid.json",), largest=1e10),
     "cloud npz": Reader(
         _npz("a.npz", xyz=_rng.uniform(-40, 40, (30, 3)).astype("f4"), intensity=_rng.uniform(0, 1, 30).astype("f4")),
         lambda f: read_cloud(f / "a.npz"),

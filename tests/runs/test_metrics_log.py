@@ -55,6 +55,7 @@ def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
     "line",
     [
         *("{", "3", '{"loss": 1}', '{"step": "3"}', '{"step": true}'),
+        *('{"step": 3, "loss": NaN}', '{"step": 3, "loss": -1e30}', '{"step": 3, "validation/mae": 1e12}'),
         *('{"step": 3, "seconds": 1e30}', '{"step": 3, "seconds": "1"}', f'{{"step": 3, "loss": {10**400}}}'),
     ],
 )
