@@ -139,14 +139,14 @@ def _header(types, frame):
     return about | ({"seq": 0} if "seq" in types["std_msgs/msg/Header"].__dataclass_fields__ else {})
 
 
-def ros2_bag(path, fields):
+def ros2_bag(path, fields, topic="/points"):
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
     typesys = pytest.importorskip("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     kind = "sensor_msgs/msg/PointCloud2"
     newer = {"version": 8} if "version" in inspect.signature(rosbag2.Writer).parameters else {}
     with rosbag2.Writer(path, **newer) as writer:
-        connection = writer.add_connection("/points", kind, typestore=store)
+        connection = writer.add_connection(topic, kind, typestore=store)
         writer.write(connection, 0, store.serialize_cdr(native_message(store.types, fields), kind))
     return path
 

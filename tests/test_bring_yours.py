@@ -1,0 +1,184 @@
+"""The commands of docs/bring-yours.md as they stand there: run on files of the true formats, or said where they are."""
+
+import json
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.effects.chain import SensorModel
+from tests.data.logs.conftest import room
+from tests.data.logs.test_files import carla_buffer, las, pcd
+from tests.data.logs.test_messages import mcap, message, osi_mcap, osi_trace, ros2_bag, sensor_view
+from tests.data.test_polar_views import write_image
+from tests.discover.test_gate import sides
+from tests.discover.test_watch import day
+from tests.test_docs import CODE
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs/bring-yours.md"
+ELSEWHERE = {
+    "jaxsim discover --measured measured --simulated simulated --out answer": "tests/cli/test_discover.py",
+    "jaxsim discover --measured measured --simulated simulated --gate gate.json --out answer": (
+        "tests/discover/test_gate.py"
+    ),
+    "jaxsim convert generator embedded --to onnx --out generator.onnx": "tests/portable/test_portable.py",
+    "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "tests/portable/test_portable.py",
+}
+"""Commands that take minutes: a whole answer, a network that is compiled."""
+
+
+def page_commands() -> list[tuple[str, str]]:
+    """Section and command, each `jaxsim` line of the page's blocks once a section."""
+    found: dict[tuple[str, str], None] = {}
+    for section in re.split(r"^## ", PAGE.read_text(), flags=re.MULTILINE):
+        title = section.splitlines()[0].lstrip("# ")
+        for block in [body for language, body in CODE.findall(section) if not language]:
+            lines = block.replace("\\\n", " ").splitlines()
+            found |= dict.fromkeys((title, " ".join(line.split())) for line in lines if line.startswith("jaxsim "))
+    return list(found)
+
+
+COMMANDS = page_commands()
+RUN = [(title, command) for title, command in COMMANDS if command not in ELSEWHERE]
+
+
+def ouster(samples: Path) -> None:
+    source = next((samples / "ouster").glob("OS-1*.pcap"))
+    Path("recording.pcap").symlink_to(source)
+    Path("recording.json").symlink_to(source.with_suffix(".json"))
+    sdk = pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    turns = [turn for turns in sdk.open_source(str(source)) for turn in turns]
+    writer = pytest.importorskip("ouster.sdk.osf").Writer("recording.osf", [turns[0].sensor_info])
+    for turn in turns:
+        writer.save(0, turn)
+    writer.close()
+
+
+def drives(samples: Path) -> None:
+    for name, folder in (("2011_09_26", "kitti_raw/2011_09_26"), ("samples", "nuscenes/samples")):
+        Path(name).symlink_to(samples / folder)
+    log = next((samples / "argoverse2").iterdir())
+    Path(log.name).symlink_to(log)
+
+
+def clouds(samples: Path) -> None:
+    pytest.importorskip("lazrs", reason="lazrs is not installed")
+    Path("scans").mkdir()
+    pcd(Path("scans/000.pcd"), room(), "binary_compressed")
+    las(Path("scan.laz"), many_lines())
+
+
+def many_lines(lines: int = 64) -> dict[str, np.ndarray]:
+    """A scan of 64 lines without ring, in a room of its own."""
+    azimuth, elevation = np.meshgrid(np.deg2rad(np.arange(0.5, 360, 2)), np.deg2rad(np.linspace(10, -20, lines)))
+    level = 10 * np.cos(elevation)
+    xyz = level * np.cos(azimuth), level * np.sin(azimuth), 10 * np.sin(elevation)
+    fields = {axis: value.astype("f4").ravel() for axis, value in zip("xyz", xyz, strict=True)}
+    ring = np.broadcast_to(np.arange(lines)[::-1, None], azimuth.shape).astype("u2").ravel()
+    return fields | {"intensity": np.full(ring.size, 77, "u1"), "ring": ring, "t": np.arange(ring.size, dtype="u4")}
+
+
+def images(samples: Path) -> None:
+    write_image(Path("range_images/000.npz"))
+
+
+def carla(samples: Path) -> None:
+    Path("sim").mkdir()
+    carla_buffer(Path("sim"), room(), semantic=True)
+
+
+def osi(samples: Path) -> None:
+    osi_trace(Path("drive_sv_3.osi"), sensor_view(room()))
+    osi_mcap(Path("trace.mcap"), room())
+
+
+def frames(samples: Path) -> None:
+    Path("drive").mkdir()
+    pcd(Path("drive/000.pcd"), room(), "binary")
+    main(["frames", "drive", "--out", "measured"])
+
+
+def answer(samples: Path) -> None:
+    Path("answer").mkdir()
+    SensorModel((("atmospheric_extinction", {"coefficient_per_m": 0.003}),)).save(Path("answer/sensor.json"))
+
+
+def gate(samples: Path) -> None:
+    """The page's own gate, without the verdict of before that is asked of whole answers alone."""
+    sides(Path())
+    content = json.loads(next(body for language, body in CODE.findall(PAGE.read_text()) if language == "json"))
+    del content["baseline"]
+    Path("gate.json").write_text(json.dumps(content))
+
+
+def days(samples: Path) -> None:
+    for seed, name in enumerate(("monday", "tuesday", "wednesday")):
+        day(Path(name), seed)
+
+
+MAKE: dict[str, Callable[[Path], None]] = {
+    "Ouster": ouster,
+    "Velodyne": lambda samples: Path("recording.pcap").symlink_to(samples / "velodyne_vlp16/my.pcap"),
+    "KITTI, nuScenes, Argoverse 2": drives,
+    "PCD, PLY, LAS": clouds,
+    "Range images": images,
+    "CARLA": carla,
+    "ASAM OSI": osi,
+    "Back to clouds": frames,
+    "The answer in your engine's words": answer,
+    "A gate for every commit": gate,
+    "A sensor over days": days,
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(("title", "command"), RUN, ids=[command for _, command in RUN])
+def test_the_pages_command_runs(here, samples, title, command):
+    words = shlex.split(command)[1:]
+    if title == PAGE.read_text().splitlines()[0].lstrip("# "):
+        title = "Ouster" if words[0] == "frames" else "The answer in your engine's words"
+    if title == "ROS 2 bags and MCAP":
+        if "bag" in words:
+            ros2_bag(here / "bag", room(), topic="/lidar_top/points")
+        else:
+            mcap(Path("drive.mcap"), [message(room())])
+    else:
+        MAKE[title](samples)
+    ended = 0
+    try:
+        main(words)
+    except SystemExit as stop:
+        ended = stop.code or 0
+    # A gate and a watch tell by their status what they found; whatever it is, they have looked.
+    assert ended in ((0, 1) if words[0] in ("watch", "discover") else (0,)), ended
+    out = Path(words[words.index("--out") + 1]) if "--out" in words else None
+    if out is not None:
+        assert out.exists()
+    if words[0] == "frames" and "--to" not in words:
+        image, _ = open_polar_frames(out).read(open_polar_frames(out).names[0])
+        assert np.asarray(image.valid).mean() > 0.2
+
+
+def test_what_is_run_elsewhere_is_on_the_page_and_tested_there():
+    on_page = {command for _, command in COMMANDS}
+    assert set(ELSEWHERE) <= on_page
+    assert len(RUN) > 20
+    for place in ELSEWHERE.values():
+        assert (ROOT / place).is_file(), place
+
+
+def test_every_section_with_commands_has_files_made_for_it():
+    known = {*MAKE, "ROS 2 bags and MCAP", "The network for another program"}
+    first = PAGE.read_text().splitlines()[0].lstrip("# ")
+    assert {title for title, _ in COMMANDS} - {first} <= known
