@@ -33,7 +33,17 @@ install_import_hook(
 import jax
 import pytest
 
-from jaxsim.cli.telling import tell_on_console
+from jaxsim.cli.commands import tell_on_console
+from tests.data.fixtures import (  # noqa: F401  (trees of data sets, for all folders)
+    object_root,
+    raw_root,
+    step_root,
+    step_run,
+    step_tree,
+    street,
+    virtual,
+    virtual_root,
+)
 
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")

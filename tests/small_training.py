@@ -13,7 +13,7 @@ import numpy as np
 from jaxsim import devices
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.data.batches import batches
-from jaxsim.pix2pix import convolution_cpu, create_state, make_train_step
+from jaxsim.pix2pix import convolution, create_state, make_train_step
 from jaxsim.runs.run import Checkpoints
 
 CHANNELS, SIZE = 3, (16, 32)
@@ -44,7 +44,7 @@ def main(folder: Path, steps: int, save_at: int) -> None:
     if "--distributed" in sys.argv:
         devices.connect()
     # A few steps run here, and LLVM would work on them far longer than they run.
-    convolution_cpu.COMPILER_OPTIONS["xla_backend_optimization_level"] = "0"
+    convolution.COMPILER_OPTIONS["xla_backend_optimization_level"] = "0"
     optim = EXPERIMENT.optim
     mesh = devices.data_mesh(optim.batch)
     part = {"part": jax.process_index(), "parts": jax.process_count()}

@@ -16,7 +16,7 @@ import pytest
 from jaxsim.config import PenetConfig, Stage
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.detect import make_train_step as make_detector_step
-from jaxsim.detect import state as detector
+from jaxsim.detect import steps as detector
 from jaxsim.detect.steps import make_detect
 from jaxsim.discover.model.gradients import effect_with_gradient
 from jaxsim.discover.model.parameters import to_z

@@ -23,10 +23,10 @@ from jaxtyping import Float
 from benchmarks.blind.hidden import make_case
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.discover import Comparison, read_comparison
+from jaxsim.discover.model.cast import with_planes
 from jaxsim.discover.model.evidence import Evidence, gather
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES

@@ -28,13 +28,11 @@ from jaxsim.cli import enable_compilation_cache
 from jaxsim.data import open_dataset, read_pcap
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders
-from jaxsim.discover.model.cast import blocks
+from jaxsim.discover.model.cast import blocks, with_planes
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import Problem, fit
-from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.null import fit_null, residuals
 from jaxsim.discover.model.parameters import to_values
-from jaxsim.discover.model.residuals import residuals
-from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.read import Comparison, read_comparison
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import EFFECTS

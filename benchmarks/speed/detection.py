@@ -22,8 +22,7 @@ import tyro
 from timing import interleave
 
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Objects, evaluate
-from jaxsim.metrics.detection.matching import thresholds
-from jaxsim.metrics.detection.rules import detection_flags, dont_care, truth_flags
+from jaxsim.metrics.detection.matching import detection_flags, dont_care, thresholds, truth_flags
 
 KINDS = ("Car", "Car", "Car", "Car", "Van", "Pedestrian", "Pedestrian", "Person_sitting", "Cyclist", "DontCare")
 

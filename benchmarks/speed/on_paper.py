@@ -22,7 +22,7 @@ import tyro
 
 from jaxsim.config import DetectorExperiment, Experiment
 from jaxsim.detect import make_train_step as make_detector_step
-from jaxsim.detect.state import _create
+from jaxsim.detect.steps import _create
 from jaxsim.pix2pix import make_train_step, state_shapes
 from jaxsim.prepare import input_channels
 from jaxsim.train.experiments import load_experiment

@@ -29,9 +29,8 @@ from configs.kitti_drives import FOLDS
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.config import LEVELS, DataConfig, Experiment
 from jaxsim.data import open_dataset, select
-from jaxsim.evaluate.baselines import fit_baselines
+from jaxsim.evaluate.baselines import fit_baselines, fit_trees
 from jaxsim.evaluate.intensity import TREES, Sums, baseline_frames, network_sums
-from jaxsim.evaluate.trees import fit_trees
 from jaxsim.files import replacing
 from jaxsim.metrics.intervals import ratio_interval
 from jaxsim.metrics.paired import difference_of, scene_intervals, total_scores

@@ -9,9 +9,16 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import Command, call, choose, enable_compilation_cache, overview
+from jaxsim.cli.commands import (
+    Command,
+    call,
+    choose,
+    enable_compilation_cache,
+    overview,
+    tell_on_console,
+    without_quiet,
+)
 from jaxsim.cli.endings import stop_on_error
-from jaxsim.cli.telling import tell_on_console, without_quiet
 
 __all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
 

@@ -22,7 +22,7 @@ from jaxsim.discover.verdict import Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
-from jaxsim.report.gate import EXIT, markdown, write_gate
+from jaxsim.report.results import EXIT, markdown, write_gate
 
 say = logging.getLogger(__name__).info
 TITLES: dict[Colour, str] = {

@@ -11,8 +11,7 @@ import numpy as np
 import tyro
 
 from jaxsim.cloud.export import save_cloud, table_of
-from jaxsim.cloud.mcap import Stamped, write_mcap
-from jaxsim.cloud.osi import write_osi
+from jaxsim.cloud.recordings import Stamped, write_mcap, write_osi
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, Written, known_sources, source_for, write_log
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames

@@ -15,7 +15,7 @@ from jaxsim.files import working_in
 from jaxsim.simulate.trees import export_trees
 from jaxsim.studies.real2sim2real import WITH_EFFECTS, Loop, settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
-from jaxsim.studies.segmentation.worth import run_segmentation
+from jaxsim.studies.segmentation import run_segmentation
 from jaxsim.train.experiments import load_loop
 
 DEFAULT = "real2sim2real"

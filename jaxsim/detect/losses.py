@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from jaxsim.config import DetectorConfig
 from jaxsim.detect.anchors import AnchorTargets, decode, encode
-from jaxsim.detect.roi_targets import RoiTargets, from_roi
+from jaxsim.detect.roi_head import RoiTargets, from_roi
 from jaxsim.frame import Array
 from jaxsim.geometry.boxes import box_corners
 

@@ -12,8 +12,7 @@ from jaxsim.config import DetectorConfig, ProposalConfig, VoxelConfig
 from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
 from jaxsim.detect.backbones import DOWN, AnchorHead, BevBackbone, Scale, VoxelBackBone8x, capacities
 from jaxsim.detect.losses import refined, roi_losses, rpn_losses
-from jaxsim.detect.roi_head import VoxelRoiHead
-from jaxsim.detect.roi_targets import assign_rois
+from jaxsim.detect.roi_head import VoxelRoiHead, assign_rois
 from jaxsim.detect.sparse import strided_shape
 from jaxsim.detect.voxelize import sparse_shape, voxelize
 from jaxsim.frame import Array

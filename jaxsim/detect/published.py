@@ -16,7 +16,7 @@ import numpy as np
 
 from jaxsim.config import DetectorConfig, DetectorExperiment
 from jaxsim.detect.network import FEATURES
-from jaxsim.detect.state import Network, network_shapes
+from jaxsim.detect.steps import Network, network_shapes
 from jaxsim.weights import Converter, fit, load_weights
 
 Arrays = Mapping[str, np.ndarray]

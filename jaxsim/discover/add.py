@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
 from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, all_on_top, fit
-from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import as_implied
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
 from jaxsim.discover.name.select import FittedStep, refitted

@@ -17,10 +17,9 @@ from jaxtyping import Float
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law, Parameter
-from jaxsim.effects.covariates import covariates
 from jaxsim.effects.edits import brighten, lose, misread
 from jaxsim.effects.learned import hats
-from jaxsim.effects.rays import Array, Rays
+from jaxsim.effects.rays import Array, Rays, covariates
 
 ON_HOST = covariates(np)
 HUE_ANGLE = "hue angle"

@@ -22,8 +22,7 @@ from scipy.stats import rankdata
 
 from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
 from jaxsim.discover.model.fit import CLUTTER, Problem
-from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.residuals import standardised
+from jaxsim.discover.model.null import fit_null, standardised
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best

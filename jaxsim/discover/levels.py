@@ -1,7 +1,7 @@
 """Levels: noise, losses and lattices of both sides, and what of them the simulator lacks.
 
 No discovery: every sensor has noise, and a simulator may leave it out on purpose. Each level is told from the frames of
-its own side (`model.simulator.noise_levels`), scene by scene; the interval is that of the scatter between scenes.
+its own side (`model.noise_levels`), scene by scene; the interval is that of the scatter between scenes.
 Differences are of variances: noise that both sides have is not missing.
 """
 

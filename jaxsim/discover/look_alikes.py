@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.parameters import prior, ravel, restorer, to_values, to_z
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS, Effect

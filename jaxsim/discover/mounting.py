@@ -22,8 +22,7 @@ from jaxsim.discover.model.fit import Problem, fit
 from jaxsim.discover.model.moved import seen_from
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import PARTS, Registration
-from jaxsim.discover.register.sides import LIFT
+from jaxsim.discover.register.registration import LIFT, PARTS, Registration
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval, p_value
 from jaxsim.discover.verdict import Interval, Named, Registered

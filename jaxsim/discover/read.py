@@ -21,11 +21,10 @@ from jaxsim.discover.checks import (
     sceneless,
     unpartnered,
 )
-from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast
+from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.moved import same_surfaces
 from jaxsim.discover.model.simulator import Meant, meant
-from jaxsim.discover.model.surfaces import with_planes
 from jaxsim.discover.register import register
 from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
 from jaxsim.discover.scenes import Split, split

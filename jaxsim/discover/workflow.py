@@ -10,7 +10,6 @@ from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects, in_place
-from jaxsim.discover.confirm import confirmed, sensor_of, with_mounting
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import form_of
@@ -24,11 +23,10 @@ from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes import Divided, find_regimes
-from jaxsim.discover.relation import correlations, of_ranges, unrelated
 from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
-from jaxsim.discover.sensitivity import sensitivities
-from jaxsim.discover.show import show_gap
+from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
+from jaxsim.discover.show import confirmed, sensor_of, show_gap, with_mounting
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel

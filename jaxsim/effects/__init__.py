@@ -2,17 +2,17 @@
 
 In the order of reading:
 
-    rays.py         `Scan`, simulated frames; `Rays`, what each ray meets and what becomes of it
+    rays.py         `Scan`, simulated frames; `Rays`, what each ray meets and what becomes of it;
+                    `covariates`, what a reading may depend on: range, row, class, colour ...
     effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
-    edits.py        the few ways in which laws change rays (clutter.py: early false returns)
-    covariates.py   what a reading may depend on: range, row, class, colour ...
+    edits.py        the few ways in which laws change rays, early false returns among them
     recast.py       what rays meet that a law turned or moved
     learned.py      what no effect describes, as numbers along covariates
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
     origin.py       effects of one's own, and where they come from
-    own.py          `known_effects`: the catalogue with those of packages and files (what they must keep to: check.py,
-                    check_apply.py, and street.py, on which they are tried)
+    own.py          `known_effects`: the catalogue with those of packages and files; check.py has what they must keep
+                    to, and the street on which they are tried
     scan.py         a `Scan` of frames as they are read from files, with the surfaces of their range images
     page.py         the catalogue in words, docs/effects.md
 

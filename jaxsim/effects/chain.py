@@ -17,8 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxsim.effects import EFFECTS, get_effect
-from jaxsim.effects.clutter import clutter_range
-from jaxsim.effects.edits import lose
+from jaxsim.effects.edits import clutter_range, lose
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of

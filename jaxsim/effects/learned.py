@@ -21,9 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.effects.covariates import READ, TURN
 from jaxsim.effects.edits import brighten, lose, misread
-from jaxsim.effects.rays import Array, Rays, Scan
+from jaxsim.effects.rays import READ, TURN, Array, Rays, Scan
 from jaxsim.files import check_keys, real
 
 KINDS = ("curve", "table", "periodic", "product", "wave")

@@ -18,8 +18,7 @@ from jaxsim.detect.batches import in_range, inside
 from jaxsim.detect.published import load_published
 from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
 from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
-from jaxsim.detect.state import Network, network_shapes
-from jaxsim.detect.steps import make_detect
+from jaxsim.detect.steps import Network, make_detect, network_shapes
 from jaxsim.files import file_of
 from jaxsim.frame import Boxes
 from jaxsim.geometry import pad_points, room_for

@@ -20,8 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.config import LEVELS, PrepareConfig
-from jaxsim.evaluate.baselines import Baseline, fit_baselines, previous_frame
-from jaxsim.evaluate.trees import fit_trees
+from jaxsim.evaluate.baselines import Baseline, fit_baselines, fit_trees, previous_frame
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
 from jaxsim.metrics import Score
@@ -96,7 +95,7 @@ def baseline_frames(guess: Baseline, pairs: Sequence[Pair]) -> Sums:
 def baseline_sums(
     train: Sequence[Pair], judged: Sequence[Pair], previous: Sequence[Pair | None], *, trees: bool = False
 ) -> dict[str, Sums]:
-    """What each baseline makes of each judged pair; with `trees` also boosted trees (`evaluate.trees`).
+    """What each baseline makes of each judged pair; with `trees` also boosted trees (`baselines`).
 
     `previous` holds the frame before each, None where there is none: the previous frame's are of those that have one.
     """

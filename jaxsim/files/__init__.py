@@ -19,13 +19,13 @@ from jaxsim.files.claims import claim, differences
 from jaxsim.files.code import loaded, making, need
 from jaxsim.files.images import check_image, image_of, read_pixels, write_image
 from jaxsim.files.locks import lock, unlock, working_in
-from jaxsim.files.places import placed
 from jaxsim.files.texts import (
     check_keys,
     number,
     numbers,
     parse_json,
     parse_settings,
+    placed,
     read_entry,
     read_json,
     read_text,

@@ -1,24 +1,36 @@
-"""Text and JSON that others wrote, read so that nothing is passed over in silence."""
+"""Text and JSON that others wrote, read so that nothing is passed over in silence; errors that tell their place."""
 
 from __future__ import annotations
 
 import json
 import math
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pydantic import TypeAdapter
 
-from jaxsim.files.places import placed
 from jaxsim.files.whole import check_size
 
 MOST_TEXT = 256 * 2**20
 """Bytes of a text: grid.json of a million frames has 150 MB."""
 Number = TypeVar("Number", int, float)
 Settings = TypeVar("Settings")
+
+
+@contextmanager
+def placed(where: str, *more: type[Exception], then: str = "") -> Iterator[None]:
+    """A ValueError of the block, or an error of a kind among `more`, becomes one that begins with `where`, as
+    `train: a.json`, and ends with `then`, what to do about it."""
+    try:
+        yield
+    except (ValueError, *more) as error:
+        # Of a KeyError the words are the key alone.
+        told = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{where}: {told}{then and f'; {then}'}") from error
 
 
 def read_text(path: Path | str, *, by: str, most: int = MOST_TEXT) -> str:

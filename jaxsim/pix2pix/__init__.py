@@ -2,7 +2,6 @@
 
 from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.published_files import start_from
-from jaxsim.pix2pix.state import create_state, state_shapes
-from jaxsim.pix2pix.steps import make_generate, make_train_step
+from jaxsim.pix2pix.steps import create_state, make_generate, make_train_step, state_shapes
 
 __all__ = ["create_state", "load_vgg", "make_generate", "make_train_step", "start_from", "state_shapes"]

@@ -17,7 +17,7 @@ from jaxsim.config import LEVELS, Form
 from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
-from jaxsim.pix2pix.normalisation import statistics_type
+from jaxsim.pix2pix.layers import statistics_type
 from jaxsim.weights import Converter, fit, read_state_dict
 
 Weights = dict[str, Array]

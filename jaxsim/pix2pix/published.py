@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from jaxsim.config import Form
-from jaxsim.pix2pix.state import Network
+from jaxsim.pix2pix.steps import Network
 
 Tree = Any
 Keys = tuple[Any, ...]

@@ -15,10 +15,10 @@ import numpy as np
 from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, Experiment, Form, GeneratorConfig
+from jaxsim.pix2pix.layers import fold_spectral_norm
 from jaxsim.pix2pix.networks import Discriminator, Generator
-from jaxsim.pix2pix.normalisation import fold_spectral_norm
 from jaxsim.pix2pix.published import from_published
-from jaxsim.pix2pix.state import Network, TrainState, split
+from jaxsim.pix2pix.steps import Network, TrainState, split
 from jaxsim.weights import Converter, kind_of, load_weights
 
 Arrays = Mapping[str, np.ndarray]

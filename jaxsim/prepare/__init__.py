@@ -5,7 +5,7 @@ from __future__ import annotations
 from jaxsim.prepare.channels import CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.denoise import denoise
 from jaxsim.prepare.depth.frames import sparse_depth
-from jaxsim.prepare.paint import paint, paint_raster
+from jaxsim.prepare.paint import paint, paint_raster, shrink
 from jaxsim.prepare.pairs import (
     check_networks,
     check_view,
@@ -15,7 +15,6 @@ from jaxsim.prepare.pairs import (
     prepare_view,
     window_of,
 )
-from jaxsim.prepare.shrink import shrink
 
 __all__ = [
     "CHANNELS",

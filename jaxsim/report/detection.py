@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, OVERLAP_SETS, Curve
-from jaxsim.metrics.detection.rules import SLOTS
+from jaxsim.metrics.detection.matching import SLOTS
 from jaxsim.report.canvas import AFTER, BEFORE, FAINT, INK, RULE, Canvas, Length, save_figure
 from jaxsim.report.results import list_facts, markdown_table, number_or_none, write_results
 

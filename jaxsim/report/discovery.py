@@ -9,13 +9,11 @@ from markupsafe import Markup
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import write_text
+from jaxsim.report.accounts import could_show, learned, own_effects, regimes, residual_clouds, where_it_stood
 from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, levels, maps, moved, objects, where
-from jaxsim.report.judged import residual_clouds
-from jaxsim.report.learned import learned
-from jaxsim.report.own import own_effects
 from jaxsim.report.page import (
     NOTHING,
     Draw,
@@ -29,8 +27,6 @@ from jaxsim.report.page import (
     together,
     whole_page,
 )
-from jaxsim.report.regimes import regimes
-from jaxsim.report.sides import could_show, where_it_stood
 from jaxsim.report.words import number, verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"

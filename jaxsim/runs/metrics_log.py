@@ -1,22 +1,37 @@
-"""What a training run writes down: metrics.jsonl, TensorBoard if it is installed, and the batch that broke it."""
+"""What a training run writes down: metrics.jsonl, TensorBoard if it is installed, and the batch that broke it; and
+where metrics go besides: trackers, by entry points of the group `jaxsim.metrics_log`.
+
+JAXSIM_METRICS_LOG names the trackers of a run (`wandb`, `mlflow`, or those of installed packages), separated by commas.
+Nothing is sent anywhere unless it is set. An entry point is a function of a run's folder and of the step that the run
+begins after; it returns a function of a step and its values, which is called with every line of metrics.jsonl.
+"""
 
 from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Mapping
+import logging
+import os
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from jaxsim.files import parse_json, read_text, real, replacing, write_text
-from jaxsim.runs.trackers import Track, trackers
 
 LONGEST_S = 1e9
 """Thirty years: no training takes them."""
 LARGEST = 1e9
 """No loss, gradient or score is beyond it: a training that goes there has left the numbers that mean something."""
+GROUP = "jaxsim.metrics_log"
+ASKED = "JAXSIM_METRICS_LOG"
+Track = Callable[[int, Mapping[str, float]], None]
+"""Takes a step and its values."""
+
+_log = logging.getLogger(__name__)
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
@@ -83,7 +98,7 @@ class MetricsLog:
         self._trackers = trackers(folder, start)
 
     def write(self, step: int, values: Mapping[str, float]) -> None:
-        """Adds a line to metrics.jsonl, and points to TensorBoard and trackers (`jaxsim.runs.trackers`)."""
+        """Adds a line to metrics.jsonl, and points to TensorBoard and trackers (`jaxsim.runs.metrics_log`)."""
         if not self.writes:
             return
         with self.path.open("a") as file:
@@ -114,3 +129,66 @@ class MetricsLog:
             else "the batch is finite: lower --optim.lr, and resume from the last checkpoint with the same command"
         )
         raise TrainingDiverged(f"training: {', '.join(bad)} not finite at step {step}; batch saved to {path}; {cause}")
+
+
+def trackers(folder: Path, start: int) -> list[Track]:
+    """The trackers that JAXSIM_METRICS_LOG names. Raises ValueError for one that is not installed or does not start."""
+    names = [name.strip() for name in os.environ.get(ASKED, "").split(",") if name.strip()]
+    known = {point.name: point for point in entry_points(group=GROUP)}
+    made = []
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"run: {ASKED} names {name!r}, which is no tracker; known ones are "
+                f"{', '.join(sorted(known)) or 'none'} (entry points of the group {GROUP})"
+            )
+        try:
+            made.append(_patient(name, known[name].load()(folder, start)))
+        except Exception as error:
+            raise ValueError(
+                f"run: the tracker {name} does not start ({type(error).__name__}: {error}); mend it, or leave it out "
+                f"of {ASKED}"
+            ) from error
+    return made
+
+
+def _patient(name: str, track: Track) -> Track:
+    """The same; where it fails once it is told once and left out, for a tracker must not end a training."""
+    works = True
+
+    def guarded(step: int, values: Mapping[str, float]) -> None:
+        nonlocal works
+        if not works:
+            return
+        try:
+            track(step, values)
+        except Exception as error:
+            works = False
+            _log.warning(
+                "run: the tracker %s failed at step %d (%s: %s) and gets no more; metrics.jsonl goes on",
+                *(name, step, type(error).__name__, error),
+            )
+
+    return guarded
+
+
+def wandb(folder: Path, start: int) -> Track:
+    """Weights & Biases: one run a folder, resumed with it; WANDB_PROJECT and the like set the rest."""
+    client = _client("wandb")
+    run = client.init(dir=str(folder), id=folder.name, name=folder.name, resume="allow")
+    return lambda step, values: run.log(dict(values), step=step)
+
+
+def mlflow(folder: Path, start: int) -> Track:
+    """MLflow: one run a folder, by its name; MLFLOW_TRACKING_URI and the like set the rest."""
+    client = _client("mlflow")
+    client.start_run(run_name=folder.name)
+    # MLflow's names hold letters, digits, _ - . / and spaces alone.
+    return lambda step, values: client.log_metrics({name.replace("@", "_at_"): v for name, v in values.items()}, step)
+
+
+def _client(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f"{name} is not installed: pip install {name}") from error

@@ -1,7 +1,7 @@
 """The learned sensor: from what a renderer knows to what the LiDAR reports.
 
-predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection
-views          whether images are like those that a run learned from
+predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection;
+               whether images are like those that a run learned from
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
 sensor         `LearnedSensor`: a trained run
 frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`

@@ -22,8 +22,7 @@ import jax
 
 from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
-from jaxsim.data.announced import Announced
-from jaxsim.data.polar_frames import write_frame
+from jaxsim.data.polar_frames import Announced, write_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in

@@ -23,8 +23,8 @@ from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.predict import check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
-from jaxsim.simulate.views import check_image
 
 BATCH = 8
 """Frames that a comparison simulates together."""

@@ -12,19 +12,26 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float
 
 from jaxsim.config import LEVELS, PrepareConfig
-from jaxsim.frame import Array, CameraFrame, Painted, Pair, PolarGrid, PolarImage
+from jaxsim.frame import Array, Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, resample
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
+from jaxsim.runs.kinds import Run
 
 Generate = Callable[[Any, Array], Array]
 """(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or LEVELS so, and the logit of a drop."""
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 Rays = Float[Array, "*b rows columns"]
+ASPECT = 0.02
+SIZE = 0.03
+VIEW = 0.05
+"""By how much aspect ratio, size and field of view may differ. KITTI's own images (1224 x 370 .. 1242 x 376) differ by
+0.004 in aspect ratio and by 0.015 in size."""
 
 
 @struct.dataclass
@@ -229,3 +236,33 @@ def simulate_unprojected(
 def _reported(painted: Painted, intensity: Rays) -> PolarImage:
     """Rays of intensity 0 do not come back; nor do those that a camera sees end beyond what any LiDAR sees."""
     return PolarImage(painted.range_m, intensity, painted.valid & (intensity > 0) & (painted.range_m <= FAR_M))
+
+
+def check_image(size: tuple[int, int], run: Run) -> None:
+    """Raises ValueError where images of `size` (rows, columns) have not the aspect ratio and size of the run's."""
+    (h, w), (rows, columns) = size, run.image_size
+    wanted = f"this run learned from images of {columns} x {rows}"
+    if abs((w / h) / (columns / rows) - 1) > ASPECT:
+        raise ValueError(
+            f"simulate: the images are {w} x {h}, an aspect ratio of {w / h:.2f}; {wanted}, {columns / rows:.2f}: "
+            f"render at {columns} x {rows}, or cut them to it"
+        )
+    if abs(w / columns - 1) > SIZE:
+        what = "too coarse" if w < columns else "too fine"
+        raise ValueError(
+            f"simulate: images of {w} x {h} are {what}; {wanted}, and its crop is measured in pixels: render at that "
+            "size, or scale image, depth and labels (the latter two without interpolation) and the camera to it"
+        )
+
+
+def check_field_of_view(camera: Camera, run: Run) -> None:
+    """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
+    without projection only the same view fits."""
+    half = run.experiment.prepare.image_crop[1] / 2
+    own = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
+    its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
+    if abs(its / own - 1) > VIEW:
+        raise ValueError(
+            f"simulate: the camera sees {its:.1f} degrees, the run's {own:.1f}; without projection its pixels would "
+            "not be the run's rays: render with that field of view, or project (--projection lidar)"
+        )

@@ -20,8 +20,13 @@ from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
 from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
-from jaxsim.simulate.predict import camera_intensity, simulate_frame, simulate_unprojected
-from jaxsim.simulate.views import check_field_of_view, check_image
+from jaxsim.simulate.predict import (
+    camera_intensity,
+    check_field_of_view,
+    check_image,
+    simulate_frame,
+    simulate_unprojected,
+)
 
 Projection = Literal["lidar", "none"]
 """What the network sees: the camera's rasters carried to the LiDAR's grid, or only scaled down, as in the paper."""

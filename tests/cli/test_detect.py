@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.detect import Detect
-from jaxsim.detect.state import create_state
+from jaxsim.detect.steps import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
 from jaxsim.runs.kinds import DetectorRun

@@ -10,7 +10,7 @@ from jaxsim.cli.eval_detection import judge_run, said_mean
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Found
-from jaxsim.detect.state import create_state
+from jaxsim.detect.steps import create_state
 from jaxsim.evaluate.detector import kitti_curves
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, start_run

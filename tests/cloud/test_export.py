@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 
 from jaxsim.cloud import FORMATS, save_cloud
-from jaxsim.cloud.export import table_of
-from jaxsim.cloud.mcap import Stamped, write_mcap
 from jaxsim.frame import Cloud
-
-
-def cloud():
-    rng = np.random.default_rng(0)
-    xyz = rng.normal(0, 10, (50, 3)).astype(np.float32)
-    return Cloud(xyz, rng.random(50, dtype=np.float32), rng.random(50) < 0.8)
+from tests.cloud.made_export import cloud, lined
 
 
 def want(c):
@@ -67,12 +60,6 @@ def test_a_failed_write_leaves_the_old_file_and_no_rest(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["a.ply"]
 
 
-def lined():
-    """A cloud with laser lines, and times of its points."""
-    rng = np.random.default_rng(1)
-    return cloud().replace(row=rng.integers(0, 64, 50).astype(np.int32)), rng.random(50).astype(np.float32) / 10
-
-
 @pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npz", ".las"])
 def test_ring_and_time_come_back_by_other_programs(tmp_path, suffix):
     module = {".pcd": "pypcd4", ".ply": "plyfile", ".npz": "numpy", ".las": "laspy"}[suffix]
@@ -91,21 +78,3 @@ def test_ring_and_time_come_back_by_other_programs(tmp_path, suffix):
     np.testing.assert_allclose(np.asarray(read["intensity"]) / scale, c.intensity[c.valid], atol=1e-5)
     x = read["xyz"][:, 0] if suffix == ".npz" else read["x"]
     np.testing.assert_allclose(np.asarray(x), c.xyz_m[c.valid, 0], atol=6e-4)
-
-
-def test_an_mcap_is_read_by_the_formats_own_libraries(tmp_path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
-    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
-    pytest.importorskip("rosbags", reason="rosbags is not installed")
-    c, time_s = lined()
-    table = table_of(c, time_s)
-    count = write_mcap(tmp_path / "a.mcap", [Stamped(5.25, table), Stamped(5.35, table[:7])], frame="top")
-    assert count == 2
-    with (tmp_path / "a.mcap").open("rb") as file:
-        read = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        messages = [message for _, _, _, message in read.iter_decoded_messages(topics=["/points"])]
-    first = messages[0]
-    assert (first.header.frame_id, first.header.stamp.sec, first.header.stamp.nanosec) == ("top", 5, 250_000_000)
-    assert [f.name for f in first.fields] == ["x", "y", "z", "intensity", "ring", "time"]
-    np.testing.assert_array_equal(np.frombuffer(bytes(first.data), table.dtype), table)
-    assert messages[1].width == 7

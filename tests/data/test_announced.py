@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jaxsim.data.announced import Announced
-from jaxsim.data.polar_frames import read_grid
+from jaxsim.data.polar_frames import Announced, read_grid
 from jaxsim.frame import PolarGrid
 
 GRID = PolarGrid(np.linspace(1, -1, 6, dtype="f4"), np.linspace(0, -0.3, 4, dtype="f4"), np.zeros(4, "f4"))
@@ -23,7 +22,7 @@ def test_all_frames_are_named_in_the_end_and_writing_takes_its_share_alone(tmp_p
     def write(folder, grid, *, frames):
         written.append(len(frames))
 
-    monkeypatch.setattr("jaxsim.data.announced.write_grid", write)
+    monkeypatch.setattr("jaxsim.data.polar_frames.write_grid", write)
     clock = iter(range(10**6))
     monkeypatch.setattr("time.monotonic", lambda: next(clock))  # each look at the clock is a second later
     with Announced(tmp_path, GRID) as announced:

@@ -9,14 +9,13 @@ from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import KittiOdometry, open_dataset, select
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs import LogOptions, source_for, write_log
-from jaxsim.data.point_classes import classes_in_image
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.data.semantic_kitti import CLASSES, LEARNING_CLASSES, read_point_labels
+from jaxsim.data.semantic_kitti import read_point_labels
 from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud
 from jaxsim.geometry import scan_on_window
 from jaxsim.prepare import prepare_frame
-from tests.data.conftest import P2, R0, VELO_R, VELO_T
+from tests.data.fixtures import P2, R0, VELO_R, VELO_T
 from tests.data.round_room import scan, write_image, write_scan
 
 LABELLED = PrepareConfig(inputs=("depth", "semantic", "row"), depth="ip_basic_fast", columns=64, network_size=(44, 64))
@@ -42,13 +41,6 @@ def root(tmp_path: Path) -> Path:
     write_image(tmp_path / "kitti/sequences/00/image_2/000000.png")
     (tmp_path / "kitti/sequences/00/times.txt").write_text("0.000000e+00\n1.039e-01\n")
     return tmp_path / "kitti"
-
-
-def test_every_class_of_the_set_is_one_of_cityscapes():
-    assert {*CLASSES.values(), *LEARNING_CLASSES} <= {*IDS}
-    assert len(LEARNING_CLASSES) == 20
-    # Of what moves the class is that of what stands.
-    assert [CLASSES[252], CLASSES[254], CLASSES[258]] == [CLASSES[10], CLASSES[30], CLASSES[18]]
 
 
 def test_scans_come_by_sequence_with_classes_and_objects_of_what_the_camera_sees(root):
@@ -142,18 +134,6 @@ def test_frames_of_a_log_have_the_labels_of_their_points(root, tmp_path):
     assert {*np.unique(semantic[image.valid])} == {IDS["road"], IDS["building"]}
     np.testing.assert_array_equal(instance[image.valid] > 0, semantic[image.valid] == IDS["building"])
     assert semantic[~image.valid].max(initial=0) == 0
-
-
-def test_a_surface_that_hides_another_from_the_camera_keeps_its_class(root):
-    """The LiDAR sees, above the camera, over a fence onto a wall."""
-    camera = KittiOdometry(root)[0].camera.camera
-    fence = np.stack(np.meshgrid([8.0], np.linspace(-2, 2, 80), np.linspace(-1, 0, 20)), -1).reshape(-1, 3)
-    wall = np.stack(np.meshgrid([30.0], np.linspace(-8, 8, 60), np.linspace(-4, 3, 40)), -1).reshape(-1, 3)
-    xyz = np.concatenate([wall, fence]).astype(np.float32)
-    semantic = np.repeat(np.array([IDS["building"], IDS["fence"]], np.int32), [len(wall), len(fence)])
-    of_pixel, _ = classes_in_image(xyz, semantic, semantic, camera=camera, size=(375, 1242))
-    middle = of_pixel[200:260, 500:720]
-    assert (middle == IDS["fence"]).mean() > 0.99
 
 
 def test_real_labels_reach_the_cells_of_their_points(samples, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.data import KittiStep, open_dataset, select
-from jaxsim.data.cityscapes import IDS, TRAIN_CLASSES, ids_of_train_ids
+from jaxsim.data.cityscapes import IDS
 from jaxsim.data.kitti_step import EVALUATION, LENGTHS, NO_SCAN, SEQUENCES
 from jaxsim.geometry import project
 from tests.data.drives import STEP_THINGS, TRAIN_ID, write_png
@@ -26,15 +26,6 @@ def test_the_published_lengths_add_up_to_the_papers_two_parts():
     assert (len(SEQUENCES), sum(LENGTHS.values()), judged) == (21, 8008, 2126)
     assert sum(LENGTHS.values()) - judged == 5882
     assert sorted(NO_SCAN) == [("0001", f"{n:06d}") for n in (177, 178, 179, 180)]
-
-
-def test_train_ids_are_those_of_the_published_table():
-    published = {0: 7, 1: 8, 2: 11, 3: 12, 4: 13, 5: 17, 6: 19, 7: 20, 8: 21, 9: 22, 10: 23, 11: 24, 12: 25, 13: 26,
-                 14: 27, 15: 28, 16: 31, 17: 32, 18: 33, 255: 0}  # fmt: skip
-    raster = np.array([list(published)], np.uint8)
-    np.testing.assert_array_equal(ids_of_train_ids(raster)[0], list(published.values()))
-    assert len(TRAIN_CLASSES) == 19
-    assert len(set(IDS.values())) == len(IDS) == 34
 
 
 def test_the_generated_files_have_the_published_format(step_tree):

@@ -4,14 +4,11 @@ import json
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.data.tfds_builder import write_records
 from jaxsim.pairs.sets import make_set
-from tests.full_disk import no_file_above
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64)
 
@@ -76,10 +73,3 @@ def test_metadata_that_contradicts_itself_is_refused(folder, change, message):
     path.write_text(json.dumps(content))
     with pytest.raises(ValueError, match=message):
         opened(folder)
-
-
-def test_a_disk_without_room_for_records_is_told_and_leaves_nothing(tmp_path):
-    noise = np.random.default_rng(0).bytes(50_000)
-    with no_file_above(10_000), pytest.raises(OSError, match=r"a file of records cannot be written .*make room"):
-        write_records(tmp_path / "x.array_record-00000-of-00001", [noise])
-    assert not [*tmp_path.iterdir()]

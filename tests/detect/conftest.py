@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from jaxsim.data import KittiObject
 from jaxsim.data.kitti_files import object_camera, read_image, read_velodyne
 
 
@@ -44,3 +45,14 @@ def quick_compile():
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture(scope="module")
+def kitti(samples):
+    return KittiObject(samples / "kitti_object")
+
+
+@pytest.fixture
+def float64():
+    with jax.enable_x64(True):
+        yield

@@ -12,7 +12,7 @@ from jaxsim.config import BackboneConfig, DetectorConfig, VoxelConfig
 from jaxsim.detect.backbones import BevBackbone, VoxelBackBone8x, capacities, height_compression
 from jaxsim.detect.published import SPARSE_LAYOUTS, tensors
 from jaxsim.detect.sparse import Sites
-from jaxsim.detect.state import join, split
+from jaxsim.detect.steps import join, split
 from jaxsim.detect.voxelize import voxelize
 
 CONFIG = VoxelConfig()

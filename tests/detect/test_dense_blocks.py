@@ -11,20 +11,21 @@ from flax import nnx
 
 from jaxsim.config import BackboneConfig, ProposalConfig, RoiConfig, VoxelConfig
 from jaxsim.detect.backbones import AnchorHead, BevBackbone, Scale
-from jaxsim.detect.layers import BatchNorm, ConvBlock, FullyConnected, Linear, UpBlock
+from jaxsim.detect.layers import BatchNorm
 from jaxsim.detect.network import VoxelRcnn, propose
 from jaxsim.detect.roi_head import VoxelRoiHead, grid_points
 from jaxsim.detect.sparse import Sites
-from jaxsim.detect.state import Network, join, split
+from jaxsim.detect.steps import Network, join, split
+from tests.detect.made_dense_blocks import block, connected, convolved, drawn, enlarged, normed, used
 from tests.detect.tiny import EXPERIMENT
 
 pytestmark = pytest.mark.usefixtures("quick_compile", "float64")
-
-
-@pytest.fixture
-def float64():
-    with jax.enable_x64(True):
-        yield
+ROWS = np.random.default_rng(5).normal(1, 2, (2, 7, 3))
+VALID = np.random.default_rng(6).random((2, 7)) < 0.6
+SCALE, SHIFT = np.array([0.5, 1.5, -2.0]), np.array([0.1, -0.3, 0.7])
+PLACES = ((0, 0), (0.4, 0), (20, 0), (1.0, 0), (40, 0), (60, 0))
+"""The first and second share 3.6 of 4.4 m (0.82), the second and fourth 0.74, the first and fourth 0.6."""
+SCORES = (0.5, 0.9, 0.2, 0.8, 0.1, 0.7)
 
 
 @pytest.fixture
@@ -32,64 +33,6 @@ def float32(float64):
     """For what computes cells in single precision, as published."""
     with jax.enable_x64(False):
         yield
-
-
-def drawn(make, dtype=np.float64):
-    """Definition and values of a module, all of them drawn at random; variances are positive."""
-    with jax.enable_x64(False):
-        definition, network = split(make())
-    rng = np.random.default_rng(0)
-
-    def draw(path, leaf):
-        positive = "variance" in jax.tree_util.keystr(path)
-        values = rng.uniform(0.5, 2, leaf.shape) if positive else rng.normal(0, 0.6, leaf.shape)
-        return jnp.asarray(values.astype(dtype))
-
-    return definition, jax.tree_util.tree_map_with_path(draw, network)
-
-
-def used(definition, network, *inputs, **settings):
-    """The module's output in use."""
-    return jax.tree.map(np.asarray, join(definition, network)(*map(jnp.asarray, inputs), **settings))
-
-
-def normed(x, parameters, statistics, eps):
-    """Batch norm in use."""
-    scale, shift = (np.asarray(parameters[name]) for name in ("scale", "shift"))
-    mean, variance = (np.asarray(statistics[name]) for name in ("mean", "variance"))
-    return (x - mean) / np.sqrt(variance + eps) * scale + shift
-
-
-def convolved(x, kernel, stride):
-    """3 x 3, padded by 1, cell by cell."""
-    b, h, w, _ = x.shape
-    padded = np.pad(x, ((0, 0), (1, 1), (1, 1), (0, 0)))
-    out = np.zeros((b, (h - 1) // stride + 1, (w - 1) // stride + 1, kernel.shape[-1]))
-    for row, column in np.ndindex(out.shape[1:3]):
-        patch = padded[:, stride * row : stride * row + 3, stride * column : stride * column + 3]
-        out[:, row, column] = np.tensordot(patch, kernel, 3)
-    return out
-
-
-def enlarged(x, kernel):
-    """Transposed convolution whose kernel is as wide as its stride, cell by cell."""
-    b, h, w, _ = x.shape
-    stride = len(kernel)
-    out = np.zeros((b, h * stride, w * stride, kernel.shape[-1]))
-    for row, column, i, j in np.ndindex(h, w, stride, stride):
-        out[:, row * stride + i, column * stride + j] += x[:, row, column] @ kernel[i, j]
-    return out
-
-
-def block(x, parameters, statistics, layer):
-    """A convolution `layer` of x, batch norm in use, ReLU."""
-    kernel = np.asarray(parameters["kernel"])
-    return np.maximum(normed(layer(x, kernel), parameters["norm"], statistics["norm"], 1e-3), 0)
-
-
-ROWS = np.random.default_rng(5).normal(1, 2, (2, 7, 3))
-VALID = np.random.default_rng(6).random((2, 7)) < 0.6
-SCALE, SHIFT = np.array([0.5, 1.5, -2.0]), np.array([0.1, -0.3, 0.7])
 
 
 def trained_norm(rows, valid):
@@ -164,24 +107,6 @@ def test_the_gradient_of_batch_norm_goes_through_mean_and_variance_of_the_valid_
     assert (gradient[VALID] != 0).all()
 
 
-@pytest.mark.parametrize(("stride", "size"), [(1, (5, 6)), (2, (5, 6)), (2, (6, 7))])
-def test_a_convolution_from_above_pads_both_sides(stride, size):
-    x = np.random.default_rng(1).normal(size=(2, *size, 3))
-    definition, network = drawn(lambda: ConvBlock(3, 4, stride=stride, rngs=nnx.Rngs(0)))
-    wanted = block(x, network.parameters, network.statistics, lambda x, kernel: convolved(x, kernel, stride))
-    assert (wanted > 0).any()
-    np.testing.assert_allclose(used(definition, network, x, train=False), wanted, rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("stride", [1, 2, 3])
-def test_a_transposed_convolution_makes_cells_of_each_cell(stride):
-    x = np.random.default_rng(2).normal(size=(2, 3, 4, 3))
-    definition, network = drawn(lambda: UpBlock(3, 5, stride=stride, rngs=nnx.Rngs(0)))
-    wanted = block(x, network.parameters, network.statistics, enlarged)
-    assert wanted.shape == (2, 3 * stride, 4 * stride, 5)
-    np.testing.assert_allclose(used(definition, network, x, train=False), wanted, rtol=1e-9, atol=1e-12)
-
-
 def test_the_map_is_each_blocks_output_enlarged_side_by_side():
     config = BackboneConfig(bev_layers=(1, 1), bev_widths=(4, 6), up_widths=(3, 5))
     definition, network = drawn(lambda: BevBackbone(config, 8, rngs=nnx.Rngs(0)))
@@ -218,40 +143,6 @@ def test_anchors_follow_one_another_by_row_column_heading():
                 x[sample, y, column] @ np.asarray(layer["kernel"])[:, channels] + np.asarray(layer["bias"])[channels]
             )
             np.testing.assert_allclose(values[sample, anchor], wanted if width > 1 else wanted[0], rtol=1e-9)
-
-
-def connected(x, parameters, statistics):
-    """Linear maps, batch norm in use, ReLU."""
-    for layer, p, s in zip(
-        parameters["layers"].values(), parameters["norms"].values(), statistics["norms"].values(), strict=True
-    ):
-        x = np.maximum(normed(x @ np.asarray(layer["kernel"]), p, s, 1e-5), 0)
-    return x
-
-
-def test_fully_connected_layers_are_linear_maps_with_batch_norm():
-    definition, network = drawn(lambda: FullyConnected(5, (4, 3), 0.3, rngs=nnx.Rngs(0)))
-    x = np.random.default_rng(8).normal(size=(2, 6, 5))
-    wanted = connected(x, network.parameters, network.statistics)
-    np.testing.assert_allclose(used(definition, network, x, key=None), wanted, rtol=1e-9, atol=1e-12)
-
-
-def second_layers_input(definition, network, x, dropout, monkeypatch):
-    """In training."""
-    module, seen = join(definition, network), []
-    module.dropout = dropout
-    monkeypatch.setattr(Linear, "__call__", lambda self, x: (seen.append(np.asarray(x)), x @ self.kernel[...])[1])
-    module(jnp.asarray(x), key=jax.random.key(1))
-    return seen[1]
-
-
-def test_dropout_lies_between_the_layers_and_makes_up_for_what_falls_out(monkeypatch):
-    definition, network = split(FullyConnected(6, (16, 8), 0.3, rngs=nnx.Rngs(0)))
-    x = np.random.default_rng(9).normal(size=(400, 6))
-    dropped, whole = (second_layers_input(definition, network, x, share, monkeypatch) for share in (0.3, 0.0))
-    open_, kept = whole > 0, dropped != 0  # ReLU's own zeros aside
-    assert abs(1 - kept[open_].mean() - 0.3) < 0.03
-    np.testing.assert_allclose(dropped[kept], whole[kept] / 0.7, rtol=1e-9)
 
 
 @pytest.mark.usefixtures("float32")
@@ -299,11 +190,6 @@ def test_the_second_stage_scores_and_encodes_what_it_pooled_of_each_proposal():
 def cars(*places):
     """Boxes of 4 x 2 m along x."""
     return np.array([[x, y, 0.0, 4.0, 2.0, 1.5, 0.0] for x, y in places])
-
-
-PLACES = ((0, 0), (0.4, 0), (20, 0), (1.0, 0), (40, 0), (60, 0))
-"""The first and second share 3.6 of 4.4 m (0.82), the second and fourth 0.74, the first and fourth 0.6."""
-SCORES = (0.5, 0.9, 0.2, 0.8, 0.1, 0.7)
 
 
 def test_proposals_are_the_best_boxes_that_do_not_overlap():

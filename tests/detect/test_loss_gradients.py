@@ -8,7 +8,7 @@ import pytest
 from jaxsim.config import DetectorConfig, RoiConfig
 from jaxsim.detect.anchors import AnchorTargets
 from jaxsim.detect.losses import corner_loss, roi_losses, rpn_losses
-from jaxsim.detect.roi_targets import targets_of
+from jaxsim.detect.roi_head import targets_of
 
 pytestmark = pytest.mark.usefixtures("quick_compile")
 

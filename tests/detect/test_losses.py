@@ -8,7 +8,7 @@ import pytest
 from jaxsim.config import AnchorConfig, DetectorConfig, RoiConfig, VoxelConfig
 from jaxsim.detect import losses
 from jaxsim.detect.anchors import anchor_boxes, assign, decode_with_direction
-from jaxsim.detect.roi_targets import assign_rois, best_objects, sample_rois, seen_from_roi, targets_of
+from jaxsim.detect.roi_head import assign_rois, best_objects, sample_rois, seen_from_roi, targets_of
 from jaxsim.geometry.boxes import box_corners
 
 pytestmark = pytest.mark.usefixtures("quick_compile")

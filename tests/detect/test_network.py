@@ -10,8 +10,7 @@ from flax import nnx
 from jaxsim.config import DetectorConfig, DetectorExperiment, VoxelConfig
 from jaxsim.detect.backbones import VoxelBackBone8x
 from jaxsim.detect.network import VoxelRcnn, bev_channels
-from jaxsim.detect.state import create_state, network_shapes
-from jaxsim.detect.steps import make_detect, make_train_step
+from jaxsim.detect.steps import create_state, make_detect, make_train_step, network_shapes
 from tests.detect.tiny import EXPERIMENT, scene_batch
 
 pytestmark = pytest.mark.usefixtures("quick_compile")

@@ -17,7 +17,7 @@ from jaxsim.detect.published import (
     published_shapes,
     sparse_layout,
 )
-from jaxsim.detect.state import network_shapes
+from jaxsim.detect.steps import network_shapes
 from jaxsim.weights import convert
 from tests.detect.tiny import EXPERIMENT
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps, log_odds, robust
 from jaxsim.discover.model.likelihood import CHANNELS, DEGREES
-from jaxsim.discover.model.residuals import residuals
+from jaxsim.discover.model.null import residuals
 from tests.discover.toy import judged_toy
 
 NOTHING = np.zeros((5, 3))

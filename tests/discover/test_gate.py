@@ -10,7 +10,7 @@ from jaxsim.cli import discover, main
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover.gate import colour_of, distance_of, judge, judge_quickly, quick_distances, read_gate
 from jaxsim.frame import PolarGrid, PolarImage
-from jaxsim.report.gate import junit
+from jaxsim.report.results import junit
 from tests.report import results
 
 ROWS, COLUMNS = 8, 48

@@ -11,8 +11,7 @@ from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import LIFTED, brought, gains, named_mounting, registered_of, settled
 from jaxsim.discover.read import NOTHING_YET, Comparison
-from jaxsim.discover.register.registration import PARTS
-from jaxsim.discover.register.sides import LIFT
+from jaxsim.discover.register.registration import LIFT, PARTS
 from jaxsim.discover.scenes import split
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays

@@ -3,22 +3,12 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.register.registration import other_moments, speeds_read
+from tests.discover.made_register import found
 from tests.discover.rooms import registered, rooms, seen
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 FRAMES = 12
 NAMES = [f"s{k}" for k in range(FRAMES)]
-
-
-def found(poses, *, driven: float | np.ndarray = 0.0, **more):
-    rng = np.random.default_rng(1)
-    poses = np.broadcast_to(poses, (FRAMES, 6))
-    ways = np.broadcast_to(driven, FRAMES)
-    streets = rooms(FRAMES)
-    ours = [seen(room) for room in streets]
-    theirs = [seen(r, p, driven=s, noise_m=0.02, rng=rng, **more) for r, p, s in zip(streets, poses, ways, strict=True)]
-    return registered(ours, theirs, NAMES)
 
 
 @pytest.mark.parametrize("strangers", [0.0, 0.15])
@@ -62,28 +52,6 @@ def test_sides_of_one_place_stay():
     one = found(np.random.default_rng(3).normal(0, [0.02] * 3 + [0.001] * 3, (FRAMES, 6)))
     assert one.sure == ()
     assert one.speeds(NAMES) is None
-
-
-def test_a_scan_that_the_car_distorts_tells_its_speed():
-    driven = np.linspace(0, 1.8, FRAMES)
-    one = found(np.zeros(6), driven=driven)
-    speeds = one.speeds(NAMES)
-    assert speeds is not None
-    np.testing.assert_allclose([speeds[name] for name in NAMES], 10 * driven, atol=0.5)
-    assert one.sure == ()
-    assert "12 drives were registered at" in speeds_read(speeds)
-
-
-def test_frames_of_other_moments_are_told_with_their_seconds():
-    speed = np.linspace(0, 14, FRAMES)
-    poses = np.zeros((FRAMES, 6))
-    poses[:, 0] = 0.3 * speed
-    one = found(poses)
-    assert one.early_or_late
-    np.testing.assert_allclose(one.frames[:, 0], 0.3 * speed, atol=0.05)
-    assert one.apart_s(speed) == pytest.approx(0.3, abs=0.01)
-    assert one.apart_s(np.zeros(FRAMES)) is None
-    assert "0.30 s later by their speeds" in other_moments(one, speed)
 
 
 def test_other_streets_do_not_agree_however_they_are_moved():

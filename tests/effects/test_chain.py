@@ -10,7 +10,7 @@ import pytest
 
 from jaxsim.effects import EFFECTS, STAGES, all_rays
 from jaxsim.effects.chain import SensorModel, frame_of, sample
-from jaxsim.effects.clutter import clutter_range
+from jaxsim.effects.edits import clutter_range
 from tests.effects.streets import clutter_of_everything, grid_of, road_and_walls
 
 KEY = jax.random.key(3)

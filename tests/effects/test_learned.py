@@ -10,7 +10,6 @@ import pytest
 
 from jaxsim.effects import all_rays
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.covariates import READ, covariates
 from jaxsim.effects.learned import TABLES, Learned, kind_of
 from tests.effects.streets import clutter_of_everything
 
@@ -29,13 +28,6 @@ def scan():
 @pytest.fixture(scope="module")
 def rays(scan):
     return jax.jit(all_rays)(scan)
-
-
-@pytest.mark.parametrize("name", READ)
-def test_a_covariate_is_read_as_discover_compares_it(rays, name):
-    np.testing.assert_allclose(
-        np.asarray(READ[name](rays)), covariates(np)[name](jax.device_get(rays)), rtol=2e-5, atol=2e-5
-    )
 
 
 def test_a_curve_is_linear_between_knots_and_holds_its_ends(rays):

@@ -6,37 +6,10 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from jaxsim.cli import main
 from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.chain import LEVELS, SensorModel
 from jaxsim.engines import ENGINES, read_answer, translate
-
-ALPHA, LOST, SD = 0.003, 0.12, 0.02
-
-
-@pytest.fixture
-def answer(tmp_path):
-    """A sensor.json and the verdict.json beside it, as discover writes them."""
-    effects = (
-        ("atmospheric_extinction", {"coefficient_per_m": ALPHA}),
-        ("incidence_cosine", {"exponent": 0.7}),
-        ("beam_range_bias", {"bias_m": (0.02, -0.01)}),
-        ("extrinsic_rotation", {"yaw_rad": 0.02, "pitch_rad": -0.01}),
-        ("extrinsic_translation", {"x_m": 0.1, "y_m": 0.2}),
-        ("range_gate", {"maximum_m": 80.0}),
-    )
-    SensorModel(effects, levels={"range_noise": SD, "random_loss": LOST}).save(tmp_path / "sensor.json")
-    interval = {"value": ALPHA, "low": 0.002, "high": 0.004, "unit": "1/m"}
-    vector = {"value": [0.02, -0.01], "low": [0.01, -0.02], "high": [0.03, 0.0], "unit": "m"}
-    verdict = {
-        "effects": [
-            {"name": "atmospheric_extinction", "parameters": {"coefficient_per_m": interval}},
-            {"name": "beam_range_bias", "parameters": {"bias_m": vector}},
-        ],
-        "levels": [{"name": "range_noise", "missing": {"value": SD, "low": 0.018, "high": 0.022, "unit": "m"}}],
-    }
-    (tmp_path / "verdict.json").write_text(json.dumps(verdict))
-    return tmp_path / "sensor.json"
+from tests.engines.made import ALPHA, LOST, SD
 
 
 def settings(path, name, **now):
@@ -112,24 +85,3 @@ def test_nothing_that_was_found_is_passed_over(name, tmp_path):
     told = translate(read_answer(tmp_path / "sensor.json"), name, engine)
     assert set(told.cannot) == (set(EFFECTS) | {"intensity_step"}) - engine.expresses
     assert all(one.why for one in told.settings)
-
-
-def test_the_command_says_it_in_words_and_in_the_engines_format(answer, tmp_path, capsys):
-    main(["engines", str(answer), "--for", "carla", "--out", str(tmp_path / "carla.json")])
-    printed = capsys.readouterr().out
-    assert "| `atmosphere_attenuation_rate` | 0.01 | 0.008 .. 0.012 | 1/m |" in printed
-    assert "- `incidence_cosine`: its intensity is exp(-rate" in printed
-    assert "not given" in printed
-    assert json.loads((tmp_path / "carla.json").read_text())["blueprint"] == "sensor.lidar.ray_cast"
-    assert (tmp_path / "carla.md").read_text() in printed
-
-
-def test_what_is_no_answer_is_refused(tmp_path, answer, capsys):
-    with pytest.raises(SystemExit, match=r"no file .*nothing\.json"):
-        main(["engines", str(tmp_path / "nothing.json"), "--for", "rgl"])
-    (tmp_path / "now.json").write_text('{"noise_stddev": "much"}')
-    with pytest.raises(SystemExit, match="must be an object of numbers"):
-        main(["engines", str(answer), "--for", "carla", "--now", str(tmp_path / "now.json")])
-    (answer.parent / "verdict.json").write_text("[]")
-    with pytest.raises(SystemExit, match="is not what `jaxsim discover` writes"):
-        main(["engines", str(answer), "--for", "carla"])

@@ -3,33 +3,10 @@
 import numpy as np
 import pytest
 
-from jaxsim.evaluate.baselines import fit_baselines, previous_frame
+from jaxsim.evaluate.baselines import fit_baselines, fit_trees, previous_frame
 from jaxsim.evaluate.intensity import baseline_sums
-from jaxsim.evaluate.runs import scores_by_scene
-from jaxsim.evaluate.trees import fit_trees
-from jaxsim.frame import Painted, Pair, PolarImage
-from jaxsim.metrics.intervals import mean_interval
-from jaxsim.metrics.paired import difference_of, frame_sums, group_medians, scene_intervals, total_scores
-
-SHAPE = (8, 60)
-
-
-def street(seed: int, *, lost: float = 0.0) -> Pair:
-    """Each line has a gain; red surfaces are bright; noise of 0.02; lines 6 and 7 are mostly lost."""
-    random = np.random.default_rng(seed)
-    row = np.broadcast_to(np.linspace(0, 1, SHAPE[0], dtype=np.float32)[:, None], SHAPE).copy()
-    rgb = random.uniform(0, 1, (*SHAPE, 3)).astype(np.float32)
-    range_m = random.uniform(3, 40, SHAPE).astype(np.float32)
-    gain = 0.15 + 0.1 * (np.arange(SHAPE[0]) % 3)
-    intensity = gain[:, None] + 0.4 * rgb[..., 0] - 0.004 * range_m + random.normal(0, 0.02, SHAPE)
-    intensity = np.clip(intensity, 0.01, 0.99).astype(np.float32)
-    valid = (random.random(SHAPE) > lost) & ~((np.arange(SHAPE[0]) > 5)[:, None] & (random.random(SHAPE) < 0.8))
-    seen = random.random(SHAPE) > 0.1
-    nothing = np.zeros(SHAPE, np.int32)
-    painted = Painted(range_m, range_m, rgb, nothing, nothing, seen, np.zeros(SHAPE, bool))
-    angle = random.uniform(0, 1.5, SHAPE).astype(np.float32)
-    return Pair(painted, angle, row, np.where(valid, intensity, 0), PolarImage(range_m, intensity, valid))
-
+from jaxsim.metrics.paired import group_medians, total_scores
+from tests.evaluate.made import SHAPE, street
 
 TRAIN = [street(seed) for seed in range(6)]
 JUDGED = [street(seed) for seed in range(10, 14)]
@@ -94,31 +71,6 @@ def test_the_previous_frame_is_copied_and_filled():
     np.testing.assert_array_equal(guess.intensity[back], before.measured.intensity[back])
     np.testing.assert_array_equal(guess.intensity[~back], np.float32(0.3))
     assert guess.drops[~back].all()
-
-
-def test_intervals_over_scenes_are_those_of_equal_scenes_means():
-    """Scenes of equally many cells: the jackknife of the mean is Student's t of their means."""
-    random = np.random.default_rng(0)
-    truth = np.full(SHAPE, 0.5, np.float32)
-    every = np.ones(SHAPE, bool)
-    off = random.uniform(0.02, 0.1, 5).astype(np.float32)
-    frames = [frame_sums(truth + x, ~every, y=truth, returned=every, m=every) for x in off]
-    scenes = list("abcde")
-    np.testing.assert_allclose(scene_intervals(frames, scenes)["mae"], mean_interval(off.astype(float)), rtol=1e-4)
-    assert scene_intervals(frames, ["a"] * 5) == {}
-    value, low, high = difference_of(frames, frames[::-1], scenes)
-    assert value == pytest.approx(0, abs=1e-9)
-    assert low < 0 < high
-    # The same difference in every scene has no scatter, however scenes differ.
-    more = [frame_sums(truth + x + 0.01, ~every, y=truth, returned=every, m=every) for x in off]
-    assert difference_of(more, frames, scenes) == pytest.approx((0.01, 0.01, 0.01), rel=1e-3)
-
-
-def test_scores_come_scene_by_scene(errors):
-    _, sums = errors
-    found = scores_by_scene(sums | {"network": sums["global mean"]}, ["a", "a", "b", "b"])
-    assert list(found) == ["a", "b"]
-    assert found["a"]["trees, a cell"] == total_scores(sums["trees, a cell"][:2])
 
 
 def test_trees_without_scikit_learn_say_what_to_install(monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.detect.results import Found
-from jaxsim.detect.state import Network
+from jaxsim.detect.steps import Network
 from jaxsim.evaluate.detector import experiment_scenes, find_all, kitti_curves, main_scores, mean_curves
 from tests.detect.tiny import EXPERIMENT, scene
 

@@ -36,7 +36,7 @@ from jaxsim.runs.kinds import DepthRun, DetectorRun, Run
 from jaxsim.runs.metrics_log import MetricsLog, read_metrics
 from jaxsim.runs.run import Checkpoints, load_run, start_run
 from jaxsim.simulate.folder import claim_frames
-from jaxsim.studies.real2sim2real.clouds import checked_kinds
+from jaxsim.studies.real2sim2real.charts import checked_kinds
 from jaxsim.studies.real2sim2real.scores import Scored
 from jaxsim.train.experiments import load_loop, read_experiment
 from jaxsim.weights import ABOUT, Converter, convert, fit, load_weights

@@ -40,8 +40,8 @@ from jaxsim.data.vkitti2_files import (
     read_objects,
 )
 from jaxsim.metrics.detection.files import frame_list, read_detections, read_truth
-from tests.data.conftest import CAR, DONT_CARE, P2, R0, VELO_R, VELO_T
 from tests.data.drives import CAM_FROM_VELO
+from tests.data.fixtures import CAR, DONT_CARE, P2, R0, VELO_R, VELO_T
 from tests.fuzz.reader import Reader, one
 
 SIZE = (375, 1242)

@@ -4,19 +4,9 @@ import numpy as np
 import pytest
 
 from jaxsim.data.clouds import read_scan
-from jaxsim.geometry.beams import NoBeams, assign_columns, beams_of_rings, rings_by_elevation
-from jaxsim.geometry.mount import fit_mount
+from jaxsim.geometry.beams import assign_columns, beams_of_rings, rings_by_elevation
 from jaxsim.geometry.sensor import full_grid, preset
-
-
-def cloud(name: str, *, firings: int = 200, seed: int = 0):
-    """Points of a preset among walls at random distances, with the rings that they are of."""
-    spec, rng = preset(name), np.random.default_rng(seed)
-    azimuth = np.linspace(np.pi, -np.pi, firings, endpoint=False)[:, None]
-    rho = rng.uniform(3, 60, (firings, spec.rows))
-    z = spec.origin_m + rho * np.tan(spec.elevation_rad)
-    xyz = np.stack([rho * np.cos(azimuth), rho * np.sin(azimuth), z], axis=-1)
-    return xyz.reshape(-1, 3).astype("f4"), np.tile(np.arange(spec.rows), firings), spec
+from tests.geometry.made_beams import cloud
 
 
 @pytest.mark.parametrize("name", ["vlp16", "hdl32e", "hdl64e", "os1_128"])
@@ -53,22 +43,6 @@ def test_beams_of_a_real_scan_are_those_that_another_program_finds(samples):
     ours = beams_of_rings(np.asarray(scan.xyz_m), np.asarray(scan.row).astype(np.int64))
     assert len(angles) == 64
     np.testing.assert_allclose(np.rad2deg(ours.elevation_rad), np.rad2deg(angles), atol=0.02)
-
-
-def test_a_mounting_comes_back_from_rings_alone():
-    xyz, ring, _ = cloud("hdl32e", firings=100)
-    tilt = np.deg2rad(2.0)
-    pose = np.array([[np.cos(tilt), 0, np.sin(tilt), 1.2], [0, 1, 0, -0.3], [-np.sin(tilt), 0, np.cos(tilt), 1.7]])
-    found, off_deg = fit_mount((xyz @ pose[:, :3].T + pose[:, 3]).astype("f4"), ring, near_m=(0.0, 0.0, 1.5))
-    np.testing.assert_allclose(found[:3], pose, atol=2e-3)
-    assert off_deg < 0.01
-
-
-def test_points_of_two_sensors_have_no_one_mounting():
-    xyz, ring, _ = cloud("hdl32e", firings=60)
-    mixed = np.concatenate([xyz, xyz + np.float32((0, 4, 1))])
-    with pytest.raises(NoBeams, match="from no one place"):
-        fit_mount(mixed, np.concatenate([ring, ring]))
 
 
 def test_columns_keep_the_distance_of_firings():

@@ -9,45 +9,15 @@ import pytest
 
 from jaxsim.cli.eval_detection import Detection
 from jaxsim.metrics.detection import evaluate, read_detections, read_truth
-from jaxsim.metrics.detection.files import found_frames, frame_list
 from jaxsim.report import detection_table, write_detection
+from tests.metrics.made_detection import car, many, scores
 
 CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"
-
-
-def car(place, *, kind="Car", height=60.0, truncated=0.0, occluded=0, x=None, alpha=0.0, score=None, shift=0.0):
-    """A line of a file: cars stand 6 m and 90 px apart; `shift` moves one by a part of its length, in 3D and image."""
-    left = 90.0 * place + 80 * shift
-    columns = CAR.format(
-        left=left, right=left + 80, bottom=100 + height, x=6.0 * place + 3.9 * shift if x is None else x
-    ).split()
-    columns[:4] = kind, f"{truncated}", f"{occluded}", f"{alpha}"
-    return " ".join(columns + ([] if score is None else [f"{score}"]))
 
 
 def region(place):
     left = 90.0 * place
     return f"DontCare -1 -1 -10 {left:.2f} 90.00 {left + 80:.2f} 170.00 -1 -1 -1 -1000 -1000 -1000 -10"
-
-
-def scores(tmp_path, *frames, rules="official", measure="precision"):
-    """Scores of frames, each (labels, detections), by (difficulty, metric) at Car's 0.7."""
-    for folder, k in (("label", 0), ("found", 1)):
-        (tmp_path / folder).mkdir(exist_ok=True)
-        for n, frame in enumerate(frames):
-            (tmp_path / folder / f"{n:06d}.txt").write_text("\n".join(frame[k]) + "\n")
-    names = found_frames(tmp_path / "label")
-    curves = evaluate(
-        read_truth(tmp_path / "label", names),
-        read_detections(tmp_path / "found", names),
-        rules=rules,
-        classes=("Car",),
-    )
-    return {(c.difficulty, c.metric): c for c in curves if c.overlap_set == "0.7"}
-
-
-def many(labels, found, copies=50):
-    return [(labels, found)] * copies
 
 
 def test_perfect_cars_score_all(tmp_path):
@@ -123,24 +93,6 @@ def test_a_small_detection_of_any_class_takes_a_car_away(tmp_path):
     assert alone["easy", "bbox"].recall[-1] == 1
 
 
-def test_a_second_detection_of_a_car_is_false(tmp_path):
-    found = [car(0, score=0.9, shift=0.05), car(0, score=0.8)]
-    curve = scores(tmp_path, *many([car(0)], found))["easy", "bbox"]
-    # At the threshold 0.9 only the first is there.
-    assert curve.ap_r40 == pytest.approx(100)
-    worse = [car(0, score=0.9, shift=0.5), car(0, score=0.8)]
-    assert scores(tmp_path, *many([car(0)], worse))["easy", "bbox"].ap_r40 == pytest.approx(50)
-
-
-def test_the_second_pass_prefers_overlap_where_the_first_took_the_score(tmp_path):
-    # Both match; thresholds come from the higher score. At it only that one is there, so nothing is false.
-    found = [car(0, score=0.9, shift=0.1), car(0, score=0.9)]
-    curve = scores(tmp_path, *many([car(0)], found))["easy", "bbox"]
-    assert curve.threshold.tolist() == [0.9] * 41
-    assert curve.ap_r40 == pytest.approx(50)
-    assert scores(tmp_path, *many([car(0)], found))["easy", "aos"].ap_r40 == pytest.approx(50)
-
-
 def test_orientation_scores_by_the_cosine_and_is_left_out_where_alpha_is_unknown(tmp_path):
     turned = [car(0, alpha=math.pi / 2, score=0.9)]
     assert scores(tmp_path, *many([car(0)], turned))["easy", "aos"].ap_r40 == pytest.approx(50)
@@ -162,34 +114,6 @@ def test_a_difficulty_without_labels_has_no_average(tmp_path):
 
 def both_sets(curves):
     return [dataclasses.replace(c, overlap_set="0.5") for c in curves]
-
-
-def test_files_that_cannot_be_scored_are_named(tmp_path):
-    found = tmp_path / "found"
-    found.mkdir()
-    with pytest.raises(ValueError, match="holds no NUMBER"):
-        found_frames(found)
-    (found / "data").mkdir()
-    (found / "data/000000.txt").write_text("")
-    with pytest.raises(ValueError, match="its data/ has some"):
-        found_frames(found)
-    (found / "000000.txt").write_text("")
-    with pytest.raises(ValueError, match=r"lacks the detection file of 2 of 3 frames: 000001.txt, 000007.txt"):
-        read_detections(found, ["000000", "000001", "000007"])
-    assert len(read_detections(found).frame) == 0
-    with pytest.raises(ValueError, match="no list"):
-        frame_list(tmp_path / "val.txt")
-    for line, message in (
-        (car(0), "line 2 has 15 columns .*a detection has 16"),
-        (car(0, score=0.5) + " 1", "line 2 has 17 columns"),
-        (car(0, score="nan"), "line 2: column 16 is nan"),
-        (car(0, x=math.nan, score=0.5), "line 2: column 12 is nan"),
-        (car(0, x=math.inf, score=0.5), "line 2: column 12 is inf"),
-        (car(0, score="high"), "line 2: columns 2 to 16 are numbers: 'high' is no number"),
-    ):
-        (found / "000000.txt").write_text(f"{car(1, score=0.4)}\n{line}\n")
-        with pytest.raises(ValueError, match=message):
-            read_detections(found)
 
 
 def test_float_occlusions_are_refused_by_the_official_rules_and_read_by_the_others(tmp_path):

@@ -5,7 +5,6 @@ from flax import nnx
 
 from jaxsim.metrics.inception import (
     CONVERTERS,
-    SIZE,
     Extractor,
     _abstract,
     bicubic,
@@ -15,7 +14,6 @@ from jaxsim.metrics.inception import (
     published_shapes,
     random_extractor,
 )
-from jaxsim.metrics.inception.network import Inception
 from jaxsim.weights import convert
 from tests.metrics.published_inception import drawn, read_golden
 
@@ -87,12 +85,6 @@ def test_resizing_keeps_constants_corners_and_ramps(new, old):
     np.testing.assert_allclose(ramp, np.clip(want, 0, old - 1), atol=1e-3)
 
 
-def test_the_two_forms_differ_at_borders_and_in_the_last_pooling_alone():
-    definitions = {form: _abstract(form)[1] for form in ("torchvision", "pytorch_fid")}
-    shapes = [jax.tree.map(lambda leaf: leaf.shape, tree) for tree in definitions.values()]
-    assert shapes[0] == shapes[1]
-
-
 def test_random_weights_depend_on_the_seed_alone_and_are_never_called_fid():
     one, same, other = (random_extractor(64, seed=s) for s in (0, 0, 1))
     assert one.sha256 == same.sha256 != other.sha256
@@ -119,11 +111,6 @@ def test_other_channels_and_other_widths_are_refused():
         prepared_images(np.zeros((1, 8, 8, 2), np.float32), "torchvision")
     with pytest.raises(ValueError, match="no 100 features; take 64, 192, 768, 2048"):
         random_extractor(100)
-
-
-def test_images_are_brought_to_one_size():
-    assert prepared_images(np.zeros((2, 9, 30, 1), np.float32), "pytorch_fid").shape == (2, SIZE, SIZE, 3)
-    assert Inception.__call__.__doc__
 
 
 def test_a_missing_file_says_what_to_fetch(tmp_path):

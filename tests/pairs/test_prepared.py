@@ -6,7 +6,6 @@ import pytest
 
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
-from jaxsim.data.records import check_example
 from jaxsim.pairs.prepared import cache_folder, prepared
 
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), columns=64)
@@ -62,22 +61,6 @@ def test_a_damaged_file_of_the_cache_is_named(samples, tmp_path):
     file.write_bytes(file.read_bytes()[:-500])
     with pytest.raises(ValueError, match=r"000000\.npz is no readable .*; delete it"):
         prepared(open_dataset(data), [0], data, prepare=plain)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"grid/azimuth_rad": np.float32(0)}, r"azimuth_rad is float32 \(\), not float32 \(c\)"),
-        ({"edges": np.zeros((4, 8))}, r"edges is float64 \(4, 8\), not bool"),
-        ({"edges": np.zeros((4, 9), bool)}, r"edges is bool \(4, 9\)"),
-        ({"position": "x"}, "position is"),
-    ],
-)
-def test_a_kept_pair_of_other_types_and_shapes_is_no_pair(change, message):
-    right = {"edges": np.zeros((4, 8), bool), "grid/azimuth_rad": np.zeros(8, "f4"), "name": "a", "position": 3}
-    check_example(right)
-    with pytest.raises(ValueError, match=message):
-        check_example({"row": np.zeros((4, 8), "f4"), **right, **change})
 
 
 def test_labels_asked_of_frames_without_are_an_error_also_after_pairs_without_were_made(samples, tmp_path):

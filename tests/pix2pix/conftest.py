@@ -8,11 +8,11 @@ import pytest
 from flax import nnx
 
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
-from jaxsim.pix2pix import convolution_cpu
+from jaxsim.pix2pix import convolution
 from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
-from jaxsim.pix2pix.state import Network, split
+from jaxsim.pix2pix.steps import Network, split
 from tests.pix2pix.rule import draw_vgg
 
 IN_CHANNELS, OUT_CHANNELS = 8, 3
@@ -22,7 +22,7 @@ IN_CHANNELS, OUT_CHANNELS = 8, 3
 def quickly_compiled_steps():
     """Steps run a few times on small arrays here, and LLVM works on them far longer than they run."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(convolution_cpu.COMPILER_OPTIONS, "xla_backend_optimization_level", 0)
+        patch.setitem(convolution.COMPILER_OPTIONS, "xla_backend_optimization_level", 0)
         yield
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.pix2pix.losses import adversarial, feature_matching, hinge, perceptual, vgg_features
 from jaxsim.pix2pix.published import to_published
-from jaxsim.pix2pix.state import discriminator_definition, generator_definition, join, split
+from jaxsim.pix2pix.steps import discriminator_definition, generator_definition, join, split
 
 
 def channels_first(x):

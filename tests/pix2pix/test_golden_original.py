@@ -19,7 +19,7 @@ from jaxsim.pix2pix.losses import (
 )
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published, to_published
-from jaxsim.pix2pix.state import join, split
+from jaxsim.pix2pix.steps import join, split
 from tests.pix2pix.rule import draw, draw_vgg
 from tests.quick import quick_jit
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.pix2pix.published import to_published
-from jaxsim.pix2pix.state import Network, TrainState, optimiser
-from jaxsim.pix2pix.steps import make_train_step
+from jaxsim.pix2pix.steps import Network, TrainState, make_train_step, optimiser
 
 
 def moved_by_noise(name: str, arrays) -> bool:

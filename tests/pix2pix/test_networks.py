@@ -11,7 +11,7 @@ from flax import nnx
 from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import to_published
-from jaxsim.pix2pix.state import Network, join, split
+from jaxsim.pix2pix.steps import Network, join, split
 from tests.quick import quick_jit
 
 

@@ -20,8 +20,7 @@ from jaxsim.pix2pix.published_files import (
     published_generator,
     start_from,
 )
-from jaxsim.pix2pix.state import Network, TrainState, create_state, split, state_shapes
-from jaxsim.pix2pix.steps import make_train_step
+from jaxsim.pix2pix.steps import Network, TrainState, create_state, make_train_step, split, state_shapes
 from jaxsim.weights import convert
 
 CHANNELS = 5

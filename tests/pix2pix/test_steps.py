@@ -9,14 +9,15 @@ import pytest
 
 from jaxsim.config import DiscriminatorConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.pix2pix.losses import discriminator_loss, generator_terms
-from jaxsim.pix2pix.state import (
+from jaxsim.pix2pix.steps import (
     create_state,
     discriminator_definition,
     generator_definition,
     join,
     learning_rate,
+    make_generate,
+    make_train_step,
 )
-from jaxsim.pix2pix.steps import make_generate, make_train_step
 
 CHANNELS = 3
 GAN = Experiment(

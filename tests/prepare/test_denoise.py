@@ -6,27 +6,15 @@ from hypothesis.extra import numpy as hnp
 
 from jaxsim.prepare import denoise
 from jaxsim.prepare.denoise import METHODS
+from tests.prepare.made_denoise import noisy
 
 SHAPE = (24, 60)
-
-
-def noisy(seed=0, noise=0.05):
-    rng = np.random.default_rng(seed)
-    clean = np.where(np.arange(SHAPE[1]) < 30, 0.25, 0.65) * np.ones(SHAPE)
-    return clean, np.clip(clean + noise * rng.normal(size=SHAPE), 0, 0.99).round(2).astype(np.float32)
 
 
 def test_none_changes_nothing_but_cells_without_return():
     _, intensity = noisy()
     valid = np.random.default_rng(1).random(SHAPE) < 0.7
     np.testing.assert_array_equal(denoise(intensity, valid), np.where(valid, intensity, 0))
-
-
-def test_non_local_means_takes_noise_and_leaves_edges():
-    clean, intensity = noisy()
-    smooth = denoise(intensity, np.ones(SHAPE, bool), "non_local_means")
-    assert np.abs(smooth - clean).mean() < 0.4 * np.abs(intensity - clean).mean()
-    assert (smooth[:, 31] - smooth[:, 28] > 0.35).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

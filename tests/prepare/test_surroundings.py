@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.frame import Painted
 from jaxsim.prepare import input_channels, network_inputs
-from jaxsim.prepare.surroundings import CHANNELS, COLOURED, LINES, SIZES, surroundings
+from jaxsim.prepare.channels import AROUND, COLOURED, LINES, SIZES, surroundings
 from tests.prepare.test_channels import config
 
 SHAPE = (9, 12)
@@ -41,7 +41,7 @@ def by_hand(painted, angle):
     own = grey[seen]
     level = (grey - own.mean()) / (own.std() + 0.02)
     away = np.log(np.clip(painted.range_m, 1, 120).astype(np.float64)) - 2.5
-    found = np.full((*SHAPE, CHANNELS), np.nan)
+    found = np.full((*SHAPE, AROUND), np.nan)
     for i, j in np.argwhere(seen):
         cell = [level[i, j], 2 * own.mean() - 1, 4 * (own.std() + 0.02) - 1]
         for size in SIZES:
@@ -102,8 +102,8 @@ def test_an_empty_frame_and_a_batch_are_no_special_case():
     row = np.zeros((2, *SHAPE), np.float32)
     settings = config("surroundings", size=SHAPE)
     found = np.asarray(network_inputs(*both, row, prepare=settings))
-    assert found.shape == (2, *SHAPE, CHANNELS)
-    assert input_channels(settings) == CHANNELS
+    assert found.shape == (2, *SHAPE, AROUND)
+    assert input_channels(settings) == AROUND
     assert np.isfinite(found).all()
     alone = network_inputs(painted, angle, row[0], prepare=settings)
     np.testing.assert_allclose(found[0], alone, atol=1e-5)

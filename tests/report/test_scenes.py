@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.report.judged import residual_clouds
+from jaxsim.report.accounts import residual_clouds
 from jaxsim.report.scenes import (
     MOST_BYTES,
     Channel,

@@ -10,7 +10,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from jaxsim.runs import trackers
+from jaxsim.runs import metrics_log
 from jaxsim.runs.metrics_log import MetricsLog
 
 
@@ -30,19 +30,19 @@ def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
     own.broken = broken
     monkeypatch.setitem(sys.modules, "own_tracker", own)
-    points = [EntryPoint(name, f"own_tracker:{name}", trackers.GROUP) for name in ("good", "broken", "absent")]
-    monkeypatch.setattr(trackers, "entry_points", lambda group: points)
+    points = [EntryPoint(name, f"own_tracker:{name}", metrics_log.GROUP) for name in ("good", "broken", "absent")]
+    monkeypatch.setattr(metrics_log, "entry_points", lambda group: points)
     return own
 
 
 def test_nothing_is_sent_unless_asked(module, monkeypatch, tmp_path):
-    monkeypatch.delenv(trackers.ASKED, raising=False)
+    monkeypatch.delenv(metrics_log.ASKED, raising=False)
     MetricsLog(tmp_path, 0).write(1, {"loss": 1.0})
     assert module.seen == []
 
 
 def test_a_tracker_gets_every_line(module, monkeypatch, tmp_path):
-    monkeypatch.setenv(trackers.ASKED, " good ,")
+    monkeypatch.setenv(metrics_log.ASKED, " good ,")
     log = MetricsLog(tmp_path, 4)
     log.write(5, {"loss": 1.0})
     log.write(6, {"loss": 0.5})
@@ -53,7 +53,7 @@ def test_a_tracker_gets_every_line(module, monkeypatch, tmp_path):
 
 
 def test_one_that_fails_is_told_once_and_does_not_end_a_training(module, monkeypatch, tmp_path, caplog):
-    monkeypatch.setenv(trackers.ASKED, "broken")
+    monkeypatch.setenv(metrics_log.ASKED, "broken")
     log = MetricsLog(tmp_path, 0)
     monkeypatch.setattr(logging.getLogger("jaxsim"), "propagate", True)
     with caplog.at_level(logging.WARNING):
@@ -69,7 +69,7 @@ def test_one_that_fails_is_told_once_and_does_not_end_a_training(module, monkeyp
 
 @pytest.mark.parametrize(("name", "message"), [("wnadb", "no tracker; known ones are absent"), ("absent", "not start")])
 def test_one_that_is_not_there_stops_the_run_before_it_begins(module, monkeypatch, tmp_path, name, message):
-    monkeypatch.setenv(trackers.ASKED, name)
+    monkeypatch.setenv(metrics_log.ASKED, name)
     with pytest.raises(ValueError, match=message):
         MetricsLog(tmp_path, 0)
 
@@ -78,7 +78,7 @@ def test_weights_and_biases_and_mlflow_are_called_as_they_ask(monkeypatch, tmp_p
     told = []
     run = SimpleNamespace(log=lambda values, step: told.append((values, step)))
     monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=lambda **how: told.append(how) or run))
-    trackers.wandb(tmp_path, 0)(3, {"loss": 1.0})
+    metrics_log.wandb(tmp_path, 0)(3, {"loss": 1.0})
     assert told == [
         {"dir": str(tmp_path), "id": tmp_path.name, "name": tmp_path.name, "resume": "allow"},
         ({"loss": 1.0}, 3),
@@ -88,11 +88,11 @@ def test_weights_and_biases_and_mlflow_are_called_as_they_ask(monkeypatch, tmp_p
         start_run=lambda run_name: None, log_metrics=lambda values, step: points.append((values, step))
     )
     monkeypatch.setitem(sys.modules, "mlflow", client)
-    trackers.mlflow(tmp_path, 0)(3, {"ap@0.7": 1.0})
+    metrics_log.mlflow(tmp_path, 0)(3, {"ap@0.7": 1.0})
     assert points == [({"ap_at_0.7": 1.0}, 3)]
 
 
 def test_a_client_that_is_missing_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "wandb", None)
     with pytest.raises(ModuleNotFoundError, match="pip install wandb"):
-        trackers.wandb(tmp_path, 0)
+        metrics_log.wandb(tmp_path, 0)

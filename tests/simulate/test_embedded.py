@@ -10,7 +10,6 @@ import jaxsim
 from configs.embedded import experiment
 from jaxsim.config import GeneratorConfig
 from jaxsim.simulate.embedded import FILES, FOLDER, SUMS, is_embedded, read_embedded
-from jaxsim.simulate.embedded.pack import pack
 from tests.untrained import untrained_run
 
 SMALL = replace(experiment, generator=GeneratorConfig(filters=4, blocks=1, downsamples=1, enhancer_blocks=1))
@@ -35,16 +34,6 @@ def test_its_name_loads_it_unless_a_run_lies_there(tmp_path, monkeypatch):
     untrained_run(tmp_path / "embedded", SMALL)
     assert not is_embedded("embedded")
     assert jaxsim.load("embedded").run.experiment.generator.filters == 4
-
-
-def test_a_packed_run_is_the_run(tmp_path):
-    run, packed = untrained_run(tmp_path / "run", SMALL), tmp_path / "packed"
-    packed.mkdir()
-    pack(run, packed)
-    settings, parameters = read_embedded(packed)
-    sensor = jaxsim.load(run)
-    assert settings == sensor.run
-    jax.tree.map(np.testing.assert_array_equal, parameters, sensor.params)
 
 
 @pytest.mark.parametrize("name", [*FILES, SUMS])

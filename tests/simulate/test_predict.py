@@ -14,8 +14,7 @@ from jaxsim.frame import CameraFrame
 from jaxsim.geometry import camera_at_lidar, preset, window_grid
 from jaxsim.prepare import paint, paint_raster, shrink
 from jaxsim.runs.run import describe
-from jaxsim.simulate.predict import camera_intensity, simulate_unprojected
-from jaxsim.simulate.views import check_field_of_view, check_image
+from jaxsim.simulate.predict import camera_intensity, check_field_of_view, check_image, simulate_unprojected
 
 K = np.array([[60.0, 0, 63.5], [0, 60.0, 19.5], [0, 0, 1]], np.float32)
 PREPARE = PrepareConfig(inputs=("rgb", "depth"), network_size=(32, 64))

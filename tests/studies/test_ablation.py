@@ -4,7 +4,9 @@ import sys
 
 import pytest
 
-from jaxsim.studies.ablation import MODALITIES, besides, modality, train_all
+from jaxsim.metrics import Score
+from jaxsim.metrics.frechet import FrechetScore
+from jaxsim.studies.ablation import MODALITIES, AblationRow, ablation_table, besides, best_networks, modality, train_all
 
 
 def test_every_network_is_trained_in_its_own_process_and_a_failure_ends_the_command(tmp_path):
@@ -32,3 +34,20 @@ def test_networks_have_the_papers_names_whatever_the_order_of_their_inputs():
     assert modality(("rgb", "depth", "row")) == "rgb+depth"
     assert modality(("incidence", "row")) == "none"
     assert besides(("row", "rgb", "incidence")) == ("row", "incidence")
+
+
+def row(name: str, mae: float, psnr: float, distance: float) -> AblationRow:
+    scores = {"mae": Score(mae, "1", 10), "psnr": Score(psnr, "dB", 10)}
+    return AblationRow(name, MODALITIES[name], scores, FrechetScore("frechet_random_64", distance, None, (80, 80), 64))
+
+
+def test_the_table_holds_the_papers_fid_beside_ours_and_marks_the_best():
+    rows = [row("rgb", 0.3, 20.0, 5.0), row("combined", 0.2, 20.0, 7.0)]
+    assert best_networks(rows) == {"mae": "combined", "psnr": "", "frechet": "rgb"}
+    lines = ablation_table(rows, {"global mean": rows[0].scores}).splitlines()
+    assert lines[0] == "| inputs | FID in the paper | frechet_random_64 | mae | psnr (dB) |"
+    assert lines[2:] == [
+        "| rgb | 89.44 | **5.00** | 0.3000 | 20.00 |",
+        "| combined | 73.81 | 7.00 | **0.2000** | 20.00 |",
+        "| global mean | - | - | 0.3000 | 20.00 |",
+    ]

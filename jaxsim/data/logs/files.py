@@ -12,8 +12,7 @@ import numpy as np
 
 from jaxsim.data import carla
 from jaxsim.data.cityscapes import IDS
-from jaxsim.data.logs.fields import scan_of_fields
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading, scan_of_fields
 from jaxsim.files import check_size, files_in, need, number, read_json
 from jaxsim.geometry import LidarSpec
 from jaxsim.geometry.points import FAR_M
@@ -149,7 +148,7 @@ def read_carla(file: Path, options: LogOptions) -> LogScan:
             "semantic": classes,
             "instance": np.where(np.isin(classes, carla.THINGS), points["idx"], 0).astype(np.int32),
         }
-        rate = _attribute(about, "atmosphere_attenuation_rate", where, 0, 10, default=ATTENUATION_PER_M)
+        rate = _attribute(about, "atmosphere_attenuation_rate", where, span=(0, 10), default=ATTENUATION_PER_M)
         intensity = np.exp(-rate * np.linalg.norm(xyz, axis=1)).astype(np.float32)
     else:
         intensity = points["intensity"].astype(np.float32)
@@ -190,9 +189,10 @@ def _attributes(path: Path) -> dict[str, str]:
 
 
 def _attribute(
-    about: dict[str, str], key: str, where: Path, low: float, high: float, *, default: float | None = None
+    about: dict[str, str], key: str, where: Path, *, span: tuple[float, float], default: float | None = None
 ) -> float:
-    """A number of the attributes. Raises ValueError where it is none, or outside of low..high."""
+    """A number of the attributes. Raises ValueError where it is none, or outside of `span`."""
+    low, high = span
     value = number(about.get(key, str(default)), float, where=f"carla: {where}: {key}")
     if not low <= value <= high:
         raise ValueError(f"carla: {where}: {key} is {value:g}; it must lie in {low:g}..{high:g}")
@@ -201,10 +201,10 @@ def _attribute(
 
 def _carla_spec(about: dict[str, str], where: Path) -> LidarSpec:
     """CARLA spaces its channels evenly from upper_fov to lower_fov; a channel fires points_per_second over channels."""
-    channels = int(_attribute(about, "channels", where, 2, MOST_BEAMS))
-    upper, lower = (_attribute(about, key, where, -90, 90) for key in ("upper_fov", "lower_fov"))
-    rate = _attribute(about, "points_per_second", where, 1, 1e9)
-    turn = rate / channels / _attribute(about, "rotation_frequency", where, 0.01, 1e4)
+    channels = int(_attribute(about, "channels", where, span=(2, MOST_BEAMS)))
+    upper, lower = (_attribute(about, key, where, span=(-90, 90)) for key in ("upper_fov", "lower_fov"))
+    rate = _attribute(about, "points_per_second", where, span=(1, 1e9))
+    turn = rate / channels / _attribute(about, "rotation_frequency", where, span=(0.01, 1e4))
     if not lower < upper or turn > MOST_COLUMNS:
         raise ValueError(
             f"carla: {where}: beams from {upper:g} down to {lower:g} degrees with {turn:g} points a turn are no "
@@ -216,7 +216,7 @@ def _carla_spec(about: dict[str, str], where: Path) -> LidarSpec:
         origin_m=(0.0,) * channels,
         columns=max(round(turn), 2),
         min_range_m=0.0,
-        max_range_m=_attribute(about, "range", where, 0.1, FAR_M),
+        max_range_m=_attribute(about, "range", where, span=(0.1, FAR_M)),
     )
 
 

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxsim.data.announced import Announced
 from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, named
-from jaxsim.data.polar_frames import read_grid, write_frame
+from jaxsim.data.polar_frames import Announced, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import claim, file_of, parse_json, read_json, write_text
 from jaxsim.frame import PolarGrid

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jaxsim.data.calibration import check_rigid
-from jaxsim.data.logs.fields import ring_of_shape
-from jaxsim.data.logs.scan import LogOptions, LogScan
+from jaxsim.data.logs.scan import LogOptions, LogScan, ring_of_shape
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import parse_settings, placed
 from jaxsim.frame import PolarGrid, PolarImage

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.data.clouds import compensated_spec, read_scan
-from jaxsim.data.logs.fields import offsets
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, offsets, reading
 from jaxsim.data.semantic_kitti import labels_of, read_point_labels
 from jaxsim.data.sweeps import read_lidar_top, read_pcap
 from jaxsim.files import files_in, need, numbers, placed, read_text

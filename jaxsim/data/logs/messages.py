@@ -10,8 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from jaxsim.data.logs.fields import scan_of_fields
-from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading
+from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, reading, scan_of_fields
 from jaxsim.files import need
 
 POINT_CLOUD = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")

@@ -1,6 +1,6 @@
 """The embedded world: procedural streets, ray-cast for a camera and for a LiDAR whose physics is known.
 
-    layout -> scene -> tiles -> raycast -> materials -> render -> true_sensor
+    layout -> solids -> tiles -> raycast -> materials -> render -> true_sensor
     what      solids   which    what a     colour,     picture,  measured
     stands    with     solids   ray        905 nm      scan      cloud
     where     poses    a tile   meets

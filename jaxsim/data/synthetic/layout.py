@@ -1,7 +1,8 @@
-"""Lays out one street: its shape, its weather, and what stands where; `traffic` has who parks, drives and walks.
+"""Lays out one street: its shape, its weather, and what stands where; and its traffic, who parks, drives and walks
+there, and how often: two towns that differ in this, not in materials or light.
 
-A street's middle is y = c x^2 / 2 in `world`; traffic keeps right. A place along it is (x, aside): aside is measured
-to the left of the middle. A drive takes a second: the ego car starts at x = 0.
+A street's middle is y = c x^2 / 2 in `world`; traffic keeps right. A place along it is (x, aside): aside is measured to
+the left of the middle. A drive takes a second: the ego car starts at x = 0.
 """
 
 from __future__ import annotations
@@ -10,11 +11,144 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxsim.data.synthetic import surroundings
+from jaxsim.data.synthetic import things
 from jaxsim.data.synthetic.light import Light
-from jaxsim.data.synthetic.scene import FROM_M, TO_M, Parts, Plan, Thing, gather
+from jaxsim.data.synthetic.solids import FROM_M, TO_M, Parts, Plan, Thing, gather
 from jaxsim.data.synthetic.street import SIDE_STREETS, Street
-from jaxsim.data.synthetic.traffic import STATISTICS, Statistics, drive_along, park_along, park_in_side_streets, walk
+from jaxsim.data.synthetic.things import CAR_SHAPES, car, cyclist, pedestrian, truck
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Chances and shares that a street is drawn with."""
+
+    parking: float = 0.65
+    """Chance that cars park along the street."""
+    parked: tuple[float, float] = (0.45, 0.9)
+    """Share of the places that is taken, from and to."""
+    urban: float = 0.5
+    """Chance of tall houses without front gardens, and of many people."""
+    ahead: float = 0.6
+    """Chance of a vehicle in each gap of the car's own lane."""
+    oncoming: float = 0.45
+    """The same of the other lane."""
+    trucks: float = 0.12
+    """Share of trucks in the traffic."""
+    bodies: tuple[float, ...] = (0.3, 0.2, 0.16, 0.2, 0.14)
+    """Shares of hatchbacks, saloons, estates, SUVs and vans (in the order of CAR_SHAPES)."""
+
+
+STATISTICS = {
+    "town": Statistics(),
+    "suburb": Statistics(
+        parking=0.35,
+        parked=(0.3, 0.7),
+        urban=0.15,
+        ahead=0.7,
+        oncoming=0.6,
+        trucks=0.2,
+        bodies=(0.15, 0.3, 0.1, 0.35, 0.1),
+    ),
+}
+"""By the name that `DataConfig.streets` takes."""
+
+
+def _vehicle(rng: np.random.Generator, statistics: Statistics, *, trucks: float):
+    """A model, its size and KITTI's name of it."""
+    if rng.random() < trucks:
+        return (*truck(rng), "Truck")
+    names = list(CAR_SHAPES)
+    shape = CAR_SHAPES[names[rng.choice(len(names), p=statistics.bodies)]]
+    return (*car(rng, shape), shape.kind)
+
+
+def park_along(plan: Plan, statistics: Statistics) -> None:
+    """Parks cars along both kerbs, clear of side streets and of the crossing."""
+    rng, half = plan.rng, float(plan.street.half_width_m)
+    share = float(rng.uniform(*statistics.parked))
+    for side in (-1, 1):
+        x = FROM_M + 15 + float(rng.uniform(0, 4))
+        while x < 95:
+            model, size, kind = _vehicle(rng, statistics, trucks=0.04)
+            middle = x + size[0] / 2
+            x += size[0] + float(rng.uniform(0.7, 1.8))
+            free = plan.clear_of_sides(middle, side, 4.5 + size[0] / 2)
+            free = free and abs(middle - float(plan.street.crossing_x_m)) > 4.5 + size[0] / 2
+            if free and rng.random() < share:
+                off = side * (half - 0.25 - size[1] / 2 - float(rng.uniform(0, 0.15)))
+                turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.015))
+                turn += np.pi * (rng.random() < 0.12)
+                plan.place((middle, off), model, turn=turn, kind=kind, size_m=size)
+
+
+def park_in_side_streets(plan: Plan, statistics: Statistics) -> None:
+    """Parks a car in every side street."""
+    rng, street = plan.rng, plan.street
+    for i in range(SIDE_STREETS):
+        if street.side_half_m[i] > 0:
+            model, size, kind = _vehicle(rng, statistics, trucks=0.0)
+            off = float(street.side_towards[i]) * (float(street.half_width_m) + float(rng.uniform(7, 12)))
+            x = float(street.side_x_m[i] + street.side_half_m[i]) - 1.2
+            plan.place((x, off), model, turn=np.pi / 2, kind=kind, size_m=size, z_m=0.0)
+
+
+def drive_along(plan: Plan, statistics: Statistics, *, lane_m: float, ego_mps: float) -> None:
+    """Vehicles ahead of the ego car and behind it, oncoming ones, and cyclists; lanes are `lane_m` wide."""
+    rng = plan.rng
+    ahead = float(rng.uniform(9, 26)) + ego_mps
+    while ahead < 100:
+        if rng.random() < statistics.ahead:
+            model, size, kind = _vehicle(rng, statistics, trucks=statistics.trucks)
+            speed = max(0.0, ego_mps + float(rng.normal(0, 0.8)))
+            spot = (ahead, -lane_m / 2 + float(rng.normal(0, 0.12)))
+            plan.place(spot, model, kind=kind, size_m=size, speed_mps=speed)
+        ahead += float(rng.uniform(14, 35))
+    behind = -float(rng.uniform(14, 40))
+    if rng.random() < 0.5:
+        model, size, kind = _vehicle(rng, statistics, trucks=0.1)
+        plan.place((behind, -lane_m / 2), model, kind=kind, size_m=size, speed_mps=ego_mps)
+    x, speed = -50.0 + float(rng.uniform(0, 25)), float(rng.uniform(5, 13))
+    while x < 120:
+        if rng.random() < statistics.oncoming:
+            model, size, kind = _vehicle(rng, statistics, trucks=statistics.trucks)
+            spot = (x, lane_m / 2 + float(rng.normal(0, 0.12)))
+            plan.place(spot, model, turn=np.pi, kind=kind, size_m=size, speed_mps=-speed)
+        x += float(rng.uniform(13, 32))
+    for side in (-1, 1):
+        if rng.random() < 0.45:
+            # Beside the ego car's lane, far enough ahead of it; or on the left, anywhere.
+            x = float(rng.uniform(14, 45) if side < 0 else rng.uniform(-20, 60))
+            model, size = cyclist(rng)
+            off = side * (lane_m - 0.45)
+            speed = side * -float(rng.uniform(3.5, 6.0))
+            # Whatever shares the strip must stay clear for the whole second.
+            spaces = [abs(t.x_m - x) for t in plan.things if t.kind and abs(t.aside_m - off) < 2.0]
+            if min(spaces, default=99.0) > 12.0:
+                turn = 0.0 if side < 0 else np.pi
+                plan.place((x, off), model, turn=turn, kind="Cyclist", size_m=size, speed_mps=speed)
+
+
+def walk(plan: Plan, *, urban: bool) -> None:
+    """Pedestrians on the pavements and on the zebra crossing."""
+    rng, street = plan.rng, plan.street
+    half, pavement = float(street.half_width_m), float(street.pavement_m)
+    for _ in range(int(rng.integers(2, 15 if urban else 7))):
+        side, x = int(rng.choice([-1, 1])), float(rng.uniform(-25, 70))
+        along = 1 if rng.random() < 0.5 else -1
+        off = side * (half + float(rng.uniform(1.3, max(1.5, pavement - 0.3))))
+        if plan.clear_of_sides(x, side, 1.5):
+            model, size = pedestrian(rng)
+            speed = along * float(rng.uniform(0.8, 1.6))
+            turn = 0.0 if along > 0 else np.pi
+            plan.place((x, off), model, turn=turn, kind="Pedestrian", size_m=size, speed_mps=speed)
+    crossing = float(street.crossing_x_m)
+    if crossing > 14:
+        for _ in range(int(rng.integers(0, 3))):
+            off = float(rng.uniform(-0.9, 0.9)) * half
+            model, size = pedestrian(rng)
+            turn = float(rng.choice([-1, 1])) * np.pi / 2
+            spot = (crossing + float(rng.uniform(-1.2, 1.2)), off)
+            plan.place(spot, model, turn=turn, kind="Pedestrian", size_m=size)
 
 
 @dataclass(frozen=True)
@@ -115,25 +249,25 @@ def _houses(plan: Plan, *, urban: bool) -> None:
                 continue
             storeys = max(1, floors + int(rng.integers(-1, 2)))
             back = float(rng.uniform(0.0, 0.5) if urban else rng.uniform(0.0, 2.0))
-            model, depth = surroundings.house(rng, length=length - 0.02, floors=storeys, shops=bool(shops))
+            model, depth = things.house(rng, length=length - 0.02, floors=storeys, shops=bool(shops))
             plan.place((middle, side * (front + back + depth / 2)), model)
         if setback > 2.5:
             _borders(plan, side, float(street.half_width_m) + float(street.pavement_m) + 0.4)
     for _ in range(14):
         spot = (float(rng.uniform(-40, 130)), float(rng.choice([-1, 1]) * rng.uniform(34, 70)))
         if rng.random() < 0.35:
-            model, _ = surroundings.house(rng, length=12.0, floors=int(rng.integers(1, 4)), shops=False)
+            model, _ = things.house(rng, length=12.0, floors=int(rng.integers(1, 4)), shops=False)
             plan.place(spot, model, turn=float(rng.uniform(0, 3)))
         else:
-            plan.place(spot, surroundings.tree(rng))
+            plan.place(spot, things.tree(rng))
     # The street does not end in nothing: something stands at its far end.
     for off in (-34.0, -20.0, -7.0, 6.0, 19.0, 33.0):
         far = TO_M + float(rng.uniform(8, 30))
         if rng.random() < 0.5:
-            model, _ = surroundings.house(rng, length=12.0, floors=int(rng.integers(1, 4)), shops=False)
+            model, _ = things.house(rng, length=12.0, floors=int(rng.integers(1, 4)), shops=False)
             plan.place((far, off), model, turn=np.pi / 2)
         else:
-            plan.place((far, off), surroundings.tree(rng))
+            plan.place((far, off), things.tree(rng))
 
 
 def _borders(plan: Plan, side: int, off: float) -> None:
@@ -145,14 +279,14 @@ def _borders(plan: Plan, side: int, off: float) -> None:
         x += length + float(rng.uniform(1.0, 4.0))
         if kind > 0.75 or not plan.clear_of_sides(middle, side, length / 2 + 1.0):
             continue
-        model = surroundings.hedge(rng, length) if kind < 0.4 else surroundings.fence(rng, length)
+        model = things.hedge(rng, length) if kind < 0.4 else things.fence(rng, length)
         plan.place((middle, side * off), model)
 
 
 def _posts(plan: Plan) -> None:
     rng, half = plan.rng, float(plan.street.half_width_m)
     spacing, phase = float(rng.uniform(22, 34)), float(rng.uniform(0, 20))
-    lamp = surroundings.lamp_post(rng)
+    lamp = things.lamp_post(rng)
     for i, x in enumerate(np.arange(FROM_M + phase, TO_M, spacing)):
         side = 1 if i % 2 else -1
         if plan.clear_of_sides(x, side, 1.5):
@@ -163,12 +297,12 @@ def _posts(plan: Plan) -> None:
         if plan.clear_of_sides(x, side, 1.0):
             # Signs look at the traffic that passes them on its right.
             turn = (np.pi if side < 0 else 0.0) + float(rng.normal(0, 0.06))
-            plan.place((x, side * (half + float(rng.uniform(0.45, 0.8)))), surroundings.sign(rng), turn=turn)
+            plan.place((x, side * (half + float(rng.uniform(0.45, 0.8)))), things.sign(rng), turn=turn)
     if rng.random() < 0.3:
         side, start = int(rng.choice([-1, 1])), float(rng.uniform(6, 40))
         for x in np.arange(start, start + 14, 1.6):
             if plan.clear_of_sides(float(x), side, 1.0):
-                plan.place((float(x), side * (half + 0.35)), surroundings.bollard())
+                plan.place((float(x), side * (half + 0.35)), things.bollard())
 
 
 def _greenery(plan: Plan, *, density: float) -> None:
@@ -179,10 +313,10 @@ def _greenery(plan: Plan, *, density: float) -> None:
             x, spacing = FROM_M + float(rng.uniform(0, 10)), float(rng.uniform(9, 18))
             while x < TO_M:
                 if plan.clear_of_sides(x, side, 2.5):
-                    plan.place((x, side * (half + 0.9)), surroundings.tree(rng), turn=float(rng.uniform(0, 6)))
+                    plan.place((x, side * (half + 0.9)), things.tree(rng), turn=float(rng.uniform(0, 6)))
                 x += spacing * float(rng.uniform(0.8, 1.4))
         for _ in range(int(rng.integers(2, 9) * density)):
             x = float(rng.uniform(FROM_M, TO_M))
             if plan.clear_of_sides(x, side, 2.0) and float(street.green) > 0.5:
                 off = side * (half + pavement + float(rng.uniform(1.0, 3.0)))
-                plan.place((x, off), surroundings.bush(rng))
+                plan.place((x, off), things.bush(rng))

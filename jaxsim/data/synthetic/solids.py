@@ -4,7 +4,8 @@ A polyhedron is the set n.p <= w of up to FACES planes. A round is the unit ball
 third axis, seen through an affine map q = A p + b; a cylinder may have a bore, which makes it a ring. A crown is a
 ball of leaves: light enters it and is stopped after a random path.
 
-A `Model` is an object in its own frame: x forward, y left, z up, origin on the ground beneath its middle.
+A `Model` is an object in its own frame: x forward, y left, z up, origin on the ground beneath its middle. A `Plan` puts
+objects in their places; `gather` makes of them the arrays that rays are cast at.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from enum import IntEnum
 
 import numpy as np
 from flax import struct
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from jaxsim.data.synthetic.street import Street
 from jaxsim.frame import Array
 
 FACES = 12
@@ -25,6 +27,8 @@ CAPACITY = (384, 1024, 640)
 
 Vector = Sequence[float | int] | np.ndarray
 """Three numbers."""
+FROM_M, TO_M = -70.0, 150.0
+"""Stretch of the street that is built up."""
 
 
 class Pattern(IntEnum):
@@ -171,3 +175,158 @@ def _extent(conic: Float[np.ndarray, "3 4"], roundness: float) -> tuple[Vector, 
     # Of a ball the root of squares of its half axes, of a cylinder the rim of its disc and its length.
     reach = np.linalg.norm(axes, axis=1) if roundness else np.linalg.norm(axes[:, :2], axis=1) + abs(axes[:, 2])
     return tuple(centre - reach), tuple(centre + reach)
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object of a street: its shape, and where along the street it is at time 0."""
+
+    model: Model
+    x_m: float
+    aside_m: float
+    """Distance to the left of the road's middle."""
+    turn_rad: float = 0.0
+    """Heading against the street's."""
+    z_m: float = 0.0
+    speed_mps: float = 0.0
+    """Along x, backwards if negative."""
+    kind: str = ""
+    """KITTI's name of a labelled object; empty for what has no box."""
+    size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Length, width, height of the box."""
+
+
+@dataclass
+class Plan:
+    """A street while it is being laid out."""
+
+    rng: np.random.Generator
+    street: Street
+    things: list[Thing] = field(default_factory=list)
+
+    def place(self, spot: tuple[float, float], model: Model, *, turn: float = 0.0, **rest) -> None:
+        """Puts a model at (x, aside); `turn` is its heading against the street's."""
+        x, off = spot
+        z = 0.0 if abs(off) < float(self.street.half_width_m) else float(self.street.kerb_m)
+        self.things.append(Thing(**{"model": model, "x_m": x, "aside_m": off, "turn_rad": turn, "z_m": z, **rest}))
+
+    def clear_of_sides(self, x: float, towards: int, margin: float) -> bool:
+        """No side street on that side within `margin` of x."""
+        side = self.street
+        near = np.abs(x - side.side_x_m) < np.maximum(side.side_half_m, 0.0) + margin
+        return not bool(np.any(near & (side.side_half_m > 0) & (side.side_towards * towards > 0)))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """All solids of all things, each in its thing's frame; `owner` is the thing's number."""
+
+    planes: Float[np.ndarray, "polyhedra faces 4"]
+    conics: Float[np.ndarray, "conics 3 4"]
+    shape: Float[np.ndarray, "conics 2"]
+    """Rounds: roundness and bore. Crowns: mean free path, 0."""
+    look: Float[np.ndarray, "solids columns"]
+    corners: Float[np.ndarray, "solids 8 3"]
+    owner: Int[np.ndarray, " solids"]
+    counts: tuple[int, int, int]
+
+
+def gather(things: Sequence[Thing]) -> Parts:
+    """Lays the solids of all things side by side: polyhedra, rounds, crowns.
+
+    Raises ValueError for more solids than a scene has room for.
+    """
+    models = list(enumerate(t.model for t in things))
+    polyhedra = [(*p, low_high, i) for i, m in models for p, low_high in zip(m.polyhedra, m.bounds[0], strict=True)]
+    rounds = [(*r, low_high, i) for i, m in models for r, low_high in zip(m.rounds, m.bounds[1], strict=True)]
+    crowns = [(*c, low_high, i) for i, m in models for c, low_high in zip(m.crowns, m.bounds[2], strict=True)]
+    counts = (len(polyhedra), len(rounds), len(crowns))
+    if any(n > room for n, room in zip(counts, CAPACITY, strict=True)):
+        raise ValueError(f"a scene has room for {CAPACITY} polyhedra, rounds and crowns, got {counts}")
+    conics = [r[0] for r in rounds] + [c[0] for c in crowns]
+    shape = [(r[1], r[2]) for r in rounds] + [(c[1], 0.0) for c in crowns]
+    everything = [*polyhedra, *rounds, *crowns]
+    # All eight corners of a box: low or high on each axis.
+    choose = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
+    bounds = np.array([s[-2] for s in everything], np.float64).reshape(-1, 2, 3)
+    return Parts(
+        np.array([p[0] for p in polyhedra]).reshape(-1, FACES, 4),
+        np.array(conics).reshape(-1, 3, 4),
+        np.array(shape).reshape(-1, 2),
+        np.array([_look_row(s[-3]) for s in everything]).reshape(-1, 24),
+        np.take_along_axis(bounds, choose[None, :, :], axis=1),
+        np.array([s[-1] for s in everything], np.int64),
+        counts,
+    )
+
+
+def _look_row(look: Look) -> Float[np.ndarray, " columns"]:
+    # Patterns are drawn in the frame of the thing; axis_z_m waits in the place of its height.
+    numbers = [0.0, 0.0, look.axis_z_m, 1.0, 0.0, *look.half_m, *look.rgb, look.nir, *look.rgb2, look.nir2]
+    numbers += [look.pattern, look.seed, look.semantic, 0, look.gloss, look.absorbing, *look.extra]
+    return np.array(numbers, np.float64)
+
+
+def along_street(
+    curvature: float, x_m: Float[np.ndarray, " n"], aside_m: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    """Places (x, y) in `world` at x along the street and to the left of its middle, and the street's heading there."""
+    slope = curvature * x_m
+    size = np.hypot(1.0, slope)
+    place = np.stack([x_m - aside_m * slope / size, 0.5 * slope * x_m + aside_m / size], axis=-1)
+    return place, np.arctan(slope)
+
+
+def poses(
+    things: Sequence[Thing], curvature: float, time_s: float
+) -> tuple[Float[np.ndarray, "things 3"], Float[np.ndarray, " things"]]:
+    """Positions and headings in `world` at a time."""
+    numbers = np.array([(t.x_m, t.aside_m, t.turn_rad, t.z_m, t.speed_mps) for t in things], np.float64)
+    x, off, turn, z, speed = numbers.reshape(-1, 5).T
+    spot, heading = along_street(curvature, x + speed * time_s, off)
+    return np.concatenate([spot, z[:, None]], axis=1), heading + turn
+
+
+def place(
+    parts: Parts,
+    position_m: Float[np.ndarray, "things 3"],
+    heading_rad: Float[np.ndarray, " things"],
+    *,
+    instance: Int[np.ndarray, " things"],
+) -> tuple[Solids, Float[np.ndarray, "solids 8 3"]]:
+    """Solids in `world`, padded to capacity, and the corners of the boxes that bound them, not padded."""
+    cos, sin = np.cos(heading_rad)[parts.owner], np.sin(heading_rad)[parts.owner]
+    at = position_m[parts.owner]
+    zero, one = np.zeros_like(cos), np.ones_like(cos)
+    turn = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+    n_planes, n_rounds, _ = parts.counts
+
+    # With p = R q + t, n.q <= w becomes (R n).p <= w + (R n).t, and A q + b becomes A R^T p + (b - A R^T t).
+    normal = parts.planes[..., :3] @ turn[:n_planes].swapaxes(1, 2)
+    offset = parts.planes[..., 3] + np.einsum("pfi,pi->pf", normal, at[:n_planes])
+    matrix = parts.conics[..., :3] @ turn[n_planes:].swapaxes(1, 2)
+    shift = parts.conics[..., 3] - np.einsum("cij,cj->ci", matrix, at[n_planes:])
+    look = parts.look.copy()
+    look[:, LOOK["centre"]] += at
+    look[:, LOOK["heading"]] = np.stack([cos, sin], axis=-1)
+    look[:, LOOK["instance"]] = instance[parts.owner][:, None]
+
+    def pad(values: np.ndarray, room: int) -> np.ndarray:
+        out = np.zeros((room, *values.shape[1:]), np.float32)
+        out[: len(values)] = values
+        return out
+
+    room_planes, room_rounds, room_crowns = CAPACITY
+    conics = np.concatenate([matrix, shift[..., None]], axis=-1)
+    # Each kind is padded by itself, so that a solid's number tells its kind.
+    kinds = np.split(np.arange(len(look)), np.cumsum(parts.counts)[:2])
+    solids = Solids(
+        planes=pad(np.concatenate([normal, offset[..., None]], axis=-1), room_planes),
+        conics=np.concatenate([pad(conics[:n_rounds], room_rounds), pad(conics[n_rounds:], room_crowns)]),
+        roundness=pad(parts.shape[:n_rounds, 0], room_rounds),
+        bore=pad(parts.shape[:n_rounds, 1], room_rounds),
+        path_m=pad(parts.shape[n_rounds:, 0], room_crowns),
+        look=np.concatenate([pad(look[k], room) for k, room in zip(kinds, CAPACITY, strict=True)]),
+    )
+    corners = parts.corners @ turn.swapaxes(1, 2) + at[:, None, :]
+    return solids, corners

@@ -49,7 +49,7 @@ Random effects in closed form (`random_effects`; Laird & Ware 1982)
     At given weights the best u with its cost is, up to a constant, the marginal likelihood of a normal model: what
     acts like a pose or a level is not free.
 
-Rounding (`lattice`, `rounding`): readings on a lattice gain ln(0.995 step / finest) each, others lose ln 0.005.
+Rounding (`likelihood.rounding_gain`): readings on a lattice gain ln(0.995 step / finest) each, others lose ln 0.005.
 Power of echoes (`null`): ln power is uncertain by sqrt v_i and by what surfaces differ by (`log_power_sd`).
 
 Alternation (`null.fit_null`): robust weights of the closed forms at the residuals (w = 5 / (4 + e^2 / v) / v), then
@@ -59,15 +59,15 @@ Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
     beta    kinds 0.3 nats, at most 0.7; curvature; normals; gain free           evidence, random_effects.CLASS_MOST
-    street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     surfaces.STREET_SD, OBJECT_SD ...
+    street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     cast.STREET_SD, OBJECT_SD ...
     pose    2 cm, 1 mrad an axis; at most 15 % of a range                          evidence.POSE_SD, POSE_MOST
     tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
-    which rays are compared; edges; planes                                         evidence, surfaces
+    which rays are compared; edges; planes                                         evidence, cast
     which columns of which frames                                                  cast.RAYS, SECTORS
-    rounding                                                                       lattice.FINEST, SHARE, NEAR
+    rounding                                                                       noise_levels.FINEST, SHARE, NEAR
 
 A simulator with noise of its own: ln I_i and r_i are what it means (`simulator.meant`), known_i what noise leaves.
 
-Order of imports: cast < surfaces, lattice < noise_levels < windows < smooth < simulator, kinds < evidence < noise <
-random_effects < likelihood < gradients < fit < null, residuals, rounding.
+Order of imports: cast, noise_levels < smooth < simulator < evidence < noise < random_effects < likelihood < gradients <
+fit < null.
 """

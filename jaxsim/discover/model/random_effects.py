@@ -18,9 +18,9 @@ import jax.numpy as jnp
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
+from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
 from jaxsim.discover.model.evidence import POSE_SD, Evidence
 from jaxsim.discover.model.noise import DEGREES, Noise, intensity_variance, reading_variance
-from jaxsim.discover.model.surfaces import FIRM, STREET_SD, STRIP_SD
 from jaxsim.frame import Array
 
 CLASS_MOST = 0.7

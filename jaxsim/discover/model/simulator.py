@@ -16,7 +16,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.cast import RayIndex
+from jaxsim.discover.model.cast import RayIndex, Surfaces
 from jaxsim.discover.model.noise_levels import (
     BINS,
     FEWEST,
@@ -27,9 +27,7 @@ from jaxsim.discover.model.noise_levels import (
     noise_levels,
     own_steps,
 )
-from jaxsim.discover.model.smooth import Smooth, smooth_frames
-from jaxsim.discover.model.surfaces import Surfaces
-from jaxsim.discover.model.windows import half_width
+from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
-from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects

@@ -4,12 +4,12 @@ Letters: b blocks, a sectors of azimuth, n scenes (or sectors of a single drive)
 In the order in which to read it:
 
     find_regimes    asks, fits, and puts effects in their regions (`find`)
-    cells           how strongly every scene and sector asks for an effect (`cells`)
+    cells           how strongly every scene and sector asks for an effect (`questions`)
     questions       what may divide it: moments, tags, sectors (`questions`)
     ask             exact tests over scenes, the best of all regions; false discovery rates (`chance`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
     Judges          whether scenes that nothing was fitted to gain by it (`confine` too)
-    regime_of       the verdict's entry (`shown`)
+    regime_of       the verdict's entry (`find`)
 """
 
 from jaxsim.discover.regimes.find import Divided, find_regimes

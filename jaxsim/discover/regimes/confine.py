@@ -17,8 +17,7 @@ from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, padded, worse
 from jaxsim.discover.read import Division
-from jaxsim.discover.regimes.cells import cells
-from jaxsim.discover.regimes.questions import Facts, arc
+from jaxsim.discover.regimes.questions import Facts, arc, cells
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law

@@ -1,4 +1,6 @@
-"""Which of the named effects act in a part of the recording alone, where, and what they are there."""
+"""Which of the named effects act in a part of the recording alone, where, and what they are there; and such a regime as
+the verdict holds it.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +9,96 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from jaxsim.discover.model.fit import Fit, Problem
+from jaxsim.discover.model.fit import Fit, Problem, on_top
 from jaxsim.discover.name.answer import Answer, named_answer
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.read import Division
-from jaxsim.discover.regimes.cells import cells
 from jaxsim.discover.regimes.chance import FoundRegion, ask, by_own_size, disputed, false_discovery_rates
 from jaxsim.discover.regimes.confine import Confined, Judges, confine, sharpened
-from jaxsim.discover.regimes.questions import Facts, Question, questions
-from jaxsim.discover.regimes.shown import Told, regime_of, sizes
+from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells, questions
 from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import ratio_interval
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.region import WHOLE, Region
+from jaxsim.effects.region import WHOLE, Region, within
+
+OF_FIT = "of the fit inside"
+"""Unit of sizes."""
+
+
+def sizes(one: Confined, facts: Facts) -> tuple[Interval, Interval]:
+    """The effect's size inside, and beside it outside, in units of the fit inside; intervals from the scatter of
+    scenes."""
+    result = one.step.fit
+    law = one.step.chosen.effect
+    inside = cells(law, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    # Outside is asked with the effect in place inside, where nothing is left to ask for.
+    opposite = within(one.plain, one.region, one.frames, outside=True)
+    beside = replace(one.problem, ev=on_top(law, one.problem, result.z).ev)
+    outside = cells(opposite, beside, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    return _size(inside, facts), _size(outside, facts)
+
+
+def _size(of: Cells, facts: Facts) -> Interval:
+    """The slope at none of the effect over the curvature: the step to the maximum."""
+    top = np.bincount(facts.scene, (of.slope + of.curvature).sum(1), facts.scene_count)
+    bottom = np.bincount(facts.scene, of.curvature.sum(1), facts.scene_count)
+    # Scenes that lie on the other side say nothing, and have no part in the scatter.
+    tells = bottom > RULES.regime_least_curvature * bottom.max()
+    top = top[tells]
+    bottom = bottom[tells]
+    return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
+
+
+class Told(NamedTuple):
+    """Numbers of a regime."""
+
+    inside: Interval
+    outside: Interval
+    p_value: float
+    q_value: float
+    judge_nats: float
+
+
+def regime_of(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
+    """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
+    result = one.step.fit
+    whole = cells(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
+    azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
+    columns = np.asarray(one.region.in_sector(azimuth))
+    if divides == "azimuth":
+        x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
+        size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
+        held = np.asarray(one.region.in_sector(x))
+    else:
+        # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
+        group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
+        size = _size_at(np.bincount(group, whole.slope.sum(1)), np.bincount(group, whole.curvature.sum(1)))
+        first = np.unique(group, return_index=True)[1]
+        time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
+        x = time_s if len(np.unique(time_s)) == len(first) else np.arange(len(first), dtype=float)
+        held = one.frames[facts.frame[first]]
+    return Regime(
+        effect=one.plain.plain_name,
+        divides=divides,
+        where=one.region,
+        share=float(one.frames.mean() * columns.mean()),
+        **told._asdict(),
+        applied=one.region.acts,
+        x=tuple(map(float, x)),
+        sizes=tuple(map(float, size)),
+        held=tuple(map(bool, held)),
+    )
+
+
+def _size_at(slope: Float[np.ndarray, " k"], curvature: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """The size that each place asks for; NaN where next to nothing tells it."""
+    tells = curvature > RULES.regime_least_curvature * curvature.max()
+    return np.where(tells, 1 + slope / np.maximum(curvature, 1e-9), np.nan)
 
 
 @dataclass(frozen=True)

@@ -5,35 +5,63 @@ e) at range t from its beam's own origin b, where the sensor was moved by o and 
 l, and the car drove s during the scan (u is the place within it). It is held against the plane of the simulated cell in
 whose direction it lies (point-to-plane ICP with projective association; Chen & Medioni 1992, Blais & Levine 1995).
 
-Read `sides` (the planes that points meet), `climb` (robust least squares on them), `registration` (what comes out).
+`registration` has the planes that points meet, and what comes out; `climb` is robust least squares on them. Its weights
+are Tukey's, of a width that shrinks from what two degrees move far surfaces by to what noise leaves; they leave out
+edges and moving objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
 
-from jaxsim.discover.register.climb import (
-    COARSE,
-    FINE,
+from jaxsim.discover.register.registration import (
     LIFT,
     NUMBERS,
     POSE,
     TRAVEL,
-    Free,
+    Met,
     Motion,
-    climb,
-    loss,
-    own_sd,
-    sandwich,
+    Points,
+    Registration,
+    Sides,
+    meet,
+    origin_of,
+    predicted,
+    sides_of,
+    turned,
 )
-from jaxsim.discover.register.registration import Registration
-from jaxsim.discover.register.sides import Sides, predicted, sides_of
 from jaxsim.discover.rules import RULES
-from jaxsim.discover.scenes import half_width
+from jaxsim.discover.scenes import half_width, student_reach
 from jaxsim.effects.rays import Scan
+
+NOISE_M = 0.05
+"""Standard deviation of a point about its plane: what priors are weighed against."""
+
+
+class Free(NamedTuple):
+    """Standard deviations of a motion's numbers, m and rad; 0 holds one where it is."""
+
+    sd: tuple[float, ...]
+
+    def with_sd(self, number: int, sd: float) -> Free:
+        """The same with another standard deviation of one number."""
+        return Free((*self.sd[:number], sd, *self.sd[number + 1 :]))
+
+    @property
+    def numbers(self) -> Int[np.ndarray, " k"]:
+        """The numbers that are fitted."""
+        return np.flatnonzero(self.sd)
+
+    @property
+    def precision(self) -> Float[np.ndarray, "k k"]:
+        """The precision of their prior, in units of a point's."""
+        return np.diag((NOISE_M / np.asarray(self.sd)[self.numbers]) ** 2)
+
 
 TURNS_RAD = np.deg2rad([-2.4, -1.6, -0.8, 0.0, 0.8, 1.6, 2.4])
 """Yaws and pitches from the best of which the search begins ..."""
@@ -54,6 +82,14 @@ LEAST_HALF = np.array([0.006] * 3 + [0.0003] * 4 + [0.02])
 on development cases (`python -m benchmarks.blind.placed`)."""
 OWN_LIFT_SD = 0.003
 """... and what frames' lifts scatter by, where there is one."""
+COARSE = np.geomspace(1.0, 0.15, 12)
+"""Widths of Tukey's weights, m at the sensor, from step to step ..."""
+FINE = np.geomspace(0.5, 0.15, 8)
+"""... and where frames begin near their place ..."""
+FINAL_STEPS = 6
+"""... with the last so many times again ..."""
+FAR_M = 15.0
+"""... and twice as wide at this range."""
 
 
 def register(
@@ -117,3 +153,105 @@ def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], 
     tried[..., number] += ways[:, None]
     losses = np.stack([loss(sides, one) for one in tried])
     return tried[np.argmin(losses, axis=0), np.arange(len(motion))]
+
+
+def loss(sides: Sides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
+    """How badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's)."""
+    place = turned(sides, motion)[0] + origin_of(sides, motion)
+    met = meet(sides, place)
+    square = (_off(met, place) / _width(sides, width)) ** 2
+    return np.sum(np.where(met.inside, square / (1 + square), 0), -1) / np.maximum(met.inside.sum(-1), 1)
+
+
+def climb(
+    sides: Sides,
+    motion: Motion,
+    widths: Float[np.ndarray, " k"],
+    *,
+    free: Free,
+    pooled: bool,
+    centre: Float[np.ndarray, " 8"] | None = None,
+) -> Motion:
+    """The motions in the valley where they begin, of all frames together (`pooled`) or of each, held to `centre`."""
+    middle = np.zeros(NUMBERS) if centre is None else centre
+    # Wide first: a motion of two degrees takes far points off their planes by more than noise ever does.
+    for width in [*widths, *[widths[-1]] * FINAL_STEPS]:
+        matrix, right = _equations(sides, motion, width, free=free)
+        if pooled:
+            matrix = matrix.sum(0, keepdims=True)
+            right = right.sum(0, keepdims=True)
+        # The prior pulls towards the middle as so many points would.
+        right = right + (middle - motion)[:, free.numbers] @ free.precision
+        step = np.zeros((len(right), NUMBERS))
+        step[:, free.numbers] = np.linalg.solve(matrix + free.precision, right[..., None])[..., 0]
+        # Rotations compose, their vectors do not add up.
+        rotation = Rotation.from_rotvec(step[:, 3:6]) * Rotation.from_rotvec(motion[:, 3:6])
+        motion = motion + step
+        motion[:, 3:6] = rotation.as_rotvec()
+    return motion
+
+
+def sandwich(
+    sides: Sides, motion: Float[np.ndarray, " 8"], scene: Int[np.ndarray, " f"], *, free: Free
+) -> Float[np.ndarray, " 8"]:
+    """Half widths of the common motion's interval (White 1982): the filling is the scatter of the scenes' slopes, or
+    the curvature's where that is wider. 0 for what is held."""
+    matrix, right = _equations(sides, motion[None], COARSE[-1], free=free)
+    count = int(scene.max()) + 1
+    slopes = np.zeros((count, right.shape[1]))
+    np.add.at(slopes, scene, right)
+    inverse = np.linalg.inv(matrix.sum(0) + free.precision)
+    # At the maximum they add up to what the prior pulls, which is no scatter.
+    slopes = slopes - slopes.mean(0)
+    scatter = inverse @ (slopes.T @ slopes * count / max(count - 1, 1)) @ inverse
+    sd = np.sqrt(np.maximum(np.diag(scatter), NOISE_M**2 * np.diag(inverse)))
+    half = np.zeros(NUMBERS)
+    half[free.numbers] = RULES.interval_widening * float(student_reach(count)) * sd
+    return half
+
+
+def own_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
+    """Standard deviations of each frame's numbers by what its points leave over (White 1982); 0 for what is held."""
+    slope, weight, off = _linear(sides, motion, COARSE[-1], free=free)
+    matrix = np.swapaxes(slope * weight[..., None], 1, 2) @ slope + free.precision
+    left_over = slope * (weight * off)[..., None]
+    inverse = np.linalg.inv(matrix)
+    variance = inverse @ (np.swapaxes(left_over, 1, 2) @ left_over) @ inverse
+    sd = np.zeros((len(motion), NUMBERS))
+    sd[:, free.numbers] = np.sqrt(np.diagonal(variance, axis1=1, axis2=2))
+    return sd
+
+
+def _equations(
+    sides: Sides, motion: Motion, width: float, *, free: Free
+) -> tuple[Float[np.ndarray, "f k k"], Float[np.ndarray, "f k"]]:
+    """Gauss and Newton's, of each frame at its motion: matrix and right side of the step in what is free."""
+    slope, weight, off = _linear(sides, motion, width, free=free)
+    weighted = slope * weight[..., None]
+    return np.swapaxes(weighted, 1, 2) @ slope, np.einsum("fni,fn->fi", weighted, off)
+
+
+def _linear(
+    sides: Sides, motion: Motion, width: float, *, free: Free
+) -> tuple[Float[np.ndarray, "f n k"], Float[np.ndarray, "f n"], Float[np.ndarray, "f n"]]:
+    """How each point's distance from its plane changes with what is free, its Tukey weight, and the distance, m."""
+    ray, lifted = turned(sides, motion)
+    place = ray + origin_of(sides, motion)
+    met = meet(sides, place)
+    off = _off(met, place)
+    weight = np.where(met.inside, np.maximum(1 - (off / _width(sides, width)) ** 2, 0) ** 2, 0)
+    # A point's derivative off its plane: the normal in its place, the moment about the sensor in its rotation.
+    driven = met.normal[..., 0] * sides.late
+    lift = np.sum(met.normal * lifted, -1)
+    slope = np.concatenate([met.normal, np.cross(ray, met.normal), lift[..., None], driven[..., None]], axis=-1)
+    return slope[..., free.numbers], weight, off
+
+
+def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:
+    """How far planes lie beyond points, m."""
+    return met.away_m - np.sum(met.normal * place, -1)
+
+
+def _width(sides: Sides, width: float) -> Float[np.ndarray, "f n"]:
+    # Neighbouring rays, and so the planes' errors, lie farther apart far off.
+    return width * (1 + sides.range_m / FAR_M)

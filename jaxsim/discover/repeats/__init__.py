@@ -3,10 +3,10 @@
 Whatever is fixed in the sensor shows there, whatever its law; where no effect of the catalogue explains it, an answer
 may not be *none*. Letters: n scenes, r rows, c columns, k places or periods of a scale.
 
-    examine        a comparison's repeats, once what was named is in place (`examine`)
+    examine        a comparison's repeats, once what was named is in place (`answer`)
     Maps           a channel's residuals, summed by scene on the polar grid (`maps`)
     maps_of        those of a fitted problem
-    scales         the places and periods at which they are looked at (`scales`)
+    scales         the places and periods at which they are looked at (`maps`)
     find_repeats   what repeats on find scenes by chance of `Rules.repeats_level`, holds on judge scenes, and how large
                    it is in all of them (`find`)
     learn          these laws, fitted to the find scenes
@@ -17,8 +17,7 @@ taken out. So sums of weight times residual are the efficient score of a pattern
 of what differs between columns; the size follows from what the same levels leave of a made pattern (`Maps.response`).
 """
 
-from jaxsim.discover.repeats.answer import formula_of, with_repeats, with_what_repeats
-from jaxsim.discover.repeats.examine import examine
+from jaxsim.discover.repeats.answer import examine, formula_of, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.find import find_repeats
 from jaxsim.discover.repeats.maps import Maps, maps_of
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.discover.model.lattice import FINEST
+from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison

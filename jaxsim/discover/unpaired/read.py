@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.discover.checks import check_one_grid, plausible
-from jaxsim.discover.model.lattice import FINEST, lattice_step
+from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
 from jaxsim.effects.scan import scan_of

@@ -1,7 +1,7 @@
 """The answer, as plain values: what verdict.json holds and the report draws.
 
 Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` and `Result` hold all;
-their parts stand in the order in which they are found: sides, naming, judged.
+their parts are `parts`, in the order in which they are found.
 """
 
 from __future__ import annotations
@@ -14,10 +14,28 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.verdict.judged import CurveLine, Gained, Gap, Judged, JudgeFrame
-from jaxsim.discover.verdict.naming import ClosedLaw, Named, Nulls, OwnCandidate, Rank, Regime, Repeat, Unexplained
-from jaxsim.discover.verdict.sides import Fidelity, Level, Registered, Sensitivity, Where
-from jaxsim.discover.verdict.values import Interval, plain
+from jaxsim.discover.verdict.parts import (
+    ClosedLaw,
+    CurveLine,
+    Fidelity,
+    Gained,
+    Gap,
+    Interval,
+    Judged,
+    JudgeFrame,
+    Level,
+    Named,
+    Nulls,
+    OwnCandidate,
+    Rank,
+    Regime,
+    Registered,
+    Repeat,
+    Sensitivity,
+    Unexplained,
+    Where,
+    plain,
+)
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from jaxsim.files import write_text

@@ -20,18 +20,24 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.metrics.detection.files import Objects, read_detections, read_truth
-from jaxsim.metrics.detection.matching import Pairs, assign, candidates, in_dont_care, overlaps, pairs_of, thresholds
-from jaxsim.metrics.detection.rules import (
+from jaxsim.metrics.detection.matching import (
     CLASSES,
     COLUMNS,
     DIFFICULTIES,
     METRICS,
     OVERLAP_SETS,
     SLOTS,
+    Pairs,
     Rules,
+    assign,
+    candidates,
     detection_flags,
     dont_care,
     has_orientation,
+    in_dont_care,
+    overlaps,
+    pairs_of,
+    thresholds,
     truth_flags,
 )
 

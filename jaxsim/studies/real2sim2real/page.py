@@ -18,8 +18,7 @@ from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
 from jaxsim.studies.real2sim2real import KINDS, Loop
-from jaxsim.studies.real2sim2real.charts import epochs_chart
-from jaxsim.studies.real2sim2real.clouds import WORDS, check_tables, write_checks
+from jaxsim.studies.real2sim2real.charts import WORDS, check_tables, epochs_chart, write_checks
 from jaxsim.studies.real2sim2real.scores import (
     HEADS,
     answer,

@@ -18,7 +18,7 @@ from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.report.results import markdown_table
 from jaxsim.studies.real2sim2real import REAL, Loop
-from jaxsim.studies.real2sim2real.clouds import check_text, plain_rows
+from jaxsim.studies.real2sim2real.charts import check_text, plain_rows
 
 Counts = Mapping[str, CloudCounts]
 Percent = Annotated[float, Ge(0), Le(100)]

@@ -23,7 +23,7 @@ from jaxsim.report.pictures import Rgb
 from jaxsim.report.scenes import TurnedScene
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
-from jaxsim.studies.real2sim2real.clouds import check_text, checked_kinds, write_checks
+from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
 from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, turned_clouds, write_loop
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.loop import TRAINER, train_apart

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jaxsim.data.logs import LogOptions
-from jaxsim.data.logs.fields import scan_of_fields
 from jaxsim.data.logs.gridding import sensor_of, to_sweep
+from jaxsim.data.logs.scan import scan_of_fields
 from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected, room
 
 ASKED = LogOptions()

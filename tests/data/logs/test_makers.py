@@ -6,9 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from jaxsim.data.logs import LogOptions, known_sources, source_for, write_log
+from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
-from tests.data.logs.conftest import RINGS, room
 from tests.data.logs.test_files import frames_of
 
 
@@ -138,44 +137,3 @@ def test_kittis_raw_drive_lies_on_its_units_own_beams(samples, tmp_path):
     assert {about["scene"] for about in frames.about.values()} == {"2011_09_26_drive_XXXX_sync"}
     assert frames.grid.origin_m[0] == pytest.approx(0.209, abs=0.01)
     assert frames.read(frames.names[0])[0].valid.mean() > 0.7
-
-
-def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
-    with pytest.raises(ValueError, match="looks like no log that is known; name its kind: --kind carla or pcd or"):
-        source_for(tmp_path)
-    with pytest.raises(ValueError, match="no source 'sick'; known: carla, pcd"):
-        source_for(tmp_path, "sick")
-    with pytest.raises(ValueError, match="there is no"):
-        source_for(tmp_path / "nothing")
-
-
-def test_a_package_adds_a_source(tmp_path, monkeypatch):
-    from jaxsim.data.logs import Item, LogScan, Source
-
-    def items(path, options):
-        for k in range(2):
-            fields = room(seed=k)
-            scan = LogScan(
-                name=f"{k:03d}",
-                scene="acme",
-                xyz_m=np.stack([fields[a] for a in "xyz"], axis=1),
-                intensity=fields["intensity"].astype("f4"),
-                ring=fields["ring"].astype(int),
-                full_scale=255.0,
-            )
-            yield Item(scan.name, lambda scan=scan: scan)
-
-    class Point:
-        name, value = "acme", "acme_lidar.log:SOURCE"
-
-        def load(self):
-            return Source("ACME", lambda path: path.suffix == ".acme", items)
-
-    monkeypatch.setattr("jaxsim.data.logs.entry_points", lambda group: [Point()] if group == "jaxsim.sources" else [])
-    assert next(iter(known_sources())) == "acme"
-    (tmp_path / "x.acme").write_bytes(b"")
-    kind, frames = frames_of(tmp_path / "x.acme", tmp_path / "out")
-    assert (kind, frames.names, len(frames.grid.elevation_rad)) == ("acme", ("000", "001"), RINGS)
-    Point.load = lambda self: 5
-    with pytest.raises(ValueError, match="must be a Source"):
-        known_sources()

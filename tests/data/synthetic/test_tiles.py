@@ -8,8 +8,7 @@ import pytest
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.synthetic.layout import Drive, lay_out
 from jaxsim.data.synthetic.raycast import cast_solids
-from jaxsim.data.synthetic.scene import place, poses
-from jaxsim.data.synthetic.solids import Solids
+from jaxsim.data.synthetic.solids import Solids, place, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
 from jaxsim.geometry import directions, full_grid, preset
 

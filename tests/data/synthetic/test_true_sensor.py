@@ -7,12 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.data.synthetic.light import Light, lit, map_borders, map_place
-from jaxsim.data.synthetic.raycast import Candidates
-from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, IdealScan, cast_shadows
-from jaxsim.data.synthetic.scene import Thing, gather, place, poses
-from jaxsim.data.synthetic.solids import Look, Model
-from jaxsim.data.synthetic.tiles import candidates
+from jaxsim.data.synthetic.render import IdealScan
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import preset
@@ -83,36 +78,3 @@ def test_measurements_scatter_about_the_truth_and_lie_on_the_sensor_s_steps(a_sc
     assert error.std() == pytest.approx(expected, rel=0.05)
     steps = np.asarray(seen.range_m, np.float64) / SPEC.range_step_m
     np.testing.assert_allclose(steps, np.round(steps), atol=0.01)
-
-
-def everything(cells: tuple[int, int], counts: tuple[int, int, int]) -> Candidates:
-    return candidates(np.ones((cells[0] // 32, cells[1] // 32, sum(counts)), bool), counts)
-
-
-def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
-    model = Model()
-    model.box((-0.1, -4.0, 0.0), (0.1, 4.0, 3.0), Look(11, (0.5, 0.5, 0.5), 0.4))
-    things = [Thing(model, 10.0, 0.0)]
-    parts = gather(things)
-    solids, _ = place(parts, *poses(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
-    # The sun stands 45 degrees high ahead: the wall's shadow lies 3 m long on the near side.
-    sun = np.array([1.0, 0.0, 1.0], np.float32) / np.float32(np.sqrt(2))
-    lists = {
-        "sunward": everything(SHADOW_CELLS, parts.counts),
-        "upward": everything(COVER_CELLS, parts.counts),
-    }
-    shadows = cast_shadows(solids, sun, np.zeros(2, np.float32), **lists)
-    rgb, number = np.ones(3, np.float32), np.float32(1.0)
-    light = Light(sun, rgb, rgb, rgb, number, number, number, number)
-    x = jnp.asarray([6.0, 7.4, 8.0, 9.5, 10.5, 12.0], jnp.float32)
-    at = jnp.stack([x, jnp.zeros_like(x), jnp.zeros_like(x)])
-    up = jnp.stack([jnp.zeros_like(x), jnp.zeros_like(x), jnp.ones_like(x)])
-    np.testing.assert_allclose(lit(shadows, light, at, normal=up), [1, 0, 0, 0, 1, 1], atol=1e-6)
-
-
-def test_map_places_invert_map_borders() -> None:
-    x, y = map_borders(SHADOW_CELLS)
-    centre_x, centre_y = (jnp.asarray(b[10:40], jnp.float32) for b in (x, y))
-    row, column = map_place(centre_x, centre_y, SHADOW_CELLS)
-    np.testing.assert_allclose(row, np.arange(10, 40) - 0.5, atol=0.01)
-    np.testing.assert_allclose(column, np.arange(10, 40) - 0.5, atol=0.01)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.discover.law.grammar import Variable
-from jaxsim.discover.law.search import search
+from jaxsim.discover.law.search import Variable, search
 from jaxsim.discover.verdict import ClosedLaw
 
 RANGE = np.exp(np.linspace(np.log(3), np.log(60), 20))

@@ -10,15 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.law.checks import check_expression
-from jaxsim.discover.law.grammar import Variable, shapes_of
 from jaxsim.discover.law.learn import LearnedFit
-from jaxsim.discover.law.search import VARIABLES, closed_law
-from jaxsim.discover.law.source import read_law, write_effect
+from jaxsim.discover.law.search import VARIABLES, Variable, closed_law, shapes_of
+from jaxsim.discover.law.source import check_expression, read_law, write_effect
 from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
-from jaxsim.effects.covariates import READ
 from jaxsim.effects.learned import Learned
+from jaxsim.effects.rays import READ
 from tests.discover.law.test_search import learned
 from tests.effects.streets import clutter_of_everything
 

@@ -6,8 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.evidence import gather
-from jaxsim.discover.model.kinds import kinds_of
+from jaxsim.discover.model.evidence import gather, kinds_of
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.effects import get_effect

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.null import as_implied, implied_level
+from jaxsim.discover.model.likelihood import CHANNELS
+from jaxsim.discover.model.null import as_implied, implied_level, residuals, spread, standardised
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.effects import EFFECTS
 from tests.discover.toy import judged_toy
@@ -47,3 +48,36 @@ def test_a_threshold_on_an_uncertain_power_loses_the_mean_share(problem):
         rays = replace(rays, log_keep=jnp.zeros(1))
         kept = float(jnp.exp(EFFECTS["snr_dropout"].apply(p, rays).log_keep[0]))
         assert kept == pytest.approx(np.mean(1 / (1 + np.exp(-(power + draws + 4.0) / 0.4))), abs=0.02)
+
+
+@pytest.fixture(scope="module")
+def null(standard_promotion):
+    problem, fitted, _ = judged_toy()
+    return problem, fitted
+
+
+def test_each_channel_is_standardised_where_it_counts_and_keeps_its_unit(null):
+    by_channel = residuals(*null)
+    assert tuple(by_channel) == CHANNELS
+    for one in by_channel.values():
+        assert one.counts.any()
+        assert np.isfinite(one.z[one.counts]).all()
+        assert one.z[one.counts].std() == pytest.approx(1, abs=1e-3)
+    # The toy's sensor has 8 % and 2 cm; levels and poses take up a little.
+    assert by_channel["intensity"].off[by_channel["intensity"].counts].std() == pytest.approx(0.08, rel=0.2)
+    assert by_channel["range"].off[by_channel["range"].counts].std() == pytest.approx(0.02, rel=0.2)
+
+
+def test_a_lost_ray_is_off_by_the_probability_that_it_returns(null):
+    problem, _ = null
+    drop = residuals(*null)["drop"]
+    p, lost = np.asarray(spread(problem.ev, problem.noise)[2]), ~np.asarray(problem.ev.returned)
+    np.testing.assert_allclose(drop.off, np.where(lost, 1 - p, -p), atol=1e-6)
+    np.testing.assert_array_equal(np.sign(drop.z[drop.counts]), np.where(lost, 1, -1)[drop.counts])
+
+
+def test_the_standardised_ones_are_on_the_host(null):
+    rays, by_channel = standardised(*null)
+    assert isinstance(rays.range_m, np.ndarray)
+    for name, one in residuals(*null).items():
+        np.testing.assert_array_equal(by_channel[name][0], one.z)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsim.discover.model.cast import FIRM, STREET_SD, STRIP_SD
 from jaxsim.discover.model.evidence import AFTER_KINDS, POSE_SD
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.random_effects import normal_equations, pose_shift, reflectance
-from jaxsim.discover.model.surfaces import FIRM, STREET_SD, STRIP_SD
 
 
 def test_reflectance_is_generalised_least_squares_with_random_surfaces_and_streets(evidence):

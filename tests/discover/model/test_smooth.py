@@ -2,8 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.discover.model.smooth import smooth_frames
-from jaxsim.discover.model.windows import half_width
+from jaxsim.discover.model.smooth import half_width, smooth_frames
 from tests.discover.noisy_street import scan
 
 RANGE_SD_M = 0.02

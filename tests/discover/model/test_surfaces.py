@@ -5,8 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.cast import cast, ray_index
-from jaxsim.discover.model.surfaces import OBJECT_SD, PATCH_M, PATCH_SD, bends, edges, surfaces_of, with_planes
+from jaxsim.discover.model.cast import (
+    OBJECT_SD,
+    PATCH_M,
+    PATCH_SD,
+    bends,
+    cast,
+    edges,
+    ray_index,
+    surfaces_of,
+    with_planes,
+)
 from jaxsim.geometry.polar import directions
 from tests.discover.toy import device, toy
 

@@ -8,11 +8,10 @@ import pytest
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.regimes.cells import cells
 from jaxsim.discover.regimes.chance import ask, by_own_size
 from jaxsim.discover.regimes.confine import confine
-from jaxsim.discover.regimes.questions import questions
-from jaxsim.discover.regimes.shown import sizes
+from jaxsim.discover.regimes.find import sizes
+from jaxsim.discover.regimes.questions import cells, questions
 from jaxsim.effects import EFFECTS
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
 

@@ -11,8 +11,7 @@ from flax import nnx
 from jaxtyping import Bool, Float
 
 from jaxsim.frame import Array
-from jaxsim.prepare.denoise.lidia.layers import Statistics
-from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Variant
+from jaxsim.prepare.denoise.lidia.network import PatchDenoiser, Scale, Statistics, Variant
 from jaxsim.prepare.denoise.lidia.patches import RADIUS, blur, fold, nearest_patches, pad, unfold
 
 Values = dict[str, Any]

@@ -23,8 +23,7 @@ from jaxtyping import Bool, Float, UInt8
 from jaxsim.files import write_arrays
 from jaxsim.frame import Array
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
-from jaxsim.prepare.depth.penet.geometry import Convention
-from jaxsim.prepare.depth.penet.network import MULTIPLE
+from jaxsim.prepare.depth.penet.network import MULTIPLE, Convention
 from jaxsim.prepare.depth.penet.published import (
     CONVERTERS,
     TRAINED,

@@ -10,8 +10,7 @@ import jax
 import numpy as np
 from flax import nnx
 
-from jaxsim.prepare.depth.penet.geometry import Convention
-from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, PENet
+from jaxsim.prepare.depth.penet.network import PUBLISHED_WIDTH, Convention, PENet
 from jaxsim.weights import Arrays, Converter, fit
 
 Values = dict[str, Any]

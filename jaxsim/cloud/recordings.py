@@ -1,0 +1,121 @@
+"""Clouds to recordings. To MCAP, as ROS 2's PointCloud2: x, y, z, intensity, ring and time a point; messages are
+encoded by rosbags, the file is written by the format's own library (extra ros). To a trace of ASAM OSI: a SensorData a
+frame, whose LiDAR detections have beam and intensity (extra osi).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxsim.files import need, replacing
+
+_KIND = "sensor_msgs/msg/PointCloud2"
+_TYPES = {"f4": 7, "u2": 4}
+"""sensor_msgs/PointField's datatypes."""
+
+
+class Stamped(NamedTuple):
+    """A cloud of a moment."""
+
+    time_s: float
+    table: np.ndarray
+    """Records, as `export.table_of` gives."""
+
+
+def write_mcap(path: Path, clouds: Iterable[Stamped], *, topic: str = "/points", frame: str = "lidar") -> int:
+    """Writes clouds to one MCAP, whole or not at all; how many they were."""
+    typesys = need("rosbags.typesys", "ros", by="mcap")
+    writer_of = need("mcap.writer", "ros", by="mcap").Writer
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    definition, _ = store.generate_msgdef(_KIND, ros_version=2)
+    count = 0
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        writer = writer_of(file)
+        writer.start(profile="ros2", library="jaxsim")
+        schema = writer.register_schema(name=_KIND, encoding="ros2msg", data=definition.encode())
+        channel = writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        for stamped in clouds:
+            nanoseconds = round(stamped.time_s * 1e9)
+            data = store.serialize_cdr(_message(store.types, stamped.table, nanoseconds, frame=frame), _KIND)
+            writer.add_message(
+                channel, log_time=nanoseconds, data=bytes(data), publish_time=nanoseconds, sequence=count
+            )
+            count += 1
+        writer.finish()
+    return count
+
+
+def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> Any:
+    seconds, rest = divmod(nanoseconds, 10**9)
+    names = table.dtype.names or ()
+    offsets: Any = table.dtype.fields or {}
+    fields = [
+        types["sensor_msgs/msg/PointField"](
+            name=name, offset=int(offsets[name][1]), datatype=_TYPES[offsets[name][0].str[1:]], count=1
+        )
+        for name in names
+    ]
+    stamp = types["builtin_interfaces/msg/Time"](sec=int(seconds), nanosec=int(rest))
+    return types[_KIND](
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame),
+        height=1,
+        width=len(table),
+        fields=fields,
+        is_bigendian=False,
+        point_step=table.dtype.itemsize,
+        row_step=table.dtype.itemsize * len(table),
+        data=np.frombuffer(table.tobytes(), np.uint8),
+        is_dense=True,
+    )
+
+
+def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
+    """Writes clouds to one trace (.osi: each message after its length), whole or not at all; how many they were.
+
+    Positions are spherical, in the sensor's frame; intensity is in per cent, as the standard has it. Raises ValueError
+    for a name that does not say SensorData, by which alone readers know the messages of an .osi.
+    """
+    if path.suffix != ".osi" or "sd" not in path.stem.lower().replace("-", "_").split("_"):
+        raise ValueError(f"osi: {path.name} must say that it holds SensorData, as the standard has it: drive_sd.osi")
+    message_of = need("osi3.osi_sensordata_pb2", "osi", by="osi").SensorData
+    version = need("osi3.osi_version_pb2", "osi", by="osi")
+    current = version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
+    count = 0
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        for stamped in clouds:
+            message = message_of()
+            message.version.CopyFrom(current)
+            message.sensor_id.value = 0
+            _stamp(message.timestamp, stamped.time_s)
+            sensor = message.feature_data.lidar_sensor.add()
+            sensor.header.measurement_time.CopyFrom(message.timestamp)
+            sensor.header.number_of_valid_detections = len(stamped.table)
+            _detections(sensor.detection, stamped.table)
+            data = message.SerializeToString()
+            file.write(struct.pack("<I", len(data)) + data)
+            count += 1
+    return count
+
+
+def _detections(detections: Any, table: np.ndarray) -> None:
+    x, y, z = (table[name].astype(np.float64) for name in ("x", "y", "z"))
+    level = np.hypot(x, y)
+    columns = [np.hypot(level, z), np.arctan2(y, x), np.arctan2(z, level), 100 * table["intensity"].astype(np.float64)]
+    rings = table["ring"].tolist() if "ring" in (table.dtype.names or ()) else None
+    for k, (distance, azimuth, elevation, intensity) in enumerate(np.stack(columns, axis=1).tolist()):
+        one = detections.add()
+        one.existence_probability = 1.0
+        one.position.distance, one.position.azimuth, one.position.elevation = distance, azimuth, elevation
+        one.intensity = intensity
+        if rings is not None:
+            one.beam_id.value = rings[k]
+
+
+def _stamp(timestamp: Any, time_s: float) -> None:
+    seconds, rest = divmod(round(time_s * 1e9), 10**9)
+    timestamp.seconds, timestamp.nanos = int(seconds), int(rest)

@@ -1,0 +1,379 @@
+"""A report's accounts, in their order: both sides (where the sensor stood, by ranges alone, and what the frames could
+show); what was learned, laws that no effect describes and the formula that is near one; effects of one's own, where
+each comes from, what it gained and what it looks like; judge scenes; and regimes, effects that act in a part of the
+recording alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from markupsafe import Markup
+
+from jaxsim.discover.covariates import NAMED
+from jaxsim.discover.drawn import MAP_COLUMNS
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.verdict import (
+    ClosedLaw,
+    JudgeFrame,
+    OwnCandidate,
+    Regime,
+    Registered,
+    Result,
+    Sensitivity,
+    Verdict,
+)
+from jaxsim.effects import EFFECTS
+from jaxsim.effects.learned import Learned
+from jaxsim.effects.origin import Origin
+from jaxsim.effects.page import in_words
+from jaxsim.frame import Cloud, PolarGrid, PolarImage
+from jaxsim.geometry import polar_to_points
+from jaxsim.report.canvas import AFTER, BEFORE, FAINT, RULE, Canvas
+from jaxsim.report.charts import colour_limit, curve_chart, label, ticks, x_axis
+from jaxsim.report.page import (
+    NOTHING,
+    Draw,
+    bar_cell,
+    below,
+    code,
+    explorer,
+    file_name,
+    folded,
+    formula,
+    key,
+    names,
+    paragraph,
+    section,
+    table,
+    together,
+)
+from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
+from jaxsim.report.words import AXES, CHANNELS, Axis, number, part_of, percent, probability, span, title_of
+
+OUTSIDE = {
+    **dict.fromkeys(("curve", "product"), "Outside its knots it holds its end values."),
+    "periodic": "From its last knot it goes on to the first.",
+    "table": "What it does not hold is left as it is.",
+    "wave": "They are those of its cosine and its sine.",
+}
+"""What becomes of rays that a law was not fitted to, by its kind."""
+BAND = 2.0
+"""Standard deviations to either side of a learned law that its band shows."""
+LEFT = 72
+RIGHT = 706
+TOP = 14
+BOTTOM = 132
+ALONG = {
+    "azimuth": "azimuth, ° (grows to the left)",
+    "time": "time since the first frame, s",
+    "tag": "time since the first frame, s",
+    "scene": "time since the first frame, s",
+}
+"""What a strip runs along; number of the scene where frames say no time."""
+MOST = 2.5
+"""Size that the axis reaches at most: a scene that tells little may ask for any."""
+
+
+def where_it_stood(told: Registered | None) -> Markup:
+    """The motion between the sides, if it is more than noise: a table of its numbers, and how far ranges then agree."""
+    if told is None or not (told.sure or told.other_moments or told.speeds):
+        return NOTHING
+    meanings = {key: of.meaning for effect in EFFECTS.values() for key, of in effect.parameters.items()}
+    rows = [[code(key), meanings[key], number(one.value), span(one), one.unit] for key, one in told.motion.items()]
+    words = (
+        "The sensor's motion from where the simulator has it, that makes ranges agree best over all frames. They agree "
+        f"(within 0.5 m or 5 %) on {percent(told.near[1])} of the measured points as registered, on "
+        f"{percent(told.near[0])} as given; half of the points lie within {number(told.off_m[1])} m and "
+        f"{number(told.off_m[0])} m."
+    )
+    if told.other_moments:
+        words += " Frames of one name are of different moments: each was brought to its own place."
+    parts = [paragraph(words), table(["number", "meaning", "value", "90 % interval", "unit"], rows, text=2)]
+    if told.speeds:
+        drives = [[name, number(speed)] for name, speed in told.speeds.items()]
+        parts.append(paragraph("Speeds that the frames' own distortion tells, where none is given:"))
+        parts.append(table(["drive", "m/s"], drives, text=1))
+    return section("Where the sensor stood", together(parts))
+
+
+def could_show(asked: Sequence[Sensitivity]) -> Markup:
+    """Effects that these frames could not show, why, and what to record; then the size from which each other one
+    would be seen."""
+    if not asked:
+        return NOTHING
+    hidden = [one for one in asked if not one.testable]
+    words = (
+        f"{len(asked)} effects were put on the rays that were compared, at half of a clearly visible size, and the "
+        "gain was computed that naming could expect, nuisances being free to take up what they can. "
+    )
+    if hidden:
+        words += "That none of the following is named says nothing about it:"
+    else:
+        words += "These scenes would show every one of them."
+    rows = [[_name(one), one.why, one.record] for one in hidden]
+    parts = [paragraph(words)]
+    if rows:
+        parts.append(table(["effect", "why it cannot be told here", "what to record"], rows, text=3))
+    seen = [[_name(one), _from(one)] for one in asked if one.testable]
+    if seen:
+        heads = ["effect", "these scenes would show it from about"]
+        parts.append(folded(f"From which size the other {len(seen)} would be seen", table(heads, seen, text=2)))
+    return section("What these frames could show", together(parts))
+
+
+def _name(one: Sensitivity) -> Markup:
+    return below(code(one.name), title_of(one.name))
+
+
+def _from(one: Sensitivity) -> str:
+    """The smallest size, parameter by parameter; those that only shape the effect stay as they are."""
+    known = EFFECTS.get(one.name)
+    words = []
+    for name, smallest in one.smallest.items():
+        of = known.parameters.get(name) if known else None
+        unit = f" {of.unit}" if of and of.unit else ""
+        many = " (root mean square)" if of and of.shape != "scalar" else ""
+        words.append(f"{name} {number(smallest)}{unit}{many}")
+    return ", ".join(words)
+
+
+def learned(verdict: Verdict, draw: Draw) -> Markup:
+    """Each learned law with its band and what it gains on judge scenes, and the formula."""
+    if not verdict.learned:
+        return NOTHING
+    parts = [_law(law, verdict, draw, mark=str(k) if k else "") for k, law in enumerate(verdict.learned)]
+    return section("What was learned and added", together(parts) + (_formula(verdict.law) if verdict.law else NOTHING))
+
+
+def _law(law: Learned, verdict: Verdict, draw: Draw, *, mark: str) -> Markup:
+    words = (
+        f"No effect of the catalogue describes this, so it enters sensor.json as it is: a {law.kind} of "
+        f"{len(law.values)} heights of {law.channel} along {' and '.join(law.covariates)}. "
+    ) + OUTSIDE[law.kind]
+    gained = verdict.gap[law.channel].gained if law.channel in verdict.gap else None
+    if gained:
+        words += (
+            f" With all that was added the judge scenes' {law.channel} gains {number(gained.value)} {gained.unit} "
+            f"(90 % interval {number(gained.low)} to {number(gained.high)})."
+        )
+    name, *others = law.covariates
+    if others or law.kind == "wave":
+        return paragraph(words)
+    # Finer looks at a covariate have no axis of their own.
+    axis = AXES.get(name, Axis(name))
+    chart = curve_chart(
+        axis.shown(np.array(law.knots).ravel()),
+        [("learned", np.array(law.values), AFTER)],
+        BAND * np.array(law.sd),
+        x_label=axis.label,
+        y_label=CHANNELS[law.channel].unit,
+        joined=law.kind != "table",
+        whole=law.kind == "table",
+    )
+    file = file_name("learned", law.channel, NAMED.get(name, name), *filter(None, [mark]))
+    caption = (
+        f"The learned law of {law.channel} along {name}, with two standard deviations to either side (jackknife over "
+        "groups of scenes)."
+    )
+    return paragraph(words) + draw(file, chart, caption)
+
+
+def _formula(law: ClosedLaw) -> Markup:
+    words = (
+        f"A formula comes near: it tells {100 * law.share:.0f} % of the law's variation, and gains "
+        f"{number(law.held_out_nats)} nats over a level on groups of scenes that its fit had not seen."
+    )
+    rows = [[code(name), number(one.value), span(one), one.unit] for name, one in law.parameters.items()]
+    heads = ["parameter", "value", "90 % interval", "unit"]
+    return paragraph(words) + formula(law.formula) + table(heads, rows, text=1)
+
+
+def own_effects(candidates: Sequence[OwnCandidate]) -> Markup:
+    """Each candidate that is no part of the catalogue; nothing where there is none."""
+    if not candidates:
+        return NOTHING
+    words = (
+        "Candidates beside the catalogue, each with the file or package that it comes from. A look-alike is an effect "
+        "of the catalogue that, fitted to its expectation on these frames at a visible size, reproduces at least "
+        f"{percent(RULES.alike_share)} of it; the bar shows how much."
+    )
+    return section("Effects of your own", paragraph(words) + together(map(_candidate, candidates)))
+
+
+def _candidate(one: OwnCandidate) -> Markup:
+    known = EFFECTS.get(one.name)
+    title = known.title if known else ""
+    parts = [Markup("<h3>{} {}</h3>").format(code(one.name), title)]
+    parts.append(names(f"From {Origin(**one.origin)}"))
+    if known:
+        parts.append(formula(known.formula))
+        parts += [paragraph(f"{name}: {in_words(p)}") for name, p in known.parameters.items()]
+    said = f"Not named: {one.why_not}." if one.why_not else "Named."
+    gain = f"{number(one.gain)} nats per held-out scene (p {probability(one.p_value)})"
+    parts.append(paragraph(f"At the first step it gains {gain}. {said}"))
+    if not one.look_alikes:
+        return together([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
+    rows = [
+        [
+            code(other.name),
+            bar_cell(other.share, RULES.alike_share, strong=False),
+            percent(other.share),
+            other.apart,
+        ]
+        for other in one.look_alikes
+    ]
+    heads = ["look-alike", "of its expectation reproduced, and the bar", "share", "what tells them apart"]
+    return together([*parts, table(heads, rows, text=2, last_text=True)])
+
+
+def residual_clouds(result: Result) -> tuple[Markup, Markup]:
+    """The section with the viewer and its table, and the viewer's scenes; nothing where no frame was kept."""
+    if not result.frames:
+        return NOTHING, NOTHING
+    limits = {name: _limit(result, name) for name in CHANNELS}
+    channels = [
+        Channel(name, f"residual of {name}", -limit, limit, sides.unit, "diverging")
+        for name, sides in CHANNELS.items()
+        if (limit := limits[name]) is not None
+    ]
+    if not channels:
+        return NOTHING, NOTHING
+    rows, columns = len(result.grid.elevation_rad), len(result.grid.azimuth_rad)
+    scenes = [_scene(frame, result) for frame in result.frames]
+    groups = min(columns, MAP_COLUMNS)
+    words = (
+        "Frames of judge scenes, which nothing was fitted to: measured points coloured by what is left between "
+        "simulation and measurement. Grey: not compared. A lost ray lies where it was simulated."
+    )
+    label = "Cloud of a judge frame in 3D, coloured by residual"
+    body = paragraph(words) + explorer(label, has_map=True) + _table(result)
+    return section("Residuals ray by ray", body, name="turn"), packed(
+        scenes, channels, rows=rows, columns=columns, groups=groups
+    )
+
+
+def _limit(result: Result, channel: str) -> float | None:
+    return colour_limit([side[channel] for one in result.frames for side in (one.before, one.after)])
+
+
+def title(frame: JudgeFrame) -> str:
+    """A frame's name with its scene."""
+    return f"{frame.scene}, frame {frame.name}" if frame.scene not in ("", frame.name) else f"frame {frame.name}"
+
+
+def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:
+    picks = {"row": frame.row, "column": frame.column}
+    picks |= {f"curve {k}": group for k, group in enumerate(frame.groups)}
+    before = Side("before", places(frame, result.grid), frame.before, picks)
+    if not result.verdict.effects and not result.verdict.learned:
+        return TurnedScene(title(frame), (before,))
+    return TurnedScene(title(frame), (before, Side("after", None, frame.after)))
+
+
+def places(frame: JudgeFrame, grid: PolarGrid) -> np.ndarray:
+    """Places of the rays (n, 3), metres in the sensor's axes."""
+    shape = (len(grid.elevation_rad), len(grid.azimuth_rad))
+    range_m = np.zeros(shape, np.float32)
+    range_m[frame.row, frame.column] = frame.range_m
+    ones = np.ones(shape, bool)
+    cloud: Cloud = polar_to_points(PolarImage(range_m, np.zeros(shape, np.float32), ones), grid)
+    return np.asarray(cloud.xyz_m).reshape(*shape, 3)[frame.row, frame.column]
+
+
+def _table(result: Result) -> Markup:
+    """Root mean square residuals of each frame, for who cannot see the cloud."""
+    heads = ["frame", "rays"]
+    changed = bool(result.verdict.effects or result.verdict.learned)
+    for name, sides in CHANNELS.items():
+        heads.append(sides.unit if sides.unit.startswith(name) else f"{name}, {sides.unit}")
+    rows = []
+    for frame in result.frames:
+        row = [title(frame), str(len(frame.row))]
+        for name in CHANNELS:
+            sizes = [
+                number(_size(side[name])) for side in ((frame.before, frame.after) if changed else (frame.before,))
+            ]
+            row.append(" → ".join(sizes))
+        rows.append(row)
+    return paragraph(
+        f"Root mean square residual of the rays that were compared{', before → after' if changed else ''}:"
+    ) + table(heads, rows, text=1)
+
+
+def _size(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def regimes(found: Sequence[Regime], draw: Draw) -> Markup:
+    """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides."""
+    if not found:
+        return NOTHING
+    rows = [
+        [
+            code(one.effect),
+            part_of(one),
+            percent(one.share),
+            below(number(one.inside.value), span(one.inside)),
+            below(number(one.outside.value), span(one.outside)),
+            probability(one.p_value),
+            probability(one.q_value),
+            number(one.judge_nats),
+            "yes" if one.applied else "no: frames do not say where",
+        ]
+        for one in found
+    ]
+    words = (
+        "These effects act in a part of the recording alone, and their parameters were fitted there. Sizes are in "
+        "units of that fit: 0 is none of the effect, 1 all of it (90 % intervals, the scatter between scenes). p: that "
+        "chance makes scenes differ so much in some region of the kind; q: rate of false discoveries over all that was "
+        "asked. Judge scenes: nats that they gain over the same effect everywhere."
+    )
+    heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
+    legend = key([("inside", "after", False), ("outside", "before", True)])
+    strips = together(_strip(one, draw) for one in found)
+    body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
+    return section("Where and when it acts", body)
+
+
+def _strip(one: Regime, draw: Draw) -> Markup:
+    what = "sector" if one.divides == "azimuth" else "scene"
+    caption = (
+        f"{one.effect}, which acts {part_of(one)}: the size that each {what} asks for, had the effect been fitted "
+        "everywhere. At 1 it is as large as fitted inside, at 0 it is not there."
+    )
+    return draw(file_name("regime", one.effect), strip_chart(one), caption)
+
+
+def strip_chart(one: Regime) -> Canvas | None:
+    """Sizes along what divides, those inside filled; None where nothing tells them."""
+    x = np.rad2deg(one.x) if one.divides == "azimuth" else np.array(one.x, float)
+    size = np.clip(np.array(one.sizes, float), -MOST + 1, MOST)
+    known = np.isfinite(size)
+    if not known.any():
+        return None
+    canvas = Canvas(720, 178)
+    room = 0.03 * float(np.ptp(x)) or 1.0
+    first, last = float(x.min()) - room, float(x.max()) + room
+    # Azimuth is shown as the image has it: left is left.
+    ends = (last, first) if one.divides == "azimuth" else (first, last)
+    low, high = min(-0.5, float(size[known].min()) - 0.1), max(1.5, float(size[known].max()) + 0.1)
+
+    def across(value: float) -> float:
+        return LEFT + (value - ends[0]) / (ends[1] - ends[0]) * (RIGHT - LEFT)
+
+    def up(value: float) -> float:
+        return BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
+
+    for value in (0.0, 1.0):
+        canvas.line([(LEFT, up(value)), (RIGHT, up(value))], colour=RULE)
+        canvas.text(LEFT - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
+    marks = ticks(first, last, 7)
+    x_axis(canvas, across, marks, left=LEFT, right=RIGHT, bottom=BOTTOM, words=ALONG[one.divides])
+    canvas.text(16, (TOP + BOTTOM) / 2, "size", anchor="middle", size=12, turned=True)
+    for place, value, held in zip(x.tolist(), size.tolist(), one.held, strict=True):
+        if np.isfinite(value):
+            canvas.dot(across(place), up(value), colour=AFTER if held else BEFORE, radius=4, hollow=not held)
+    return canvas

@@ -1,0 +1,37 @@
+"""`jaxsim watch`."""
+
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.data.polar_frames import write_grid
+from jaxsim.discover.watch import watch_days
+from tests.discover.made_watch import GRID, day, dying_beam
+
+ROWS, COLUMNS, SCENES = 8, 96, 10
+
+
+def test_the_command_prints_a_table_over_days_and_ends_with_one(tmp_path, capsys):
+    monday, beam = day(tmp_path / "monday", 0), day(tmp_path / "beam", 2, dying_beam)
+    with pytest.raises(SystemExit) as stop:
+        main(["watch", str(monday), "--days", str(beam), "--out", str(tmp_path / "table.md")])
+    assert stop.value.code == 1
+    assert "| row 3, intensity | -30.3 % (-31.9 .. -28.7) |" in (tmp_path / "table.md").read_text()
+    assert "| row 3, intensity | -30.3 % (-31.9 .. -28.7) |" in capsys.readouterr().out
+
+
+def test_another_sensor_and_too_few_scenes_are_refused(tmp_path):
+    monday = day(tmp_path / "monday", 0)
+    other = day(tmp_path / "other", 1)
+    write_grid(other, GRID.replace(elevation_rad=GRID.elevation_rad + np.float32(0.01)), frames={})
+    with pytest.raises(ValueError, match=r"is of another sensor than .*elevation_rad"):
+        watch_days(monday, [other])
+    for path in monday.glob("0[1-9]*.npz"):
+        path.unlink()
+    with pytest.raises(ValueError, match="monday has 1 scenes; 4 are needed"):
+        watch_days(monday, [monday])
+
+
+def test_a_day_alone_cannot_be_watched(tmp_path):
+    with pytest.raises(SystemExit, match="--days names no folder"):
+        main(["watch", str(tmp_path), "--days"])

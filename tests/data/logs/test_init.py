@@ -1,0 +1,49 @@
+"""What a log is told from."""
+
+import numpy as np
+import pytest
+
+from jaxsim.data.logs import known_sources, source_for
+from tests.data.logs.conftest import RINGS, room
+from tests.data.logs.test_files import frames_of
+
+
+def test_what_is_no_log_is_told_with_all_that_are(tmp_path):
+    with pytest.raises(ValueError, match="looks like no log that is known; name its kind: --kind carla or pcd or"):
+        source_for(tmp_path)
+    with pytest.raises(ValueError, match="no source 'sick'; known: carla, pcd"):
+        source_for(tmp_path, "sick")
+    with pytest.raises(ValueError, match="there is no"):
+        source_for(tmp_path / "nothing")
+
+
+def test_a_package_adds_a_source(tmp_path, monkeypatch):
+    from jaxsim.data.logs import Item, LogScan, Source
+
+    def items(path, options):
+        for k in range(2):
+            fields = room(seed=k)
+            scan = LogScan(
+                name=f"{k:03d}",
+                scene="acme",
+                xyz_m=np.stack([fields[a] for a in "xyz"], axis=1),
+                intensity=fields["intensity"].astype("f4"),
+                ring=fields["ring"].astype(int),
+                full_scale=255.0,
+            )
+            yield Item(scan.name, lambda scan=scan: scan)
+
+    class Point:
+        name, value = "acme", "acme_lidar.log:SOURCE"
+
+        def load(self):
+            return Source("ACME", lambda path: path.suffix == ".acme", items)
+
+    monkeypatch.setattr("jaxsim.data.logs.entry_points", lambda group: [Point()] if group == "jaxsim.sources" else [])
+    assert next(iter(known_sources())) == "acme"
+    (tmp_path / "x.acme").write_bytes(b"")
+    kind, frames = frames_of(tmp_path / "x.acme", tmp_path / "out")
+    assert (kind, frames.names, len(frames.grid.elevation_rad)) == ("acme", ("000", "001"), RINGS)
+    Point.load = lambda self: 5
+    with pytest.raises(ValueError, match="must be a Source"):
+        known_sources()

@@ -1,0 +1,22 @@
+"""A training pair as a record."""
+
+import numpy as np
+import pytest
+
+from jaxsim.data.records import check_example
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"grid/azimuth_rad": np.float32(0)}, r"azimuth_rad is float32 \(\), not float32 \(c\)"),
+        ({"edges": np.zeros((4, 8))}, r"edges is float64 \(4, 8\), not bool"),
+        ({"edges": np.zeros((4, 9), bool)}, r"edges is bool \(4, 9\)"),
+        ({"position": "x"}, "position is"),
+    ],
+)
+def test_a_kept_pair_of_other_types_and_shapes_is_no_pair(change, message):
+    right = {"edges": np.zeros((4, 8), bool), "grid/azimuth_rad": np.zeros(8, "f4"), "name": "a", "position": 3}
+    check_example(right)
+    with pytest.raises(ValueError, match=message):
+        check_example({"row": np.zeros((4, 8), "f4"), **right, **change})

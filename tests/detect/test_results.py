@@ -1,0 +1,33 @@
+"""Detections as KITTI writes them."""
+
+import numpy as np
+
+from jaxsim.detect.results import Found, corners_of, label_lines, outlines, result_lines
+from jaxsim.detect.scenes import scene_of
+from jaxsim.geometry.boxes import box_corners
+from tests.detect.tiny import VIEW
+
+
+def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
+    found = scene_of(kitti[2], "Car", in_image=True)
+    lines = result_lines(Found(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
+    label = next(line for line in label_lines(found.labels) if line.startswith("Car "))
+    (result,) = (line.split() for line in lines)
+    wanted = label.split()
+    assert result[0] == "Car"
+    assert result[1:3] == ["-1", "-1"]
+    assert result[15] == "0.7500"
+    np.testing.assert_allclose(np.float64(result[8:15]), np.float64(wanted[8:]), atol=2e-3)
+    np.testing.assert_allclose(float(result[3]), float(wanted[3]), atol=2e-2)
+    np.testing.assert_allclose(np.float64(result[4:8]), np.float64(wanted[4:8]), atol=4)  # drawn by hand
+
+
+def test_corners_are_those_of_the_kernel():
+    boxes = np.random.default_rng(0).uniform(1, 4, (9, 7)).astype(np.float32)
+    np.testing.assert_allclose(corners_of(boxes), box_corners(boxes), atol=1e-5)
+
+
+def test_a_box_behind_the_camera_has_a_finite_outline():
+    boxes = np.array([[-5.0, 0, 0, 4, 2, 1.5, 0], [1.0, 0, -1, 4, 2, 1.5, 0.3]])
+    assert np.isfinite(outlines(boxes, VIEW)).all()
+    assert outlines(np.zeros((0, 7)), VIEW).shape == (0, 4)

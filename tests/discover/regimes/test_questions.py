@@ -1,0 +1,50 @@
+"""What may divide an effect, of frames of two tags that follow one another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.regimes.questions import Facts, questions
+from jaxsim.discover.rules import RULES
+from tests.discover.toy import toy
+
+FRAMES, COLUMNS = 10, 60
+
+
+@pytest.fixture(scope="module")
+def facts():
+    scan, _ = toy(frames=FRAMES, rows=4, columns=COLUMNS)
+    frame = np.arange(FRAMES)
+    tags = {"night": frame >= 5, "rare": frame == 0}
+    column = np.broadcast_to(np.arange(0, COLUMNS, 2), (FRAMES, COLUMNS // 2))
+    return Facts(replace(scan, tags=tags), tuple(f"drive {k}" for k in frame), frame, frame, column)
+
+
+def test_a_tag_divides_where_enough_scenes_have_it_and_enough_do_not(facts):
+    tags = [one for one in questions(facts) if one.divides == "tag"]
+    assert [region.tag for one in tags for region in one.regions] == ["night"]
+    np.testing.assert_array_equal(tags[0].between_scenes(facts.scene), [[*[False] * 5, *[True] * 5]])
+
+
+def test_every_moment_leaves_enough_scenes_to_both_sides(facts):
+    asked = [one for one in questions(facts) if one.divides == "time"]
+    assert len(asked) == 2
+    for one in asked:
+        scenes = one.between_scenes(facts.scene)
+        assert scenes is not None
+        assert (np.minimum(scenes.sum(1), (~scenes).sum(1)) >= RULES.regime_fewest_scenes).all()
+    # From a moment on, or until one: as many as there are cuts, each from both sides.
+    assert len(asked[0].regions) == 2 * (FRAMES + 1 - 2 * RULES.regime_fewest_scenes)
+
+
+def test_arcs_hold_the_sectors_of_their_azimuths(facts):
+    [one] = [one for one in questions(facts) if one.divides == "azimuth"]
+    assert one.between_scenes(facts.scene) is None
+    azimuth = np.asarray(facts.scan.grid.azimuth_rad, float)
+    sector = facts.sector[0]
+    middle = np.array([azimuth[facts.column[0][sector == k]].mean() for k in range(facts.sectors)])
+    for region, inside in zip(one.regions, one.inside, strict=True):
+        low, high = region.azimuth_rad
+        held = (middle - low) % (2 * np.pi) < high - low
+        np.testing.assert_array_equal(inside[0], held)

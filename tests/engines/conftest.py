@@ -1,0 +1,3 @@
+"""Fixtures of engines."""
+
+from tests.engines.made import answer  # noqa: F401

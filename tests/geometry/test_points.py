@@ -1,0 +1,28 @@
+"""What the points of a LiDAR's cloud can be."""
+
+import numpy as np
+import pytest
+
+from jaxsim.geometry.points import FAR_M, check_points
+
+GOOD = np.array([[1.0, 2.0, 0.5, 0.0], [-FAR_M, 0.0, 0.0, 1.0]])
+
+
+def test_points_up_to_the_farthest_and_the_whole_scale_of_intensity_pass():
+    check_points(GOOD, "a.bin")
+    check_points(GOOD[:, :3], "a.bin")
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (GOOD[:, :2], r"a\.bin: a cloud of shape \(2, 2\)"),
+        (GOOD[:0], "holds no points"),
+        (GOOD * [[np.nan, 1, 1, 1], [1, 1, 1, 1]], "1 of 2 points are NaN"),
+        (GOOD * [1.001, 1, 1, 1], "must be in metres"),
+        (GOOD * [1, 1, 1, 255], r"intensity spans 0\.\.255"),
+    ],
+)
+def test_what_no_lidar_sees_is_told(points, message):
+    with pytest.raises(ValueError, match=message):
+        check_points(points, "a.bin")

@@ -1,0 +1,3 @@
+"""Fixtures of trees."""
+
+from tests.simulate.made_trees import six  # noqa: F401

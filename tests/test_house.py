@@ -1,0 +1,70 @@
+"""How the code is laid out: rules that a reader of folder lists may rely on."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROOM = ROOT / "jaxsim"
+MODULES = sorted(path.relative_to(ROOM).as_posix() for path in ROOM.rglob("*.py"))
+
+ROWS = {"effects/catalogue": "effects/test_catalogue.py", "engines": "engines/test_engines.py"}
+"""Folders whose files are rows of one table, and the test of that table, which goes through all of them."""
+WITHOUT = {
+    "cli/__main__.py": "two lines, by which every test of the programs as users start them begins",
+    "config/data.py": "settings without behaviour; config/test_ranges.py checks the ranges of all",
+    "config/depth.py": "the same",
+    "config/detector.py": "the same",
+    "config/intensity.py": "the same",
+    "config/studies.py": "the same",
+    "frame.py": "structs without behaviour, of which nearly all tests are made",
+}
+"""Modules that need no test file of their name, and why."""
+MOST_LINES = 400
+BY_PLACE = {"instance_norm", "_instance_norm"}
+"""Functions of more than three positional parameters: jax.custom_vjp takes its arguments by place."""
+
+
+def tree(module: str) -> ast.Module:
+    return ast.parse((ROOM / module).read_text())
+
+
+def mirrors(module: str) -> list[str]:
+    """Where its test may be: of a package's own file beside its folder's tests, or one above."""
+    path = Path(module)
+    if path.name != "__init__.py":
+        return [(path.parent / f"test_{path.stem}.py").as_posix()]
+    own = path.parent.parent / f"test_{path.parent.name}.py"
+    return [(path.parent / "test_init.py").as_posix(), *([own.as_posix()] if path.parent.name else [])]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_module_has_a_test_file_of_its_name(module):
+    """A package's own file needs one only where it does more than to gather names."""
+    if module in WITHOUT:
+        return
+    if module.endswith("__init__.py") and not any(
+        isinstance(node, ast.FunctionDef | ast.ClassDef) for node in tree(module).body
+    ):
+        return
+    files = [test for folder, test in ROWS.items() if module.startswith(f"{folder}/")] or mirrors(module)
+    assert any((ROOT / "tests" / file).is_file() for file in files), f"{module} has none of tests/{files}"
+
+
+def test_no_exemption_is_left_over():
+    assert {*WITHOUT} <= {*MODULES}
+    assert all((ROOT / "tests" / test).is_file() and (ROOM / folder).is_dir() for folder, test in ROWS.items())
+    needless = [m for m in WITHOUT if any((ROOT / "tests" / file).is_file() for file in mirrors(m))]
+    assert not needless
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_no_file_is_long_and_no_function_takes_more_than_three_by_place(module):
+    text = (ROOM / module).read_text()
+    assert text.count("\n") <= MOST_LINES
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.FunctionDef | ast.Lambda):
+            names = [one.arg for one in (*node.args.posonlyargs, *node.args.args) if one.arg not in ("self", "cls")]
+            name = getattr(node, "name", "lambda")
+            assert len(names) <= 3 or name in BY_PLACE, f"{module}:{node.lineno} {name}({', '.join(names)})"

@@ -1,0 +1,183 @@
+"""The main job as a user runs it: train, kill, resume, score, simulate; and the README's own lines."""
+
+import json
+import re
+import socket
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import read_frame, read_grid
+from tests.programs import ROOT, running, said, wait_until
+
+TRAIN, EVAL = ROOT / "train.py", ROOT / "eval.py"
+TINY = [
+    "--data.train=0-3", "--data.validation=4-5", "--prepare.columns=64", "--prepare.network-size", "64", "128",
+    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
+    "--discriminator.filters=4", "--discriminator.max-filters=8", "--discriminator.scales=1",
+    "--discriminator.layers=1", "--optim.batch=2", "--optim.steps=6", "--optim.ema-start=2",
+    "--run.log-every=1", "--run.save-every=2", "--run.picture-every=3",
+]  # fmt: skip
+
+
+def metrics(run: Path) -> dict[tuple[int, str], float]:
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    return {(line["step"], name): value for line in lines for name, value in line.items() if name != "step"}
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    """A folder with runs/demo: a tiny network trained for six steps on the embedded world."""
+    work = tmp_path_factory.mktemp("work")
+    assert "perceptual loss: off" in said(work, TRAIN, "synthetic", *TINY, "--run.name=demo")
+    return work
+
+
+def test_a_run_holds_what_is_needed_to_use_and_to_judge_it(work):
+    run = work / "runs" / "demo"
+    assert {"config.json", "checkpoints", "metrics.jsonl", "figures", "card.md"} <= {p.name for p in run.iterdir()}
+    assert cv2.imread(str(run / "figures" / "step_000006.png")) is not None
+    assert (6, "validation/mae") in metrics(run)
+
+
+def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
+    run = work / "runs" / "killed"
+    with running(work, TRAIN, "synthetic", *TINY, "--run.name=killed") as process:
+        # A checkpoint that is still being written has more than a number for a name.
+        wait_until(lambda: any(path.name.isdigit() for path in (run / "checkpoints").glob("*")), process)
+        process.kill()
+    output = said(work, TRAIN, "synthetic", *TINY, "--run.name=killed")
+    assert "resuming" in output
+    assert metrics(run) == metrics(work / "runs" / "demo")
+
+
+@pytest.mark.slow
+def test_two_processes_train_the_run_that_one_trains(work):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    flags = (*TINY, "--run.name=shared", "--run.distributed")
+    launcher = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
+    with ThreadPoolExecutor(2) as threads:
+        each = [
+            threads.submit(said, work, TRAIN, "synthetic", *flags, **launcher, JAX_PROCESS_ID=str(i)) for i in range(2)
+        ]
+        outputs = [one.result() for one in each]
+    assert "6 steps done" in outputs[0]
+    assert "steps done" not in outputs[1]
+    ours, alone = metrics(work / "runs" / "shared"), metrics(work / "runs" / "demo")
+    assert set(ours) == set(alone)
+    for key, value in alone.items():
+        if key[1].startswith("loss/"):  # after an update, Adam's steps on rounding noise differ
+            assert ours[key] == pytest.approx(value, rel=1e-5 if key[0] == 1 else 1e-2), key
+    # One process resumes it; four epochs of four frames are eight batches of two.
+    said(work, TRAIN, "synthetic", *TINY, "--run.name=shared", "--optim.epochs=4")
+    assert max(metrics(work / "runs" / "shared"))[0] == 8
+
+
+def test_another_command_does_not_overwrite_a_run(work):
+    output = said(work, TRAIN, "synthetic", *TINY, "--run.name=demo", "--optim.lr=0.5", fails=True)
+    assert "optim.lr was" in output
+    assert "--run.name" in output
+
+
+def test_scores_come_with_every_baseline_beside_them(work):
+    output = said(work, EVAL, "runs/demo")
+    written = json.loads((work / "runs" / "demo" / "evaluation" / "scores.json").read_text())
+    assert list(written["scores"]) == [
+        "network",
+        "global mean",
+        "per-class mean",
+        "per-row mean",
+        "global median",
+        "per-row median",
+        "range, incidence, row",
+        "previous frame",
+    ]
+    assert set(written["scores"]["network"]) == {"mae", "rmse", "psnr", "ssim", "drop_iou", "drop_f1"}
+    assert all(name in output for name in written["scores"])
+
+
+def test_too_few_frames_for_a_frechet_distance_stop_the_evaluation(work):
+    output = said(work, EVAL, "runs/demo", "--fid", "random", "--fid-features", "64", "--out", "few", fails=True)
+    assert "frechet_random_64: 2 frames to judge, 64 features" in output
+    assert not (work / "few").exists()
+
+
+def simulate(work: Path, *more: str, fails: bool = False) -> str:
+    return said(work, "-m", "jaxsim.cli", "simulate", "runs/demo", "--batch", "2", *more, fails=fails)
+
+
+@pytest.fixture(scope="module")
+def simulated(work) -> Path:
+    """Three frames as the sensor of runs/demo sees them."""
+    simulate(work, "--frames", "4-6", "--out", "sim")
+    return work / "sim"
+
+
+def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work, simulated):
+    grid, frames = read_grid(simulated / "polar")
+    assert len(frames) == 3
+    name = next(iter(frames))
+    image, more = read_frame(simulated / "polar", name)
+    assert image.range_m.shape == (len(grid.elevation_rad), 64)
+    assert set(more) == {"semantic", "instance", "rgb", "incidence"}
+    points = np.fromfile(simulated / "clouds" / f"{name}.bin", "<f4").reshape(-1, 4)
+    assert len(points) == image.valid.sum() > 0
+    np.testing.assert_allclose(
+        np.sort(np.linalg.norm(points[:, :3] - [0, 0, 0], axis=1)),
+        np.sort(image.range_m[image.valid]),
+        atol=0.25,
+    )
+    assert len(list((simulated / "previews").glob("*.png"))) == 6
+    command = [ROOT / "eval.py", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same"]
+    compared = said(work, *command)
+    assert "3 simulated and 3 measured frames" in compared
+    written = json.loads((work / "same" / "generation.json").read_text())["scores"]
+    assert written["chamfer_distance_m"] == {"value": 0.0, "unit": "m", "count": 3}
+    assert written["r2dm_jsd"]["value"] == 0
+    (simulated / "clouds" / f"{name}.ply").unlink()
+    before = {p: p.stat().st_mtime_ns for p in (simulated / "clouds").glob("*") if name not in p.name}
+    second = simulate(work, "--frames", "4-6", "--out", "sim")
+    assert "1 frames simulated" in second
+    assert "2 were there" in second
+    assert before == {p: p.stat().st_mtime_ns for p in before}
+
+
+def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, simulated):
+    chain = [
+        {"name": "range_scale", "parameters": {"scale": 0.01}},
+        {"name": "random_dropout", "parameters": {"probability": 0.3}},
+    ]
+    (work / "sensor.json").write_text(json.dumps({"effects": chain}))
+    common = ("--formats", "bin", "--previews", "0")
+    with_effects = (*common, "--sensor", "sensor.json", "--seed", "3", "--out", "real")
+    for frames in ("5", "4-5"):
+        result = simulate(work, "--frames", frames, *with_effects)
+    assert "1 were there" in result
+    names = read_grid(work / "real" / "polar")[1]
+    assert len(names) == 2
+    for name in names:
+        (ideal, _), (real, _) = (read_frame(folder / "polar", name) for folder in (simulated, work / "real"))
+        assert 0.6 < real.valid.sum() / ideal.valid.sum() < 0.8
+        assert not (real.valid & ~ideal.valid).any()
+        np.testing.assert_allclose(real.range_m[real.valid], 1.01 * ideal.range_m[real.valid], rtol=1e-5)
+    for wrong in (("--out", "real"), ("--sensor", "sensor.json", "--seed", "4", "--out", "real")):
+        assert "give another --out" in simulate(work, "--frames", "4-6", *common, *wrong, fails=True)
+
+
+def test_the_readmes_first_lines_make_a_point_cloud(work):
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert block
+    code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
+    assert int(said(work, "-c", code).split()[-1]) > 0
+
+
+def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work):
+    output = said(work, TRAIN, "kitti_step_combined", "--data.root=nowhere", fails=True)
+    assert "vgg19-dcbb9e9d.pth" in output
+    assert "leave the term out with --loss.perceptual 0" in output
+    assert not (work / "runs" / "kitti_step_combined").exists()
