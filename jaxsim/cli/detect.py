@@ -11,12 +11,13 @@ import numpy as np
 import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
-from jaxsim.detect.results import Found
 from jaxsim.detect.scenes import seen_by
 from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
 from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
 from jaxsim.report import cloud_with_boxes, draw_above, draw_on_image, save_picture, write_clouds
 from jaxsim.report.scenes import TurnedScene
+
+PAGE = "clouds.html"
 
 
 @dataclass(frozen=True)
@@ -76,16 +77,14 @@ class Detect(Checked):
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
         found = 0
-        scenes: list[TurnedScene] = []
         finder = make_find(experiment)
         detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
-        for k, (name, boxes) in enumerate(detections):
+        for name, boxes in detections:
             found += len(boxes.score)
-            if k < self.pictures:
-                scenes.append(self.draw(name, read_points(todo[name]), boxes, learned=learned))
             write_detections(results[name], boxes, kind, view=views[name])
-        if scenes:
-            self.write_page(scenes, kind)
+        drawn = files[: self.pictures]
+        if drawn and (todo or not (self.out / PAGE).is_file()):
+            self.write_page([self.draw(file, learned) for file in drawn], kind)
         kept = f"{len(files) - len(todo)} clouds were there"
         print(f"{found} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
         if todo and not self.calib:
@@ -98,9 +97,11 @@ class Detect(Checked):
         """The clouds, and what stands beside them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
 
-    def draw(self, name: str, points: np.ndarray, found: Found, *, learned: LearnedDetector) -> TurnedScene:
-        """Writes a cloud's pictures; gives it for the page."""
-        view = self.folder.view(name)
+    def draw(self, file: Path, learned: LearnedDetector) -> TurnedScene:
+        """Writes a cloud's pictures, of its result file so that a resumed command draws the same; gives it for the
+        page."""
+        name, points = file.stem, read_points(file)
+        view, found = self.folder.view(name), self.folder.found(name, self.out / "results")
         labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
         drawn = {"found": found.boxes, "score": found.score, "labelled": labelled, "title": name}
         pictures = {"above": draw_above(points, learned.experiment.voxels.range_m, **drawn)}
@@ -113,7 +114,7 @@ class Detect(Checked):
     def write_page(self, scenes: list[TurnedScene], kind: str) -> None:
         """Writes clouds.html, which turns the drawn clouds."""
         write_clouds(
-            self.out / "clouds.html",
+            self.out / PAGE,
             scenes,
             title="jaxsim detect",
             sentence=f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}.",

@@ -24,11 +24,15 @@ from jaxsim.detect.results import Found, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points
 from jaxsim.evaluate.detector import LearnedDetector
 from jaxsim.files import claim, digest_of_values, files_in, parse_json
+from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
+from jaxsim.metrics.detection.files import read_detections
 
 _AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 AT_LIDAR = View(intrinsics=np.eye(3), cam_from_velo=_AXES, rect_from_velo=_AXES, size=(1, 1))
 """Where boxes are written without a calibration: a camera that stands in the LiDAR. Their rectangles are empty."""
+
+_FIELDS = ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "occluded")
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,14 @@ class CloudFolder:
         labels = read_labels(self.labels / f"{name}.txt")
         of_kind = np.array([k == kind for k in labels.kind], bool)
         return lidar_boxes(labels, view.rect_from_velo)[of_kind]
+
+    def found(self, name: str, results: Path) -> Found:
+        """What a result file in the folder `results` holds, in the LiDAR's axes."""
+        listed = read_detections(results, [name])
+        boxes = Boxes(**{field: getattr(listed, field) for field in _FIELDS})
+        return Found(
+            lidar_boxes(boxes, self.view(name).rect_from_velo).astype(np.float32), listed.score.astype(np.float32)
+        )
 
     def claim(self, out: Path, learned: LearnedDetector, **about: Any) -> None:
         """Writes OUT/detect.json: all that decides what results hold, and what else is to be said `about` them.

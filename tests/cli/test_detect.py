@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.detect import Detect
+from jaxsim.detect.results import Found
 from jaxsim.detect.steps import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
@@ -49,11 +50,40 @@ def test_real_scans_give_result_files_and_pictures(run, kitti, tmp_path):
     assert picture.shape == (375, 1242, 3)
     assert cv2.imread(str(out / "pictures" / "000001_above.png")) is not None
 
+    page = (out / "clouds.html").read_text()
+
     # What is there is not made again.
     path = out / "results" / "000001.txt"
     path.write_text("")
     command()
     assert path.read_text() == ""
+    assert (out / "clouds.html").read_text() == page
+
+
+def test_pictures_and_page_of_a_resumed_command_are_those_of_a_whole_one(run, kitti, tmp_path, monkeypatch):
+    """Drawn are the first clouds of the folder, not the first that were left to do; and the page shows them all."""
+    clouds = tmp_path / "clouds"
+    clouds.mkdir()
+    points = np.fromfile(kitti / "velodyne" / "000001.bin", "<f4").reshape(-1, 4)
+    for name in ("a", "b", "c"):
+        points[::9].tofile(clouds / f"{name}.bin")
+    boxes = np.array([[10, 2, -1, 4, 2, 1.5, 0.3]], np.float32)
+
+    def finds(finder, network, given, **told):
+        for name, _ in given:
+            yield name, Found(boxes + ord(name) % 3, np.array([0.7], np.float32))
+
+    monkeypatch.setattr("jaxsim.cli.detect.find_all", finds)
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    Detect(run, clouds, whole, pictures=2)()
+    Detect(run, clouds, cut, pictures=0)()
+    for name in ("b", "c"):
+        (cut / "results" / f"{name}.txt").unlink()
+    Detect(run, clouds, cut, pictures=2)()
+    made = sorted(path.relative_to(whole) for path in whole.rglob("*") if path.suffix in (".txt", ".png", ".html"))
+    assert len(made) == 3 + 2 + 1
+    for path in made:
+        assert (cut / path).read_bytes() == (whole / path).read_bytes(), path
 
 
 @pytest.fixture
