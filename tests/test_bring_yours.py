@@ -14,8 +14,8 @@ from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
 from tests.data.logs.conftest import room
 from tests.data.logs.test_files import carla_buffer, las, pcd
+from tests.data.logs.test_images import write_image
 from tests.data.logs.test_messages import mcap, message, osi_mcap, osi_trace, ros2_bag, sensor_view
-from tests.data.test_polar_views import write_image
 from tests.discover.test_gate import sides
 from tests.discover.test_watch import day
 from tests.test_docs import CODE
@@ -27,8 +27,8 @@ ELSEWHERE = {
     "jaxsim discover --measured measured --simulated simulated --gate gate.json --out answer": (
         "tests/discover/test_gate.py"
     ),
-    "jaxsim convert generator embedded --to onnx --out generator.onnx": "tests/portable/test_portable.py",
-    "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "tests/portable/test_portable.py",
+    "jaxsim convert generator embedded --to onnx --out generator.onnx": "tests/test_portable.py",
+    "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "tests/test_portable.py",
 }
 """Commands that take minutes: a whole answer, a network that is compiled."""
 

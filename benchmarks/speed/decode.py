@@ -22,7 +22,7 @@ from pypcd4 import PointCloud
 from rosbags.typesys import Stores, get_typestore
 from timing import interleave
 
-from jaxsim.cloud.mcap import Stamped, write_mcap
+from jaxsim.cloud.recordings import Stamped, write_mcap
 from jaxsim.data.logs import LogOptions, source_for
 from jaxsim.data.logs.files import read_pcd
 from jaxsim.data.logs.gridding import sensor_of, to_sweep
