@@ -10,6 +10,7 @@ import numpy as np
 import jaxsim
 from jaxsim.cloud import points_of
 from jaxsim.data import open_dataset
+from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.detect.batches import inside
 from jaxsim.detect.scenes import scene_of
 from jaxsim.evaluate.detector import load_detector, make_find
@@ -17,7 +18,7 @@ from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
 from jaxsim.report import beside, draw_above, draw_cloud, draw_on_image, pair_picture, save_picture, strip
-from jaxsim.report.pictures import intensity_panel
+from jaxsim.report.pictures import colour_scalar, intensity_panel
 from jaxsim.simulate.predict import make_predict
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -96,6 +97,20 @@ def detections() -> None:
     above = draw_above(scene.points, (x0, -11.2, z0, x1, 11.2, z1), **boxes, height=562)
     larger = cv2.resize(on_image, (1863, 562), interpolation=cv2.INTER_CUBIC)
     save_picture(PICTURES / "detections.jpg", shrunk(beside([larger, above]), 1600))
+
+
+def two_makers() -> None:
+    """A real turn and Lambert's law on its ranges (after the commands of docs/bring-yours.md, "Two makers")."""
+    measured, simulated = (open_polar_frames(Path(name)) for name in ("ouster", "ouster_lambert"))
+    ours, theirs = (frames.read(frames.names[0])[0] for frames in (simulated, measured))
+    valid = np.asarray(theirs.valid)
+    left = np.log(np.maximum(theirs.intensity, 1e-3)) - np.log(np.maximum(ours.intensity, 1e-3))
+    panels = [
+        ("OS-2-128, measured reflectivity (0-0.6)", intensity_panel(np.asarray(theirs.intensity), valid)),
+        ("the same ranges by Lambert's law (0-0.6)", intensity_panel(np.asarray(ours.intensity), valid)),
+        ("ln of measured over simulated (-2 to 2)", colour_scalar(left, valid, low=-2.0, high=2.0)),
+    ]
+    save_picture(PICTURES / "two_makers.jpg", shrunk(strip(panels, width=1240), 1000))
 
 
 if __name__ == "__main__":

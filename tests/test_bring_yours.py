@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,10 @@ ELSEWHERE = {
     "jaxsim discover --measured measured --simulated simulated --out answer": "tests/cli/test_discover.py",
     "jaxsim discover --measured measured --simulated simulated --gate gate.json --out answer": (
         "tests/discover/test_gate.py"
+    ),
+    **dict.fromkeys(
+        (f"jaxsim discover --measured {s} --simulated {s}_lambert --out {s}_answer" for s in ("ouster", "argoverse")),
+        "tests/cli/test_discover.py",
     ),
     "jaxsim convert generator embedded --to onnx --out generator.onnx": "tests/test_portable.py",
     "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "tests/test_portable.py",
@@ -58,6 +63,14 @@ def ouster(samples: Path) -> None:
     for turn in turns:
         writer.save(0, turn)
     writer.close()
+
+
+def two_makers(samples: Path) -> None:
+    source = next((samples / "ouster").glob("OS-2*.pcap"))
+    for suffix in (".pcap", ".json"):
+        Path("OS-2-128").with_suffix(suffix).symlink_to(source.with_suffix(suffix))
+    log = next((samples / "argoverse2").iterdir())
+    Path(log.name).symlink_to(log)
 
 
 def drives(samples: Path) -> None:
@@ -123,6 +136,7 @@ def days(samples: Path) -> None:
 
 
 MAKE: dict[str, Callable[[Path], None]] = {
+    "Two makers": two_makers,
     "Ouster": ouster,
     "Velodyne": lambda samples: Path("recording.pcap").symlink_to(samples / "velodyne_vlp16/my.pcap"),
     "KITTI, nuScenes, Argoverse 2": drives,
@@ -168,6 +182,19 @@ def test_the_pages_command_runs(here, samples, title, command):
     if words[0] == "frames" and "--to" not in words:
         image, _ = open_polar_frames(out).read(open_polar_frames(out).names[0])
         assert np.asarray(image.valid).mean() > 0.2
+
+
+def test_lamberts_law_has_the_measured_ranges(here, monkeypatch):
+    day(Path("measured"), 0)
+    monkeypatch.setattr("sys.argv", ["lambert.py", "measured", "simulated"])
+    runpy.run_path(str(ROOT / "docs/lambert.py"), run_name="__main__")
+    measured, simulated = open_polar_frames("measured"), open_polar_frames("simulated")
+    assert simulated.names == measured.names
+    (a, _), (b, more) = measured.read(measured.names[0]), simulated.read(measured.names[0])
+    np.testing.assert_array_equal(a.range_m, b.range_m)
+    known = b.valid & (more["incidence"] < np.pi / 2)
+    assert known.sum() > 100
+    np.testing.assert_allclose(b.intensity[known], 0.3 * np.cos(more["incidence"])[known], rtol=1e-5)
 
 
 def test_what_is_run_elsewhere_is_on_the_page_and_tested_there():
