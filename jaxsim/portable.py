@@ -147,7 +147,7 @@ class Graph:
 
     onnx: Any
     nodes: list[Any] = field(default_factory=list)
-    kept: list[Any] = field(default_factory=list)
+    constants: list[Any] = field(default_factory=list)
 
     def add(self, op: str, *inputs: Value, **attributes: Any) -> str:
         """A node, and the name of its output."""
@@ -160,8 +160,8 @@ class Graph:
         """Of a constant, which is put into the file, or of what is there."""
         if isinstance(value, str):
             return value
-        name = f"constant_{len(self.kept)}"
-        self.kept.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(value), name))
+        name = f"constant_{len(self.constants)}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.ascontiguousarray(value), name))
         return name
 
 
@@ -184,7 +184,7 @@ def onnx_model(
         name,
         [told("inputs", kind, shape)],
         [told("outputs", kind, closed.out_avals[0].shape)],
-        initializer=graph.kept,
+        initializer=graph.constants,
     )
     opsets = [onnx.helper.make_opsetid("", OPSET)]
     # The oldest version of the format that has this opset, for runtimes that are not new.

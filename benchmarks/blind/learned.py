@@ -161,16 +161,16 @@ def gain(division: Division, null: Problem, chain: Chain) -> Float[np.ndarray, "
     ev, scene = division.all_evidence()
     fitted = (scene < len(division.parts.find)).astype(np.float32)
 
-    def with_own_weights(problem: Problem) -> Problem:
+    def reweighted(problem: Problem) -> Problem:
         raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))
         off = conditional_residuals(problem.ev, raw, jnp.asarray(fitted))
         return replace(problem, equations=normal_equations(problem.ev, problem.noise, off))
 
     before = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
     after = in_place(replace(before, noise=refitted(in_place(null, chain)).noise), chain, simulated=True)
-    before = with_own_weights(before)
+    before = reweighted(before)
     was = distance(before, fitted, before.equations, scene=scene)
-    now = distance(with_own_weights(after), fitted, before.equations, scene=scene)
+    now = distance(reweighted(after), fitted, before.equations, scene=scene)
     return (now.log_likelihood - was.log_likelihood).mean(0)
 
 

@@ -76,17 +76,17 @@ class Detect(Checked):
                 # As in training: a detector that saw only the camera's view would take the rest for something else.
                 yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
 
-        found = 0
+        detected = 0
         finder = make_find(experiment)
         detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
         for name, boxes in detections:
-            found += len(boxes.score)
+            detected += len(boxes.score)
             write_detections(results[name], boxes, kind, view=views[name])
         drawn = files[: self.pictures]
         if drawn and (todo or not (self.out / PAGE).is_file()):
             self.write_page([self.draw(file, learned) for file in drawn], kind)
         kept = f"{len(files) - len(todo)} clouds were there"
-        print(f"{found} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
+        print(f"{detected} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
         if todo and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:
@@ -101,15 +101,15 @@ class Detect(Checked):
         """Writes a cloud's pictures, of its result file so that a resumed command draws the same; gives it for the
         page."""
         name, points = file.stem, read_points(file)
-        view, found = self.folder.view(name), self.folder.found(name, self.out / "results")
+        view, detected = self.folder.view(name), self.folder.detected(name, self.out / "results")
         labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
-        drawn = {"found": found.boxes, "score": found.score, "labelled": labelled, "title": name}
+        drawn = {"detected": detected.boxes, "score": detected.score, "labelled": labelled, "title": name}
         pictures = {"above": draw_above(points, learned.experiment.voxels.range_m, **drawn)}
         if self.images:
             pictures["image"] = draw_on_image(self.folder.image(name), view, **drawn)
         for kind, picture in pictures.items():
             save_picture(self.out / "pictures" / f"{name}_{kind}.png", picture)
-        return cloud_with_boxes(name, points, found=found.boxes, labelled=labelled)
+        return cloud_with_boxes(name, points, detected=detected.boxes, labelled=labelled)
 
     def write_page(self, scenes: list[TurnedScene], kind: str) -> None:
         """Writes clouds.html, which turns the drawn clouds."""

@@ -12,7 +12,7 @@ from jaxsim.evaluate.detector import mean_curves
 from jaxsim.evaluate.runs import score_checkpoints
 from jaxsim.files import file_of
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules, evaluate
-from jaxsim.metrics.detection.files import found_frames, frame_list, read_detections, read_truth
+from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
 from jaxsim.progress import Progress
 from jaxsim.report import detection_picture, detection_table, mean_table, save_picture, write_detection
 from jaxsim.runs.kinds import DetectorRun
@@ -53,13 +53,17 @@ class Detection:
         return self.out or folder.with_name(f"{folder.name}_evaluation")
 
     def __call__(self) -> None:
-        names = frame_list(self.frames) if self.frames else found_frames(self.detections)
+        names = frame_list(self.frames) if self.frames else frames_with_results(self.detections)
         truth = read_truth(self.labels, names)
         detections = read_detections(self.detections, names)
         passes = len(self.classes) * len(DIFFICULTIES) * len(METRICS) * len(OVERLAP_SETS)
         with Progress(total=passes, desc="matching", unit="pass") as bar:
             curves = evaluate(truth, detections, rules=self.rules, classes=self.classes, done=bar.update)
-        omitted = "" if self.frames else f" of {len(found_frames(self.labels))} labelled (--frames FILE fixes the list)"
+        omitted = (
+            ""
+            if self.frames
+            else f" of {len(frames_with_results(self.labels))} labelled (--frames FILE fixes the list)"
+        )
         print(f"{len(names)} frames{omitted}, {self.rules} rules\n\n{detection_table(curves)}\n")
         out = self.writes_to
         compared = {"detections": str(self.detections), "labels": str(self.labels)}

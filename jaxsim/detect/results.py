@@ -22,7 +22,7 @@ NEAR_M = 0.1
 
 
 @dataclass(frozen=True)
-class Found:
+class Detected:
     """The detections of one frame on the host, best first."""
 
     boxes: Float32[np.ndarray, "n 7"]
@@ -53,15 +53,15 @@ def outlines(boxes: Float[np.ndarray, "n 7"], view: View) -> Float[np.ndarray, "
     return np.clip(np.concatenate([low, high], axis=1), 0, [columns - 1, rows - 1] * 2)
 
 
-def result_lines(found: Found, kind: str, view: View) -> list[str]:
+def result_lines(detected: Detected, kind: str, view: View) -> list[str]:
     """The lines of a result file."""
-    centre, size, yaw = camera_boxes(found.boxes, view.rect_from_velo)
+    centre, size, yaw = camera_boxes(detected.boxes, view.rect_from_velo)
     # KITTI's alpha: heading less the direction of sight; in `velo` -y is right and x ahead.
-    alpha = wrapped(yaw - np.arctan2(-found.boxes[:, 1], found.boxes[:, 0]))
-    rectangle = outlines(found.boxes.astype(np.float64), view)
+    alpha = wrapped(yaw - np.arctan2(-detected.boxes[:, 1], detected.boxes[:, 0]))
+    rectangle = outlines(detected.boxes.astype(np.float64), view)
     return [
         f"{kind} -1 -1 {' '.join(f'{v:.4f}' for v in (a, *r, *s[::-1], *c, y, score))}"
-        for a, r, s, c, y, score in zip(alpha, rectangle, size, centre, yaw, found.score, strict=True)
+        for a, r, s, c, y, score in zip(alpha, rectangle, size, centre, yaw, detected.score, strict=True)
     ]
 
 

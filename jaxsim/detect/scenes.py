@@ -131,7 +131,7 @@ class Scenes(Sequence[Scene]):
         return read_scene(self.files[i])
 
 
-def kept_scenes(
+def cached_scenes(
     dataset: Any, positions: Sequence[int], kind: str, *, in_image: bool, cache: Path, settings: str
 ) -> Scenes:
     """The scenes at these positions of a data set (jaxsim.data); makes those that are not kept in `cache` yet.

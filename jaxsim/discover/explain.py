@@ -141,7 +141,7 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
     return tuple(lines)
 
 
-def own_noise(levels: Levels) -> tuple[str, ...]:
+def simulator_noise(levels: Levels) -> tuple[str, ...]:
     """What a reader must know of noise that the simulated frames carry themselves."""
     found = [
         f"{what} {value:.2g}{unit}"

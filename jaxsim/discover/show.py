@@ -20,7 +20,7 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Chain, Problem, fit
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import fit_null, with_own_weights
+from jaxsim.discover.model.null import fit_null, reweighted
 from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.name.select import Choice, refitted, runner_up
@@ -67,7 +67,7 @@ def judge(
     curves = additive_floor(before, fitted, sorted(covariates))
     find_alone = np.ones(int(fitted.sum()), np.float32)
     curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
-    free = with_own_weights(replace(before, ev=curves.on(ev), noise=curved.noise), fitted)
+    free = reweighted(replace(before, ev=curves.on(ev), noise=curved.noise), fitted)
 
     def away(problem: Problem) -> Distance:
         return distance(problem, fitted, before.equations, scene=scene)
@@ -91,7 +91,7 @@ def _on(
 ) -> Problem:
     """The null model's problem on other evidence, with effects in place and the noise that they leave."""
     problem = Problem(division.scan, ev, null.equations, noise, null.clutter)
-    return with_own_weights(in_place(problem, effects, simulated=True), fitted)
+    return reweighted(in_place(problem, effects, simulated=True), fitted)
 
 
 def _frames(

@@ -10,7 +10,7 @@ from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects, in_place
-from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, own_noise, ranking, why_not
+from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, simulator_noise, why_not
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.law.search import closed_law
@@ -123,7 +123,7 @@ def discover(
         sensitivity=sensitivities(null, catalogue),
         notes=(
             *notes(comparison, parts, model.choice, held=held),
-            *own_noise(division.simulator.noise),
+            *simulator_noise(division.simulator.noise),
             *([stranger] if stranger else []),
         ),
         seconds=time.monotonic() - begun,

@@ -85,11 +85,11 @@ def mounting(answer: Answer) -> list[Setting]:
     return found
 
 
-def text(found: Sequence[Setting]) -> str:
+def text(chosen: Sequence[Setting]) -> str:
     """A JSON object of attributes for `blueprint.set_attribute`, and the change of the transform."""
-    attributes = {one.name: _plain(one.value) for one in found if not one.name.startswith("transform.")}
+    attributes = {one.name: _plain(one.value) for one in chosen if not one.name.startswith("transform.")}
     change = {
-        one.name.removeprefix("transform."): one.value.value for one in found if one.name.startswith("transform.")
+        one.name.removeprefix("transform."): one.value.value for one in chosen if one.name.startswith("transform.")
     }
     return json.dumps(
         {"blueprint": "sensor.lidar.ray_cast", "attributes": attributes, "add_to_transform": change}, indent=1

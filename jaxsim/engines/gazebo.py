@@ -46,9 +46,9 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     return found
 
 
-def text(found: Sequence[Setting]) -> str:
+def text(chosen: Sequence[Setting]) -> str:
     """The elements as SDF."""
-    values = {one.name: f"{one.value.value:.6g}" for one in found}
+    values = {one.name: f"{one.value.value:.6g}" for one in chosen}
     inner: list[str] = []
     for group in ("range", "noise"):
         own = [name.partition(".")[2] for name in values if name.startswith(f"{group}.")]

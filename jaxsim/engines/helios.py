@@ -51,9 +51,9 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     return found
 
 
-def text(found: Sequence[Setting]) -> str:
+def text(chosen: Sequence[Setting]) -> str:
     """The attributes as XML."""
-    attributes = "".join(f' {one.name}="{one.value.value:.6g}"' for one in found)
+    attributes = "".join(f' {one.name}="{one.value.value:.6g}"' for one in chosen)
     return f"<scanner{attributes}/>\n"
 
 

@@ -67,10 +67,10 @@ def _emitters(name: str, values: Sequence[Estimate], *, unit: str, why: str) -> 
     return Setting(_EMITTER + name, mean_of(values), unit, why, each=tuple(values))
 
 
-def text(found: Sequence[Setting]) -> str:
+def text(chosen: Sequence[Setting]) -> str:
     """USD: an `over` of the prim; changes of emitters stand in comments, since they are added to what is there."""
     lines = ["#usda 1.0", "", 'over "Lidar"', "{"]
-    for one in found:
+    for one in chosen:
         if one.each:
             values = ", ".join(f"{value.value:.6g}" for value in one.each)
             lines.append(f"    # {one.why} ({one.unit}), top beam first:")

@@ -55,9 +55,9 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     return found
 
 
-def text(found: Sequence[Setting]) -> str:
+def text(chosen: Sequence[Setting]) -> str:
     """The C call that makes the node."""
-    values = {one.name: one.value.value for one in found}
+    values = {one.name: one.value.value for one in chosen}
     arguments = (values.get(f"distance.{key}", 0.0) for key in ("mean", "st_dev_base", "st_dev_rise_per_meter"))
     return (
         "rgl_node_t noise = nullptr;\n"

@@ -20,7 +20,7 @@ from jaxsim.config import DetectorExperiment
 from jaxsim.data import clouds
 from jaxsim.data.clouds import SUFFIXES, read_cloud
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
-from jaxsim.detect.results import Found, result_lines, write_lines
+from jaxsim.detect.results import Detected, result_lines, write_lines
 from jaxsim.detect.scenes import View, check_points
 from jaxsim.evaluate.detector import LearnedDetector
 from jaxsim.files import claim, digest_of_values, files_in, parse_json
@@ -77,11 +77,11 @@ class CloudFolder:
         of_kind = np.array([k == kind for k in labels.kind], bool)
         return lidar_boxes(labels, view.rect_from_velo)[of_kind]
 
-    def found(self, name: str, results: Path) -> Found:
+    def detected(self, name: str, results: Path) -> Detected:
         """What a result file in the folder `results` holds, in the LiDAR's axes."""
         listed = read_detections(results, [name])
         boxes = Boxes(**{field: getattr(listed, field) for field in _FIELDS})
-        return Found(
+        return Detected(
             lidar_boxes(boxes, self.view(name).rect_from_velo).astype(np.float32), listed.score.astype(np.float32)
         )
 
@@ -114,9 +114,9 @@ def made_with(learned: LearnedDetector) -> dict[str, Any]:
     return {"weights": weights} | {key: settings[key] for key in ("in_image", "voxels", "detector")}
 
 
-def write_detections(path: Path, found: Found, kind: str, *, view: View) -> None:
+def write_detections(path: Path, detected: Detected, kind: str, *, view: View) -> None:
     """Writes KITTI's lines; boxes as seen from the LiDAR (AT_LIDAR) have no rectangle in an image."""
-    lines = result_lines(found, kind, view)
+    lines = result_lines(detected, kind, view)
     if view is AT_LIDAR:
         words = [line.split() for line in lines]
         lines = [" ".join([*w[:4], "0", "0", "0", "0", *w[8:]]) for w in words]

@@ -16,8 +16,8 @@ from pydantic import TypeAdapter
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.detect.batches import in_range, inside
 from jaxsim.detect.published import load_published
-from jaxsim.detect.results import Found, label_lines, result_lines, write_lines
-from jaxsim.detect.scenes import Scene, Scenes, kept_scenes
+from jaxsim.detect.results import Detected, label_lines, result_lines, write_lines
+from jaxsim.detect.scenes import Scene, Scenes, cached_scenes
 from jaxsim.detect.steps import Network, make_detect, network_shapes
 from jaxsim.files import file_of
 from jaxsim.frame import Boxes
@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 STEP_POINTS = 8192
 """Clouds are filled up to multiples of this, so that few sizes are compiled."""
-Find = Callable[[Network, np.ndarray], tuple[Found, dict[str, int]]]
+Find = Callable[[Network, np.ndarray], tuple[Detected, dict[str, int]]]
 
 
 def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: DetectorExperiment) -> Scenes:
@@ -42,7 +42,7 @@ def experiment_scenes(dataset: Any, positions: Sequence[int], experiment: Detect
     Frames without labels are left out, and it is said how many. Raises ValueError where none has labels.
     """
     data = experiment.data
-    scenes = kept_scenes(
+    scenes = cached_scenes(
         dataset,
         positions,
         experiment.detector.anchors.kind,
@@ -65,15 +65,15 @@ def make_find(experiment: DetectorExperiment) -> Find:
     """
     detect, voxels = make_detect(experiment), experiment.voxels
 
-    def find(network: Network, points: np.ndarray) -> tuple[Found, dict[str, int]]:
+    def find(network: Network, points: np.ndarray) -> tuple[Detected, dict[str, int]]:
         points = points[in_range(points, voxels)]
         padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
         # A batch of one: clouds differ in size, and each size is a program of its own.
         detections, dropped = detect(network, padded[None], real[None])
         detections, dropped = jax.tree.map(np.asarray, (detections, dropped))
         valid = detections.valid[0]
-        found = Found(detections.boxes[0][valid], detections.score[0][valid])
-        return found, {name: int(count[0]) for name, count in dropped.items() if count[0]}
+        detected = Detected(detections.boxes[0][valid], detections.score[0][valid])
+        return detected, {name: int(count[0]) for name, count in dropped.items() if count[0]}
 
     return find
 
@@ -86,14 +86,14 @@ def find_all(
     total: int,
     quiet: bool = False,
     more_room: str = "training makes room with --voxels.max-voxels and --voxels.growth",
-) -> Iterator[tuple[str, Found]]:
+) -> Iterator[tuple[str, Detected]]:
     """Detections cloud by cloud; says at the end where voxels or sites were left out, and `more_room`, what helps."""
     left_out: dict[str, dict[str, int]] = {}
     for name, points in Progress(clouds, total=total, desc="detecting", unit="cloud", disable=quiet, leave=False):
-        found, dropped = find(network, points)
+        detected, dropped = find(network, points)
         if dropped:
             left_out[name] = dropped
-        yield name, found
+        yield name, detected
     if left_out:
         name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
         worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
@@ -120,31 +120,31 @@ def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
     return replace(labels, kind=kinds)
 
 
-def kitti_curves(scenes: Sequence[Scene], found: Sequence[Found], experiment: DetectorExperiment) -> list[Curve]:
+def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experiment: DetectorExperiment) -> list[Curve]:
     """KITTI's curves of an experiment's class, by the official rules.
 
     Raises ValueError, with the scene's name, for labels and detections that are not finite.
     """
     kind = experiment.detector.anchors.kind
-    for scene, detections in zip(scenes, found, strict=True):
+    for scene, detections in zip(scenes, detected, strict=True):
         _check_finite(scene, detections)
     with TemporaryDirectory() as folder:
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]
-        for name, scene, detections in zip(names, scenes, found, strict=True):
+        for name, scene, detections in zip(names, scenes, detected, strict=True):
             write_lines(file_of(labels, name, ".txt", by="eval"), label_lines(counted(scene, experiment)))
             write_lines(file_of(results, name, ".txt", by="eval"), result_lines(detections, kind, scene.view))
         return evaluate(read_truth(labels, names), read_detections(results, names), classes=(kind,))
 
 
-def _check_finite(scene: Scene, found: Found) -> None:
+def _check_finite(scene: Scene, detected: Detected) -> None:
     """Scenes are scored by way of files; an error there would name a file that nobody has."""
-    broken = np.flatnonzero(~np.isfinite(np.column_stack([found.boxes, found.score])).all(axis=1))
+    broken = np.flatnonzero(~np.isfinite(np.column_stack([detected.boxes, detected.score])).all(axis=1))
     if len(broken):
         raise ValueError(
-            f"detect: {len(broken)} of {len(found.score)} detections in {scene.name} are not finite, the first "
-            f"{found.boxes[broken[0]].tolist()} with score {found.score[broken[0]]:g}: a diverged network writes such; "
-            "use an earlier checkpoint"
+            f"detect: {len(broken)} of {len(detected.score)} detections in {scene.name} are not finite, the first "
+            f"{detected.boxes[broken[0]].tolist()} with score {detected.score[broken[0]]:g}: a diverged network writes "
+            "such; use an earlier checkpoint"
         )
     if scene.labels is None:
         return
@@ -167,11 +167,11 @@ def main_scores(curves: Sequence[Curve]) -> dict[str, Score]:
 
 def score_detector(
     find: Find, network: Network, scenes: Sequence[Scene], *, experiment: DetectorExperiment
-) -> tuple[list[Curve], list[Found]]:
+) -> tuple[list[Curve], list[Detected]]:
     """What a network finds in scenes, and KITTI's curves of it."""
     clouds = ((scene.name, scene.points) for scene in scenes)
-    found = [detections for _, detections in find_all(find, network, clouds, total=len(scenes), quiet=True)]
-    return kitti_curves(scenes, found, experiment), found
+    detected = [detections for _, detections in find_all(find, network, clouds, total=len(scenes), quiet=True)]
+    return kitti_curves(scenes, detected, experiment), detected
 
 
 @dataclass(frozen=True)

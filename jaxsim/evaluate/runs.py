@@ -10,7 +10,7 @@ from jaxsim.config import DataConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PreparedPairs
 from jaxsim.data.select import frames_to_judge
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, score_detector
 from jaxsim.evaluate.intensity import (
@@ -129,7 +129,7 @@ class DetectorScores:
     """The checkpoints."""
     per_step: list[list[Curve]]
     """KITTI's curves of each."""
-    detections: Sequence[Found]
+    detections: Sequence[Detected]
     """What the last of them finds in each scene."""
 
 
@@ -148,7 +148,7 @@ def score_checkpoints(
     scenes = experiment_scenes(dataset, frames_to_judge(frames, dataset, validation=validation), experiment)
     find = make_find(experiment)
     per_step: list[list[Curve]] = []
-    detections: list[Found] = []
+    detections: list[Detected] = []
     for step in Progress(steps, desc="checkpoints", unit="checkpoint"):
         curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, experiment=experiment)
         per_step.append(curves)

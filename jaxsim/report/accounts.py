@@ -307,9 +307,9 @@ def _size(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def regimes(found: Sequence[Regime], draw: Draw) -> Markup:
+def regimes(acting: Sequence[Regime], draw: Draw) -> Markup:
     """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides."""
-    if not found:
+    if not acting:
         return NOTHING
     rows = [
         [
@@ -323,7 +323,7 @@ def regimes(found: Sequence[Regime], draw: Draw) -> Markup:
             number(one.judge_nats),
             "yes" if one.applied else "no: frames do not say where",
         ]
-        for one in found
+        for one in acting
     ]
     words = (
         "These effects act in a part of the recording alone, and their parameters were fitted there. Sizes are in "
@@ -333,7 +333,7 @@ def regimes(found: Sequence[Regime], draw: Draw) -> Markup:
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
     legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = together(_strip(one, draw) for one in found)
+    strips = together(_strip(one, draw) for one in acting)
     body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
     return section("Where and when it acts", body)
 

@@ -140,9 +140,9 @@ def ranking(ranks: Sequence[Rank], effects: Sequence[Named]) -> Markup:
     return section("Why this answer", paragraph(words) + table(heads, rows, text=2, last_text=True) + loser)
 
 
-def repeats(found: Sequence[Repeat]) -> Markup:
+def repeats(patterns: Sequence[Repeat]) -> Markup:
     """What comes back at the same rows and columns in every scene, the named effects in place."""
-    if not found:
+    if not patterns:
         return NOTHING
     rows = [
         [
@@ -156,7 +156,7 @@ def repeats(found: Sequence[Repeat]) -> Markup:
             probability(one.p_value),
             probability(one.p_judge),
         ]
-        for one in found
+        for one in patterns
     ]
     words = (
         "Patterns in sensor coordinates that no named effect explains: at the same rows or columns in every scene, "

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
-from jaxsim.detect.results import NEAR_M, Found, corners_of
+from jaxsim.detect.results import NEAR_M, Detected, corners_of
 from jaxsim.detect.scenes import Scene, View
 from jaxsim.report.pictures import INK, Rgb
 
@@ -22,7 +22,7 @@ def draw_above(
     points: Float32[np.ndarray, "n 4"],
     range_m: tuple[float, ...],
     *,
-    found: Float[np.ndarray, "d 7"],
+    detected: Float[np.ndarray, "d 7"],
     score: Float[np.ndarray, " d"],
     labelled: Float[np.ndarray, "g 7"] | None = None,
     title: str = "",
@@ -44,38 +44,40 @@ def draw_above(
     shade = np.clip((points[inside, 2] - z0) / (z1 - z0), 0, 1)
     colours = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
     picture[uv[inside, 1], uv[inside, 0]] = colours[(40 + 200 * shade).astype(np.uint8)]
-    for boxes, colour in ((labelled, LABEL), (found, FOUND)):
+    for boxes, colour in ((labelled, LABEL), (detected, FOUND)):
         for k, box in enumerate(boxes if boxes is not None else ()):
             corners = pixels(corners_of(box[None])[0, :4, :2])
             middle, front = pixels(box[:2]), (corners[0] + corners[1]) / 2
             for a, b in [*((corners[i], corners[j]) for i, j in EDGES[:4]), (middle, front)]:
                 cv2.line(picture, _point(a), _point(b), colour, 1, cv2.LINE_AA, 4)
-            if boxes is found:
+            if boxes is detected:
                 at = (int(corners[:, 0].max()) + 3, int(corners[:, 1].min()))
                 cv2.putText(picture, f"{score[k]:.2f}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, 1, cv2.LINE_AA)
-    _legend(picture, title, labelled is not None, has_found=len(found) > 0)
+    _legend(picture, title, labelled is not None, has_found=len(detected) > 0)
     return picture
 
 
-def detection_picture(scene: Scene, found: Found, range_m: tuple[float, ...], *, title: str) -> Rgb:
+def detection_picture(scene: Scene, detected: Detected, range_m: tuple[float, ...], *, title: str) -> Rgb:
     """A scene from above with what was found in it and what is labelled."""
     labelled = scene.boxes[scene.target] if scene.labels is not None else None
     title = f"{scene.name} {title}".strip()
-    return draw_above(scene.points, range_m, found=found.boxes, score=found.score, labelled=labelled, title=title)
+    return draw_above(
+        scene.points, range_m, detected=detected.boxes, score=detected.score, labelled=labelled, title=title
+    )
 
 
 def draw_on_image(
     image: Rgb,
     view: View,
     *,
-    found: Float[np.ndarray, "d 7"],
+    detected: Float[np.ndarray, "d 7"],
     score: Float[np.ndarray, " d"],
     labelled: Float[np.ndarray, "g 7"] | None = None,
     title: str = "",
 ) -> Rgb:
     """An image with the edges of boxes that lie ahead of the camera, the front crossed."""
     picture = image.copy()
-    for boxes, colour in ((labelled, LABEL), (found, FOUND)):
+    for boxes, colour in ((labelled, LABEL), (detected, FOUND)):
         for k, box in enumerate(boxes if boxes is not None else ()):
             cam = corners_of(box[None])[0] @ view.cam_from_velo[:3, :3].T + view.cam_from_velo[:3, 3]
             if (cam[:, 2] < NEAR_M).any():
@@ -85,7 +87,7 @@ def draw_on_image(
             uv = np.clip(pixel[:, :2] / pixel[:, 2:], -10000, 10000)
             for a, b in [*EDGES, (0, 5), (1, 4)]:
                 cv2.line(picture, _point(uv[a]), _point(uv[b]), colour, 1, cv2.LINE_AA, 4)
-            if boxes is found:
+            if boxes is detected:
                 at = (int(uv[:, 0].min()), max(int(uv[:, 1].min()) - 4, 10))
                 cv2.putText(picture, f"{score[k]:.2f}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     _legend(picture, title, labelled is not None)

@@ -67,7 +67,7 @@ class TurnedBoxes:
     """Boxes of one kind, (x, y, z, length, width, height, yaw)."""
 
     boxes: Float[np.ndarray, "d 7"]
-    found: bool
+    detected: bool
     """Or labelled."""
 
 
@@ -123,7 +123,7 @@ def _scene(scene: TurnedScene, channels: Sequence[Channel], step: int) -> dict[s
         "ground": round(ground, 3),
         "sides": [_side(side, channels, step) for side in scene.sides],
         "boxes": [
-            {"corners": np.round(corners, 2).tolist(), "tone": list(FOUND if one.found else LABEL)}
+            {"corners": np.round(corners, 2).tolist(), "tone": list(FOUND if one.detected else LABEL)}
             for one in scene.boxes
             for corners in corners_of(one.boxes)
         ],
@@ -189,12 +189,12 @@ def cloud_with_boxes(
     name: str,
     points: Float32[np.ndarray, "n 4"],
     *,
-    found: Float[np.ndarray, "d 7"],
+    detected: Float[np.ndarray, "d 7"],
     labelled: Float[np.ndarray, "g 7"] | None = None,
 ) -> TurnedScene:
     """A cloud with what was found in it (orange) and what is labelled (green)."""
     boxes = (
-        TurnedBoxes(np.asarray(found, float), True),
+        TurnedBoxes(np.asarray(detected, float), True),
         *([] if labelled is None else [TurnedBoxes(np.asarray(labelled), False)]),
     )
     return TurnedScene(name, (side_of("cloud", points),), boxes)
@@ -209,7 +209,10 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
         [
             scene.name,
             " | ".join(f"{side.name} {len(side.xyz)}" for side in scene.sides if side.xyz is not None),
-            *(str(sum(len(one.boxes) for one in scene.boxes if one.found is found)) for found in (True, False)),
+            *(
+                str(sum(len(one.boxes) for one in scene.boxes if one.detected is detected))
+                for detected in (True, False)
+            ),
         ]
         for scene in scenes
     ]

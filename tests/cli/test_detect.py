@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.detect import Detect
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.steps import create_state
 from jaxsim.evaluate.detector import load_detector
 from jaxsim.metrics.detection import read_detections
@@ -71,7 +71,7 @@ def test_pictures_and_page_of_a_resumed_command_are_those_of_a_whole_one(run, ki
 
     def finds(finder, network, given, **told):
         for name, _ in given:
-            yield name, Found(boxes + ord(name) % 3, np.array([0.7], np.float32))
+            yield name, Detected(boxes + ord(name) % 3, np.array([0.7], np.float32))
 
     monkeypatch.setattr("jaxsim.cli.detect.find_all", finds)
     whole, cut = tmp_path / "whole", tmp_path / "cut"

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.cli.eval_detection import judge_run, said_mean
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.steps import create_state
 from jaxsim.evaluate.detector import kitti_curves
 from jaxsim.runs.kinds import DetectorRun
@@ -31,7 +31,7 @@ def run(tmp_path, monkeypatch):
 
     def scored(find, network, scenes, *, experiment):
         off = np.array([0, 0, next(heights), 0, 0, 0, 0], np.float32)
-        found = [Found(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
+        found = [Detected(s.boxes + off, np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
         return kitti_curves(scenes, found, experiment), found
 
     monkeypatch.setattr("jaxsim.evaluate.runs.open_dataset", lambda source: SCENES)

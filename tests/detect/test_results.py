@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxsim.detect.results import Found, corners_of, label_lines, outlines, result_lines
+from jaxsim.detect.results import Detected, corners_of, label_lines, outlines, result_lines
 from jaxsim.detect.scenes import scene_of
 from jaxsim.geometry.boxes import box_corners
 from tests.detect.tiny import VIEW
@@ -10,7 +10,7 @@ from tests.detect.tiny import VIEW
 
 def test_result_lines_are_the_labels_of_the_same_boxes(kitti):
     found = scene_of(kitti[2], "Car", in_image=True)
-    lines = result_lines(Found(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
+    lines = result_lines(Detected(found.boxes[found.target], np.array([0.75], np.float32)), "Car", found.view)
     label = next(line for line in label_lines(found.labels) if line.startswith("Car "))
     (result,) = (line.split() for line in lines)
     wanted = label.split()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.batches import SceneBatches, in_box
-from jaxsim.detect.scenes import Scenes, check_points, kept_scenes, read_scene, scene_of, write_scene
+from jaxsim.detect.scenes import Scenes, cached_scenes, check_points, read_scene, scene_of, write_scene
 from jaxsim.train.training import ahead
 from tests.detect.tiny import EXPERIMENT, VOXELS, scene
 
@@ -47,7 +47,7 @@ def test_kept_scenes_are_made_once_and_other_settings_apart(tmp_path, kitti):
             return kitti[i]
 
     for settings in ("a", "a", "b"):
-        scenes = kept_scenes(Counting(), [2], "Car", in_image=True, cache=tmp_path, settings=settings)
+        scenes = cached_scenes(Counting(), [2], "Car", in_image=True, cache=tmp_path, settings=settings)
         assert isinstance(scenes, Scenes)
         assert scenes[0].name == "000002"
     assert made == [2, 2]

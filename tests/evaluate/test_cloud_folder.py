@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.evaluate.cloud_folder import AT_LIDAR, CloudFolder, cloud_files, read_points, write_detections
 
 
@@ -41,7 +41,7 @@ def test_without_a_calibration_boxes_are_written_as_seen_from_the_lidar_without_
     assert folder.labelled("a", AT_LIDAR, "Car") is None
     with pytest.raises(ValueError, match="give --images"):
         folder.image("a")
-    found = Found(np.float32([[10, 2, -1, 4, 1.6, 1.5, 0]]), np.float32([0.9]))
+    found = Detected(np.float32([[10, 2, -1, 4, 1.6, 1.5, 0]]), np.float32([0.9]))
     write_detections(tmp_path / "a.txt", found, "Car", view=AT_LIDAR)
     words = (tmp_path / "a.txt").read_text().split()
     assert words[4:8] == ["0", "0", "0", "0"]

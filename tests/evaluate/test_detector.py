@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.config import DataConfig
 from jaxsim.data.synthetic import SyntheticWorld
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.steps import Network
 from jaxsim.evaluate.detector import experiment_scenes, find_all, kitti_curves, main_scores, mean_curves
 from tests.detect.tiny import EXPERIMENT, scene
@@ -20,7 +20,7 @@ def scored(found, experiment=EXPERIMENT, scenes=SCENES):
 
 
 def the_labels(scenes=SCENES, shift=(0.0,) * 7):
-    return [Found(s.boxes + np.array(shift, np.float32), np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
+    return [Detected(s.boxes + np.array(shift, np.float32), np.full(len(s.boxes), 0.6, np.float32)) for s in scenes]
 
 
 def test_the_labels_themselves_score_100():
@@ -34,13 +34,13 @@ def test_boxes_that_are_off_score_less_and_nothing_found_scores_0():
     aside = scored(the_labels(shift=(0, 0, 0.4, 0, 0, 0, 0)))
     assert aside["AP_3d_moderate"].value == 0  # 0.4 m too high: less than 0.7 of the volume
     assert aside["AP_bev_moderate"].value == pytest.approx(100)
-    nothing = [Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32)) for _ in SCENES]
+    nothing = [Detected(np.zeros((0, 7), np.float32), np.zeros(0, np.float32)) for _ in SCENES]
     assert scored(nothing)["AP_3d_moderate"].value == 0
 
 
 def test_labels_outside_the_range_count_only_where_all_do():
     near = replace(EXPERIMENT.voxels, range_m=(0, -12.8, -3, 16.0, 12.8, 1))
-    inside = [Found(f.boxes[f.boxes[:, 0] <= 16], f.score[f.boxes[:, 0] <= 16]) for f in the_labels()]
+    inside = [Detected(f.boxes[f.boxes[:, 0] <= 16], f.score[f.boxes[:, 0] <= 16]) for f in the_labels()]
     few = sum(len(f.score) for f in inside)
     assert few < 48
     everything = scored(inside, replace(EXPERIMENT, voxels=near, scored="all"))

@@ -11,7 +11,7 @@ from jaxsim.evaluate.generation import open_folder
 from jaxsim.files import check_size, file_of, files_in, replacing, tidy, write_text
 from jaxsim.files.whole import SALT
 from jaxsim.frame import PolarImage
-from jaxsim.metrics.detection.files import found_frames
+from jaxsim.metrics.detection.files import frames_with_results
 
 
 def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path):
@@ -22,7 +22,7 @@ def test_leftovers_of_a_kill_and_files_of_other_programs_are_no_frames(tmp_path)
     assert [path.name for path in files_in(tmp_path, ".npz", ".bin")] == ["a.npz"]
     assert frame_names(tmp_path) == [path.stem for path in cloud_files(tmp_path)] == ["a"]
     assert open_folder(tmp_path).names == ("a",)
-    assert found_frames(tmp_path) == ["a"]
+    assert frames_with_results(tmp_path) == ["a"]
 
 
 def test_the_next_run_tidies_what_is_its_own_alone(tmp_path):

@@ -1,7 +1,7 @@
 """What tests of detection are made of."""
 
 from jaxsim.metrics.detection import evaluate, read_detections, read_truth
-from jaxsim.metrics.detection.files import found_frames
+from jaxsim.metrics.detection.files import frames_with_results
 
 CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"
 
@@ -22,7 +22,7 @@ def scores(tmp_path, *frames, rules="official", measure="precision"):
         (tmp_path / folder).mkdir(exist_ok=True)
         for n, frame in enumerate(frames):
             (tmp_path / folder / f"{n:06d}.txt").write_text("\n".join(frame[k]) + "\n")
-    names = found_frames(tmp_path / "label")
+    names = frames_with_results(tmp_path / "label")
     curves = evaluate(
         read_truth(tmp_path / "label", names),
         read_detections(tmp_path / "found", names),

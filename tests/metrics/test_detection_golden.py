@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, OVERLAP_SETS, evaluate, read_detections, read_truth
-from jaxsim.metrics.detection.files import found_frames
+from jaxsim.metrics.detection.files import frames_with_results
 
 
 def scored(golden, folder, case, rules):
     with zipfile.ZipFile(golden / "kitti_eval" / f"{case}.zip") as archive:
         archive.extractall(folder)
-    names = found_frames(next(folder.rglob("label_2")))
+    names = frames_with_results(next(folder.rglob("label_2")))
     truth = read_truth(next(folder.rglob("label_2")), names)
     return evaluate(truth, read_detections(next(folder.rglob("detections")), names), rules=rules)
 

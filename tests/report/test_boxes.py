@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.data import KittiObject
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import scene_of
 from jaxsim.report import detection_picture, draw_above, draw_on_image
 from jaxsim.report.boxes import FOUND, LABEL
@@ -62,7 +62,7 @@ def test_labels_are_drawn_where_their_corners_project(kitti, samples, number):
     image = np.asarray(frame.camera.rgb)
 
     def drawn(background):
-        return draw_on_image(background, scene.view, found=NOTHING, score=np.zeros(0), labelled=scene.boxes)
+        return draw_on_image(background, scene.view, detected=NOTHING, score=np.zeros(0), labelled=scene.boxes)
 
     picture, bare = drawn(image), drawn(np.zeros_like(image))
     corners = labelled_corners(samples, number)
@@ -87,8 +87,8 @@ def test_what_is_found_is_orange_and_a_box_behind_the_camera_is_not_drawn(kitti)
     scene = scene_of(frame, "Car", in_image=True)
     image, score = np.zeros_like(np.asarray(frame.camera.rgb)), np.array([0.87, 0.5])
     behind = scene.boxes[0] * np.float32([-1, 1, 1, 1, 1, 1, 1])
-    picture = draw_on_image(image, scene.view, found=np.stack([scene.boxes[0], behind]), score=score)
-    alone = draw_on_image(image, scene.view, found=scene.boxes[:1], score=score[:1])
+    picture = draw_on_image(image, scene.view, detected=np.stack([scene.boxes[0], behind]), score=score)
+    alone = draw_on_image(image, scene.view, detected=scene.boxes[:1], score=score[:1])
     np.testing.assert_array_equal(picture, alone)
     orange = (np.abs(picture.astype(int) - FOUND).max(axis=-1) < 60)[28:]
     green = (np.abs(picture.astype(int) - LABEL).max(axis=-1) < 60)[28:]
@@ -101,7 +101,7 @@ def test_from_above_the_corners_and_the_line_to_the_front_lie_where_the_labels_s
     scene = scene_of(kitti[number], "Car", in_image=True)
     height = 1408
     picture = draw_above(
-        scene.points[:0], RANGE_M, found=NOTHING, score=np.zeros(0), labelled=scene.boxes, height=height
+        scene.points[:0], RANGE_M, detected=NOTHING, score=np.zeros(0), labelled=scene.boxes, height=height
     )
     assert picture.shape == (height, 1600, 3)
     _, rect_from_velo = matrices(samples, number)
@@ -118,10 +118,10 @@ def test_from_above_the_corners_and_the_line_to_the_front_lie_where_the_labels_s
 def test_points_are_where_they_are_and_only_targets_count_as_labelled(kitti):
     """Frame 1 has a car, a truck and a cyclist: the picture of a car detector shows the car alone."""
     scene = scene_of(kitti[1], "Car", in_image=True)
-    found = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
+    found = Detected(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
     picture = detection_picture(scene, found, RANGE_M, title="")
     only = draw_above(
-        scene.points, RANGE_M, found=NOTHING, score=np.zeros(0), labelled=scene.boxes[scene.target], title="000001"
+        scene.points, RANGE_M, detected=NOTHING, score=np.zeros(0), labelled=scene.boxes[scene.target], title="000001"
     )
     assert 0 < scene.target.sum() < len(scene.target)
     np.testing.assert_array_equal(picture, only)

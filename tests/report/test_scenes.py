@@ -100,7 +100,7 @@ def test_a_report_without_frames_has_no_viewer():
 def test_a_page_turns_simulated_beside_measured_and_boxes(tmp_path):
     points = np.random.default_rng(2).uniform(0, 1, (50, 4)).astype(np.float32)
     box = np.array([[10.0, 0, -1, 4, 2, 1.5, 0.3]])
-    scenes = [compared_clouds("a", points, points[:20]), cloud_with_boxes("b", points, found=box, labelled=box[:0])]
+    scenes = [compared_clouds("a", points, points[:20]), cloud_with_boxes("b", points, detected=box, labelled=box[:0])]
     path = write_clouds(tmp_path / "clouds.html", scenes, title="t", sentence="s", words="w")
     text = path.read_text()
     assert "simulated 50 | measured 20" in text

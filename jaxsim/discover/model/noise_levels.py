@@ -137,7 +137,7 @@ def noise_levels(scan: Scan) -> Levels:
     """The levels of noise of frames, from differences between rays of one surface along a row."""
     inner, hole = neighbourhoods(scan)
     inner, hole = np.asarray(inner), np.asarray(hole)
-    steps = own_steps(scan)
+    steps = lattices_of(scan)
     if inner.sum() < FEWEST:
         return steps
     range_m = np.asarray(scan.range_m, np.float64)
@@ -159,7 +159,7 @@ def noise_levels(scan: Scan) -> Levels:
     )
 
 
-def own_steps(scan: Scan) -> Levels:
+def lattices_of(scan: Scan) -> Levels:
     """The lattices of readings alone."""
     hit = np.flatnonzero(np.asarray(scan.hit))
     hit = hit[:: max(1, len(hit) // MOST_VALUES)]

@@ -106,7 +106,7 @@ def fit_null(
     return replace(problem, ev=ev, noise=null.noise, loss=null.loss), null
 
 
-def with_own_weights(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
+def reweighted(problem: Problem, fitted: Float[np.ndarray, " b"]) -> Problem:
     """Random effects weighed by the residuals that the problem itself leaves, not by those of its null."""
     # Weights follow from residuals and these from weights: the first round's are rough, the second's serve.
     raw = normal_equations(problem.ev, problem.noise, first_residuals(problem.ev))

@@ -24,8 +24,8 @@ from jaxsim.discover.model.noise_levels import (
     Levels,
     cosine_of,
     filled,
+    lattices_of,
     noise_levels,
-    own_steps,
 )
 from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
 from jaxsim.effects.rays import FLOOR, Scan
@@ -159,7 +159,7 @@ def at_rays(
 ) -> AtRays:
     """What is known of the simulator's own noise, at the rays of `index`; a simulator without any (None) means what it
     says."""
-    noise = own_steps(scan) if simulator is None else simulator.noise
+    noise = lattices_of(scan) if simulator is None else simulator.noise
     ranges = None if simulator is None else simulator.ranges
     nothing = np.zeros((1, 1, 1), np.float32)
     own = AtRays(

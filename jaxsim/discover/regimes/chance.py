@@ -6,7 +6,7 @@ signs. Either way the best of a question's regions is held against the best unde
 having looked at all; and false discoveries are kept rare over all questions by Benjamini and Hochberg (1995).
 
     ask             a question about an effect that is named, by its cells
-    by_own_size     drives that only their own readings tell apart: some have the effect, others have not
+    scenes_by_size  drives that only their own readings tell apart: some have the effect, others have not
     disputed        candidates that no test over all scenes accepts: an effect in half of the scenes gains there and
                     loses elsewhere, but the scenes on which it gains lie on one side of a moment, or share a tag. Rates
                     are what each scene says, unseen by the fit, of the direction of a candidate (`Candidate.slope`)
@@ -94,12 +94,12 @@ def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tu
     return best, chance_of((off[orders_of(scenes)] @ scaled.T).max(1), observed[best])
 
 
-def false_discovery_rates(found: list[FoundRegion]) -> list[float]:
+def false_discovery_rates(findings: list[FoundRegion]) -> list[float]:
     """The q-value of each, over all questions that were asked."""
-    return [float(q) for q in false_discovery_control([one.p_value for one in found])] if found else []
+    return [float(q) for q in false_discovery_control([one.p_value for one in findings])] if findings else []
 
 
-def by_own_size(of: Cells, facts: Facts) -> FoundRegion | None:
+def scenes_by_size(of: Cells, facts: Facts) -> FoundRegion | None:
     """The scenes whose own sizes are large; `of` holds even and odd columns of each sector apart (2 a + parity).
 
     Scenes that differ by noise alone differ in both halves of their columns alike only by chance: the excesses of one
@@ -139,7 +139,7 @@ def _by_half(part: np.ndarray, facts: Facts) -> np.ndarray:
 class Disputed(NamedTuple):
     """A region that divides the scenes of some candidates."""
 
-    found: FoundRegion
+    finding: FoundRegion
     candidates: tuple[Candidate, ...]
     """The candidates, those that it makes clearest first."""
     exists: bool

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
 from jaxsim.discover.model.likelihood import log_likelihood
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import with_own_weights
+from jaxsim.discover.model.null import reweighted
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, padded, worse
@@ -128,7 +128,7 @@ class Judges:
         ev, scene = division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
         base = Problem(division.scan, ev, null.equations, null.noise, null.clutter)
-        return cls(with_own_weights(base, fitted), scene, fitted, division.blocks.frame)
+        return cls(reweighted(base, fitted), scene, fitted, division.blocks.frame)
 
     def likelihood(self, problem: Problem, noise: Noise) -> Float[np.ndarray, " b"]:
         """Each block's log-likelihood, nats, at the weights of the null."""

@@ -16,7 +16,7 @@ from jaxsim.discover.name.answer import Answer, named_answer
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.read import Division
-from jaxsim.discover.regimes.chance import FoundRegion, ask, by_own_size, disputed, false_discovery_rates
+from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
 from jaxsim.discover.regimes.confine import Confined, Judges, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells, questions
 from jaxsim.discover.rules import RULES
@@ -54,7 +54,7 @@ def _size(of: Cells, facts: Facts) -> Interval:
     return Interval(float(top.sum() / bottom.sum()), *ratio_interval(top, bottom), OF_FIT)
 
 
-class Told(NamedTuple):
+class RegimeNumbers(NamedTuple):
     """Numbers of a regime."""
 
     inside: Interval
@@ -64,7 +64,7 @@ class Told(NamedTuple):
     judge_nats: float
 
 
-def regime_of(one: Confined, divides: str, told: Told, *, facts: Facts) -> Regime:
+def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts) -> Regime:
     """The verdict's entry, with the size that each scene or sector asks for, had the effect been fitted everywhere."""
     result = one.step.fit
     whole = cells(one.plain, one.problem, z=result.z, noise=result.noise, sector=facts.sector, sectors=facts.sectors)
@@ -118,7 +118,7 @@ class Divided:
 class Lead:
     """A region to look at: of an effect that is named, or of candidates of which none is."""
 
-    found: FoundRegion
+    finding: FoundRegion
     candidates: tuple[Candidate, ...]
     """The effect first, then those that may be the better name there."""
     step: int | None
@@ -173,8 +173,8 @@ def find_regimes(
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")
             # Judge scenes may have joined the region.
             choice = _with(null, choice, confined.step, at=lead.step)
-            told = Told(placed.inside, placed.outside, lead.found.p_value, lead.q_value, gained)
-            regimes.append(regime_of(confined, lead.found.question.divides, told, facts=facts))
+            told = RegimeNumbers(placed.inside, placed.outside, lead.finding.p_value, lead.q_value, gained)
+            regimes.append(regime_of(confined, lead.finding.question.divides, told, facts=facts))
     if not regimes:
         return Divided(answer)
     named = named_answer(choice, scene=facts.scene)
@@ -199,7 +199,7 @@ class Placed(NamedTuple):
 
 def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Placed | None:
     """The lead's effect fitted in its region; None where it gains too little by it, or may act outside as well."""
-    region = lead.found.question.regions[lead.found.k]
+    region = lead.finding.question.regions[lead.finding.k]
     problem = _without(null, choice, lead.step)
     if lead.fit and region.azimuth_rad:
         region = sharpened(region, lead.candidates[0].effect, lead.fit, problem=problem, facts=facts)
@@ -226,9 +226,9 @@ def _placed(lead: Lead, null: Problem, choice: Choice, *, facts: Facts) -> Place
 def _ranked(leads: list[Lead]) -> list[Lead]:
     """The leads with q-values over all of them, least probable by chance first; what divides drives by a fact before
     what divides them by their readings alone."""
-    rates = false_discovery_rates([one.found for one in leads])
+    rates = false_discovery_rates([one.finding for one in leads])
     rated = [replace(one, q_value=q) for one, q in zip(leads, rates, strict=True)]
-    return sorted(rated, key=lambda one: (one.found.question.divides == "scene", one.found.p_value))
+    return sorted(rated, key=lambda one: (one.finding.question.divides == "scene", one.finding.p_value))
 
 
 def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Question]) -> list[Lead]:
@@ -252,7 +252,7 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
         return []
     few = 1 + RULES.regime_rivals
     step = 0 if choice.steps else None
-    leads = [Lead(one.found, one.candidates[:few], step, exists=one.exists) for one in disputed(tried, asked, facts)]
+    leads = [Lead(one.finding, one.candidates[:few], step, exists=one.exists) for one in disputed(tried, asked, facts)]
     if choice.steps:
         return leads
     strongest = tried[0]
@@ -272,7 +272,7 @@ def _divisions(
     # Even and odd columns apart: noise does not agree between them, what a scene shows does.
     halves = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     both = cells(effect, problem, z=result.z, noise=result.noise, sector=halves, sectors=2 * facts.sectors)
-    by_size = by_own_size(both, facts)
+    by_size = scenes_by_size(both, facts)
     whole = both.folded()
     return [*(ask(question, whole, facts.scene) for question in asked), *([by_size] if by_size else [])]
 

@@ -75,12 +75,12 @@ MOUNTED = Free((1.0,) * 3 + (0.1,) * 3 + (0.0, 0.0))
 """What all frames share, m and rad: what streets do not tell stays 0 ..."""
 LIFTED = MOUNTED.with_sd(LIFT, 0.1)
 """... and with beams that all point higher, which a sensor that looks ahead can hardly tell from a pitch."""
-OWN = Free((5.0, 0.3, 0.1, 0.01, 0.01, 0.02, 0.0, 3.0))
+OF_FRAME = Free((5.0, 0.3, 0.1, 0.01, 0.01, 0.02, 0.0, 3.0))
 """What a frame has besides: it may be early or late, and a car turns and drives meanwhile ..."""
 LEAST_HALF = np.array([0.006] * 3 + [0.0003] * 4 + [0.02])
 """Half width, m and rad, that no number of scenes makes narrower: planes through neighbouring cells are that far off,
 on development cases (`python -m benchmarks.blind.placed`)."""
-OWN_LIFT_SD = 0.003
+FRAME_LIFT_SD = 0.003
 """... and what frames' lifts scatter by, where there is one."""
 COARSE = np.geomspace(1.0, 0.15, 12)
 """Widths of Tukey's weights, m at the sensor, from step to step ..."""
@@ -112,7 +112,7 @@ def register(
     # Where the truth is no motion, the climb from there must not be missed for a better-looking beginning.
     ends = [climb(sides, start[k][None], COARSE, free=MOUNTED, pooled=True) for k in sorted({0, best})]
     free = MOUNTED
-    own = OWN
+    own = OF_FRAME
     names, scene = np.unique(list(scenes), return_inverse=True)
     common = min(ends, key=lambda one: loss(sides, one, COARSE[-1]).mean())[0]
     # Beams that point higher only where nothing else explains the ranges.
@@ -120,7 +120,7 @@ def register(
     if abs(lifted[0, LIFT]) - sandwich(few, lifted[0], scene, free=LIFTED)[LIFT] > RULES.lifted_rad:
         common = climb(sides, lifted, FINE, free=LIFTED, pooled=True)[0]
         free = LIFTED
-        own = OWN.with_sd(LIFT, OWN_LIFT_SD)
+        own = OF_FRAME.with_sd(LIFT, FRAME_LIFT_SD)
 
     # Each frame for itself, from the best of the places and ways that it may have along its heading.
     frames = np.repeat(common[None], len(scan.range_m), axis=0)
@@ -143,7 +143,7 @@ def register(
         predicted(sides, frames),
         given_m=given,
         measured_m=measured,
-        travel_sd_m=own_sd(sides, frames, free=own)[:, TRAVEL],
+        travel_sd_m=frame_sd(sides, frames, free=own)[:, TRAVEL],
     )
 
 
@@ -210,7 +210,7 @@ def sandwich(
     return half
 
 
-def own_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
+def frame_sd(sides: Sides, motion: Motion, *, free: Free) -> Motion:
     """Standard deviations of each frame's numbers by what its points leave over (White 1982); 0 for what is held."""
     slope, weight, off = _linear(sides, motion, COARSE[-1], free=free)
     matrix = np.swapaxes(slope * weight[..., None], 1, 2) @ slope + free.precision

@@ -65,7 +65,7 @@ class Dense:
         problem = replace(problem, equations=normal_equations(problem.ev, noise, off))
         return maps_of(problem, fitted, self.scene, columns=self.division.scan.range_m.shape[2])
 
-    def learn(self, found: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
+    def learn(self, patterns: Sequence[FoundPattern], effects: Chain, noise: Noise) -> tuple[LearnedRepeat, ...]:
         """The laws of what was found on top of `effects`, which leave `noise`."""
 
         def maps_with(laws: Sequence[Learned]) -> Mapping[str, Maps]:
@@ -73,7 +73,7 @@ class Dense:
             return self.maps(chain, refitted(in_place(self.null, chain)).noise if laws else noise)
 
         rows, columns = self.division.scan.range_m.shape[1:]
-        return learn_repeats([form_of(one, rows, columns) for one in found], self.finding, maps_with)
+        return learn_repeats([form_of(one, rows, columns) for one in patterns], self.finding, maps_with)
 
 
 def examine(

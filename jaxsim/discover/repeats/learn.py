@@ -35,7 +35,7 @@ Finding = Bool[np.ndarray, " n"]
 class RepeatForm:
     """A pattern before its m heights are fitted."""
 
-    found: FoundPattern
+    origin: FoundPattern
     count: int
     """How many heights there are."""
     spread: Callable[[Heights], Pattern]
@@ -50,9 +50,9 @@ class RepeatForm:
 
     def learned(self, heights: Heights, sd: Heights) -> Learned:
         """The law of fitted heights."""
-        channel, scale = self.found.repeat.channel, self.found.scale
+        channel, scale = self.origin.repeat.channel, self.origin.scale
         if scale.turns:
-            turns = scale.turns(self.found.number)
+            turns = scale.turns(self.origin.number)
             used = [(name, (turn,)) for name, turn in zip(("row", "column"), turns, strict=True) if turn]
             # A wave of drops swings about a level of its own height: both together stay a probability.
             limit = LIMITS[channel][1] / (2 if channel == "drop" else 1)
@@ -70,9 +70,9 @@ class RepeatForm:
         return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
-def form_of(found: FoundPattern, rows: int, columns: int) -> RepeatForm:
+def form_of(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
     """The form of a pattern on a grid of so many rows and columns."""
-    scale, k = found.scale, found.number
+    scale, k = origin.scale, origin.number
     if scale.pattern is None:
         shape = [count if name in scale.along else 1 for name, count in (("row", rows), ("column", columns))]
         alone = tuple(axis + 1 for axis, count in enumerate(shape) if count == 1)
@@ -83,13 +83,13 @@ def form_of(found: FoundPattern, rows: int, columns: int) -> RepeatForm:
         def spread(heights: Heights) -> Pattern:
             return np.broadcast_to(heights.reshape(shape), (rows, columns))
 
-        size = found.repeat.size.value
-        return RepeatForm(found, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
+        size = origin.repeat.size.value
+        return RepeatForm(origin, int(np.prod(shape)), spread, gather, lambda weight: gather(weight[None])[0], size**2)
     # A wave is free in its phase: its cosine and its sine.
     phases = (1, -1j) if scale.turns else (1,)
     made = np.stack([scale.pattern(k, one) for one in phases])
     return RepeatForm(
-        found,
+        origin,
         len(made),
         lambda heights: np.einsum("m,mrc->rc", heights, made),
         lambda total: np.einsum("nrc,mrc->nm", total, made),
@@ -148,8 +148,8 @@ def learn_repeats(
     laws: list[Learned] = []
     for _ in range(ROUNDS):
         remaining = maps_with(laws)
-        for channel in dict.fromkeys(form.found.repeat.channel for form in forms):
-            of = {k: form for k, form in enumerate(forms) if form.found.repeat.channel == channel}
+        for channel in dict.fromkeys(form.origin.repeat.channel for form in forms):
+            of = {k: form for k, form in enumerate(forms) if form.origin.repeat.channel == channel}
             # The patterns are back in the residuals, as the model has them about what was fitted before.
             maps = remaining[channel]
             before = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
@@ -219,12 +219,12 @@ def _learned(
     scatter = (form.gather(rest[finding]) ** 2).sum(0)
     sd = np.where(steep > 0, np.sqrt(np.maximum(scatter, share * steep)) / curvature, 0)
     learned = form.learned(heights, sd)
-    told_as = form.found.repeat
+    told_as = form.origin.repeat
     size, phase = _size(form, heights, maps=maps)
     repeat = repeat_of(
         told_as.channel,
-        form.found.scale,
-        form.found.number,
+        form.origin.scale,
+        form.origin.number,
         phase=phase,
         size=size,
         p=told_as.p_value,
@@ -238,11 +238,11 @@ def _learned(
 
 def _size(form: RepeatForm, heights: Heights, *, maps: Maps) -> tuple[Interval, complex]:
     """The size that all scenes show, and the phase of a wave."""
-    channel, scale = form.found.repeat.channel, form.found.scale
+    channel, scale = form.origin.repeat.channel, form.origin.scale
     if scale.pattern is None:
         return common_size(maps, scale, channel), 1.0
     phase = complex(heights[0], -heights[1]) if scale.turns else 1.0
-    pattern: Pattern = scale.pattern(form.found.number, phase)
+    pattern: Pattern = scale.pattern(form.origin.number, phase)
     response = maps.centred(maps.response(pattern))
     shows: Float[np.ndarray, " n"] = (maps.total * pattern).sum((1, 2))
     return height_of(shows, (response * pattern).sum((1, 2)), channel), phase

@@ -191,9 +191,9 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
     return np.concatenate(parts, axis=1)
 
 
-def own_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
+def scene_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n o"]:
     """What is a scene's own: a level, and slopes over ln r, incidence and height, of each kind of surface; their
-    order is that of OWN_SD."""
+    order is that of SCENE_SD."""
     surfaces = one_hot(kind, np.arange(3))
     # Centred, so that a slope leaves the level alone.
     slopes = [np.log(comparison.rays.range_m), comparison.rays.incidence_rad, np.clip(comparison.height_m, -1.0, 8.0)]

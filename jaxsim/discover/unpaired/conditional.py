@@ -23,8 +23,8 @@ from jaxsim.discover.unpaired.columns import (
     kinds,
     law_columns,
     one_hot,
-    own_columns,
     patches,
+    scene_columns,
 )
 from jaxsim.discover.unpaired.law import (
     RIDGE,
@@ -43,7 +43,7 @@ CLIP = 3.0
 """Robust standard deviations about each side's own law at which readings are held."""
 PATCH_SD = 0.25
 """Standard deviation of the level of a patch of ground, nats."""
-OWN_SD = (0.3, 0.2, 0.3, 0.1)
+SCENE_SD = (0.3, 0.2, 0.3, 0.1)
 """Standard deviations of a scene's level, and of its slopes over ln r, incidence (rad) and height (m), for each kind of
 surface."""
 CLASS_SD = 0.3
@@ -125,7 +125,7 @@ def compare(
     y = _clipped(comparison.log_intensity, law, learn, sensed=sensed)
     patch = patches(comparison, kind)
     variance = _within(y - law @ _ridge(law[learn], y[learn]), patch, learn)
-    random = RandomEffects(own_columns(comparison, kind), np.repeat(OWN_SD, 3), patch, PATCH_SD)
+    random = RandomEffects(scene_columns(comparison, kind), np.repeat(SCENE_SD, 3), patch, PATCH_SD)
 
     def equations_of(side: np.ndarray) -> Equations:
         return equations(y, law, side, random=random, scene=scene, scenes=len(comparison.scenes), variance=variance)

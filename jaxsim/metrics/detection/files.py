@@ -61,10 +61,10 @@ def read_truth(folder: Path, names: Sequence[str]) -> Objects:
 
 def read_detections(folder: Path, names: Sequence[str] | None = None) -> Objects:
     """A detector's results of the frames `names`; by default of every file there is. Raises as `read_truth`."""
-    return _read(folder, found_frames(folder) if names is None else names, "detection")
+    return _read(folder, frames_with_results(folder) if names is None else names, "detection")
 
 
-def found_frames(folder: Path) -> list[str]:
+def frames_with_results(folder: Path) -> list[str]:
     """Names of the frames that have a file. Raises ValueError where there is none."""
     if not folder.is_dir():
         raise ValueError(f"detection: there is no folder {folder}")

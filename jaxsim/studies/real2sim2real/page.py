@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
 from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.boxes import draw_above
@@ -22,8 +22,8 @@ from jaxsim.studies.real2sim2real.charts import WORDS, check_tables, epochs_char
 from jaxsim.studies.real2sim2real.scores import (
     HEADS,
     answer,
+    discovered_effects,
     epochs_on_real,
-    found_effects,
     loop_tables,
     plain_tables,
     score_cells,
@@ -68,7 +68,7 @@ def _page(loop: Loop, counts: Counts, pictures: Mapping[str, Canvas | Rgb], *, c
         facts=[
             ("real frames", f"{config.detector.data.kind}, {config.detector.data.validation} to judge"),
             ("renderer", config.synthetic.kind),
-            ("the sensor was found to lack", found_effects(loop)),
+            ("the sensor was found to lack", discovered_effects(loop)),
             ("seeds", ", ".join(map(str, config.seeds))),
             ("detector", f"Voxel R-CNN, {config.detector.optim.epochs} epochs"),
         ],
@@ -110,7 +110,7 @@ def draw_kinds(loop: Loop, scenes: Mapping[str, Sequence[Scene]]) -> dict[str, R
     if not shared:
         return {}
     name = max((scene for scene in scenes[kinds[0]] if scene.name in shared), key=count_objects).name
-    nothing = Found(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
+    nothing = Detected(np.zeros((0, 7), np.float32), np.zeros(0, np.float32))
     panels = []
     for kind in kinds:
         scene = next(s for s in scenes[kind] if s.name == name)
@@ -118,25 +118,25 @@ def draw_kinds(loop: Loop, scenes: Mapping[str, Sequence[Scene]]) -> dict[str, R
     return {"clouds": _grid(panels)}
 
 
-def draw_found(loop: Loop, real: Scene, found: Mapping[str, Found]) -> dict[str, Rgb]:
+def draw_detections(loop: Loop, real: Scene, detected: Mapping[str, Detected]) -> dict[str, Rgb]:
     """A real frame, and what the detector of each kind of cloud finds in it."""
     span = loop.config.detector.voxels.range_m
-    return {"found": _grid([_panel(real, span, found[kind], title=f"trained on {kind}") for kind in loop.trained])}
+    return {"found": _grid([_panel(real, span, detected[kind], title=f"trained on {kind}") for kind in loop.trained])}
 
 
-def turned_clouds(loop: Loop, real: Scene, found: Mapping[str, Found]) -> list[TurnedScene]:
+def turned_clouds(loop: Loop, real: Scene, detected: Mapping[str, Detected]) -> list[TurnedScene]:
     """The real frame with its labels and what the detector of each kind of cloud finds in it, for the viewer."""
     labelled = real.boxes[real.target]
     return [
-        cloud_with_boxes(f"trained on {kind}", real.points, found=found[kind].boxes, labelled=labelled)
+        cloud_with_boxes(f"trained on {kind}", real.points, detected=detected[kind].boxes, labelled=labelled)
         for kind in loop.trained
     ]
 
 
-def _panel(scene: Scene, span: tuple[float, ...], found: Found, *, title: str) -> Rgb:
+def _panel(scene: Scene, span: tuple[float, ...], detected: Detected, *, title: str) -> Rgb:
     labelled = scene.boxes[scene.target]
     return draw_above(
-        scene.points, span, found=found.boxes, score=found.score, labelled=labelled, title=title, height=PANEL
+        scene.points, span, detected=detected.boxes, score=detected.score, labelled=labelled, title=title, height=PANEL
     )
 
 

@@ -166,7 +166,7 @@ def answer(loop: Loop) -> str:
     return f"{text}; {spread})" + (f"; {real.mean:.1f} after training on real clouds." if real else ".")
 
 
-def found_effects(loop: Loop) -> str:
+def discovered_effects(loop: Loop) -> str:
     """What `discover` found the sensor to lack."""
     if not loop.effects.is_file():
         return "discover was not asked"
@@ -194,7 +194,7 @@ def loop_tables(loop: Loop, counts: Counts) -> str:
     return "\n\n".join(
         [
             answer(loop),
-            f"The sensor was found to lack: {found_effects(loop)}.",
+            f"The sensor was found to lack: {discovered_effects(loop)}.",
             f"Trained on a kind of cloud, scored on real ones; AP R40 of {loop.target}, last epochs (the paper's):",
             markdown_table(("trained on", *heads), score_cells(loop, of_real=False)),
             "Trained on real clouds, scored on each kind:",

@@ -24,7 +24,7 @@ from jaxsim.report.scenes import TurnedScene
 from jaxsim.runs.run import Checkpoints
 from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
-from jaxsim.studies.real2sim2real.page import count_objects, draw_found, draw_kinds, turned_clouds, write_loop
+from jaxsim.studies.real2sim2real.page import count_objects, draw_detections, draw_kinds, turned_clouds, write_loop
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
 from jaxsim.train.loop import TRAINER, train_apart
 
@@ -178,4 +178,4 @@ class Stages:
         for kind in loop.trained:
             found[kind], _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
         drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
-        return drawn | draw_found(loop, real, found), turned_clouds(loop, real, found)
+        return drawn | draw_detections(loop, real, found), turned_clouds(loop, real, found)

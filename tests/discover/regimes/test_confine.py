@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.regimes.chance import ask, by_own_size
+from jaxsim.discover.regimes.chance import ask, scenes_by_size
 from jaxsim.discover.regimes.confine import confine
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells, questions
@@ -99,7 +99,7 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     one = fit(GAIN, null, EVERYONE)
     halved = 2 * facts.sector + np.arange(facts.sector.shape[1]) % 2
     of = cells(GAIN, null, z=one.z, noise=one.noise, sector=halved, sectors=2 * facts.sectors)
-    found = by_own_size(of, facts)
+    found = scenes_by_size(of, facts)
     assert found is not None
     assert found.p_value < 0.02
     assert found.question.regions[0].scenes == ("drive 0", "drive 3", "drive 4", "drive 8")

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from jaxsim.metrics.detection import read_detections
-from jaxsim.metrics.detection.files import found_frames, frame_list
+from jaxsim.metrics.detection.files import frame_list, frames_with_results
 from tests.metrics.made_detection import car
 
 CAR = "Car 0.00 0 0.00 {left:.2f} 100.00 {right:.2f} {bottom:.2f} 1.50 1.60 3.90 {x:.2f} 1.60 20.00 0.00"
@@ -15,11 +15,11 @@ def test_files_that_cannot_be_scored_are_named(tmp_path):
     found = tmp_path / "found"
     found.mkdir()
     with pytest.raises(ValueError, match="holds no NUMBER"):
-        found_frames(found)
+        frames_with_results(found)
     (found / "data").mkdir()
     (found / "data/000000.txt").write_text("")
     with pytest.raises(ValueError, match="its data/ has some"):
-        found_frames(found)
+        frames_with_results(found)
     (found / "000000.txt").write_text("")
     with pytest.raises(ValueError, match=r"lacks the detection file of 2 of 3 frames: 000001.txt, 000007.txt"):
         read_detections(found, ["000000", "000001", "000007"])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli.real2sim2real import export_kinds
-from jaxsim.detect.results import Found
+from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
 from jaxsim.studies.real2sim2real import Loop, settle_loop
@@ -189,7 +189,7 @@ def test_the_frame_with_most_cars_is_drawn_in_every_kind_and_with_what_each_dete
         assert points is many.points
         asked.append(network)
         boxes = many.boxes[:2] if network == "real" else many.boxes[:0]
-        return Found(boxes, np.full(len(boxes), 0.9, np.float32)), {}
+        return Detected(boxes, np.full(len(boxes), 0.9, np.float32)), {}
 
     module = "jaxsim.studies.real2sim2real.stages"
     monkeypatch.setattr(f"{module}.make_find", lambda experiment: find)
