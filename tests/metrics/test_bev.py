@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import jensenshannon
 
-from jaxsim.metrics.bev import COUNTS, counts, jensen_shannon, mmd, spherical_image
+from jaxsim.metrics.bev import COUNTS, SQUARED_DISTANCES, counts, jensen_shannon, mmd, spherical_image
 from tests.metrics.made_generation import clouds
 
 
@@ -68,3 +68,14 @@ def test_mmd_equals_the_kernel_written_out(definition, order):
     assert mmd(a, b, definition=definition) == pytest.approx(want, rel=1e-4)
     with pytest.raises(ValueError, match="known: lidargen, r2dm"):
         mmd(a, b, definition="ultralidar")
+
+
+def test_spectral_distances_are_those_of_all_singular_values():
+    """Also where two directions are as long as each other, where none is, and within one set."""
+    rng = np.random.default_rng(5)
+    a, b = rng.random((5, 100, 100)) ** 8, rng.random((4, 100, 100)) ** 8
+    a[1], a[2] = b[0] + np.eye(100) / 50, b[0]
+    a, b = a / a.sum((1, 2), keepdims=True), b / b.sum((1, 2), keepdims=True)
+    for x, y in ((a, b), (a, a), (a[:4], a[:4])):
+        want = [[np.linalg.norm(one - other, 2) ** 2 for other in y] for one in x]
+        np.testing.assert_allclose(SQUARED_DISTANCES["lidargen"](x, y), want, rtol=3e-5, atol=1e-16)
