@@ -1,5 +1,6 @@
 """KITTI's odometry benchmark with SemanticKITTI's labels, in files of the true format and in real ones."""
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.data.semantic_kitti import read_point_labels
+from jaxsim.discover import read_comparison
 from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud
 from jaxsim.geometry import scan_on_window
@@ -134,6 +136,16 @@ def test_frames_of_a_log_have_the_labels_of_their_points(root, tmp_path):
     assert {*np.unique(semantic[image.valid])} == {IDS["road"], IDS["building"]}
     np.testing.assert_array_equal(instance[image.valid] > 0, semantic[image.valid] == IDS["building"])
     assert semantic[~image.valid].max(initial=0) == 0
+
+
+def test_discover_asks_about_the_classes_of_a_log(root, tmp_path, monkeypatch):
+    kind, source = source_for(root / "sequences/00")
+    write_log(root / "sequences/00", kind, source, out=tmp_path / "measured", options=LogOptions(columns=360))
+    monkeypatch.setattr("sys.argv", ["lambert.py", str(tmp_path / "measured"), str(tmp_path / "simulated")])
+    runpy.run_path(str(Path(__file__).parents[2] / "docs/lambert.py"), run_name="__main__")
+    comparison = read_comparison(simulated=tmp_path / "simulated", measured=tmp_path / "measured")
+    hit = np.asarray(comparison.scan.hit)
+    assert {*np.unique(np.asarray(comparison.scan.semantic)[hit])} == {IDS["road"], IDS["building"]}
 
 
 def test_real_labels_reach_the_cells_of_their_points(samples, tmp_path):
