@@ -1,6 +1,7 @@
 """How the code is laid out: rules that a reader of folder lists may rely on."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,18 @@ def test_every_module_has_a_test_file_of_its_name(module):
         return
     files = [test for folder, test in ROWS.items() if module.startswith(f"{folder}/")] or mirrors(module)
     assert any((ROOT / "tests" / file).is_file() for file in files), f"{module} has none of tests/{files}"
+
+
+@pytest.mark.parametrize("module", [module for module in MODULES if module.endswith("/__init__.py")])
+def test_a_rooms_first_page_names_its_files_and_no_others(module):
+    """Where there are more than two; a command is a file of its own name, and so is an effect."""
+    folder = (ROOM / module).parent
+    files = {path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    files -= {"__init__", "__main__"}
+    page = ast.get_docstring(tree(module)) or ""
+    assert {name for name in re.findall(r"\b(\w+)\.py\b", page) if not (ROOM / name).exists()} <= files
+    if len(files) > 2 and folder.name not in ("catalogue", "cli"):
+        assert not sorted(name for name in files if not re.search(rf"\b{name}\b", page))
 
 
 def test_no_exemption_is_left_over():

@@ -1,7 +1,8 @@
 """`jaxsim COMMAND`: the commands of the console script.
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
-for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX.
+for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `commands` (how a
+row becomes a running command), `source` and `sides` (flags that several share) and `endings` (how failures are told).
 """
 
 from __future__ import annotations

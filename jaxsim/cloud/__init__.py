@@ -1,4 +1,8 @@
-"""Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open."""
+"""Point clouds: from depth maps, thinned to laser lines, and out to files that other tools open.
+
+pseudo_lidar, sparsify         depth maps to points; dense clouds to laser lines
+export, recordings, kitti_tree  files of clouds, MCAP and OSI, trees of the KITTI benchmark
+"""
 
 from jaxsim.cloud.export import FORMATS, points_of, save_cloud
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud, place_intensity

@@ -1,6 +1,7 @@
 """Every stage's settings, as frozen dataclasses. No behaviour lives here but the check of their numbers (ranges.py).
 
-An experiment (`configs/*.py`) is one `Experiment`, `DetectorExperiment` or `DepthExperiment` value; every field is a
+An experiment (`configs/*.py`) is one `Experiment` (intensity.py), `DetectorExperiment` (detector.py) or
+`DepthExperiment` (depth.py) value; data.py has what they share, studies.py the studies around them. Every field is a
 flag of `jaxsim train` (`--optim.lr 1e-4`). A run folder keeps the whole value as `config.json`.
 """
 

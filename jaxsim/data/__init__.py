@@ -4,6 +4,19 @@ A data set is anything with a name, a sensor and a frame for every number:
 
     dataset = open_dataset(DataConfig(kind="kitti_raw", root=Path("kitti_raw")))
     frame = dataset[0]
+
+A row of DATASETS a kind. Readers, with the files of their formats beside them:
+
+    kitti, kitti_odometry, kitti_together, kitti_files   KITTI's raw drives, its benchmarks, all as one
+    kitti_step, cityscapes                    panoptic labels, and the classes that all frames carry
+    semantic_kitti, point_classes             labels of points, and as rasters of the camera
+    kitti_depth                               depth completion
+    vkitti2, vkitti2_files, carla             renderers
+    synthetic                                 the embedded world
+    prepared_set, tfds_builder, records       pairs that `jaxsim prepare` made
+    polar_frames, polar_checks, polar_views   `jaxsim discover`'s format, and as a data set of views
+    sweeps, logs, clouds, range_images        recordings of LiDARs alone
+    calibration, select, batches              what a calibration can be; frames by number; batches of pairs
 """
 
 from __future__ import annotations

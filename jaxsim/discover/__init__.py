@@ -9,6 +9,19 @@
     Result, Verdict     the answer with its evidence; what verdict.json holds of it
 
 The likelihood stands in `model`, every threshold of the decision in `rules`, all statistics over scenes in `scenes`.
+Files in the order in which the data meets them:
+
+    checks, read                 two folders, checked and put side by side
+    register, mounting           where the sensor stood, and what of it is put in place first
+    covariates, find             on what the disagreement depends
+    look_alikes, name, law       which effect it is; what no effect describes, as a law with a formula
+    add                          what was named, fitted together
+    regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
+    gap, drawn, show             how far the sides are apart on unseen scenes, and what a report draws of them
+    sensitivity, levels, objects what the frames could show; noise, and targets, of both sides
+    explain, verdict, workflow   the answer in plain values, and the whole way
+    unpaired                     the whole way where the streets differ
+    gate, watch                  whether an answer passes in CI; how a sensor changes over days
 """
 
 from jaxsim.discover.read import Comparison, read_comparison

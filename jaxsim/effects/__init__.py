@@ -8,6 +8,7 @@ In the order of reading:
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays, early false returns among them
     recast.py       what rays meet that a law turned or moved
+    region.py       where an effect acts, if not everywhere
     learned.py      what no effect describes, as numbers along covariates
     chain.py        `SensorModel`, effects applied in order: the content of sensor.json; one draw of what it reports
     origin.py       effects of one's own, and where they come from

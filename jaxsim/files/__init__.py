@@ -3,11 +3,10 @@
     whole.py    writing, listing and naming files; what a killed process left half written
     locks.py    keeping a folder for one process
     claims.py   keeping results of other settings out of a folder
-    texts.py    text, numbers and JSON
+    texts.py    text, numbers and JSON; the place of an error that does not know it
     arrays.py   .npz files, with the SHA-256 of what they hold
     images.py   PNG and JPEG
     code.py     packages that only some files need, and the sources that made others
-    places.py   the place of an error that does not know it
 
 A file may be a stranger's: whatever is read is first measured, nothing in it is ever run or imported, and each reader
 raises ValueError that names the file, says what is wrong and what to do. Files' names that come out of data pass

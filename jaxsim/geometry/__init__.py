@@ -1,6 +1,8 @@
 """Rays, cameras and rasters: where beams point, how points become a polar image and back, what a camera sees.
 
-`jaxsim.geometry.boxes` has the boxes around objects.
+sensor, beams, rows, mount  beam tables of known sensors; beams, laser lines and mounting told from points alone
+polar, normals              points on the polar grid and back; angles of incidence
+camera, boxes, points       pinhole cameras; boxes around objects; what points can be
 """
 
 from jaxsim.geometry.camera import (

@@ -1,4 +1,10 @@
-"""Learned intensity: pix2pixHD on (b, h, w, c) arrays. This stage knows nothing of LiDAR."""
+"""Learned intensity: pix2pixHD on (b, h, w, c) arrays. This stage knows nothing of LiDAR.
+
+convolution, layers         padded convolutions; the block that both networks are made of, and its norms
+networks, unet              generator and discriminators; a generator of the U-Net's form
+losses, steps               GAN, features, VGG; everything that training changes, and its step
+published, published_files  the original program's checkpoints
+"""
 
 from jaxsim.pix2pix.losses import load_vgg
 from jaxsim.pix2pix.published_files import start_from

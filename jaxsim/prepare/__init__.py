@@ -1,4 +1,9 @@
-"""From a frame's camera and LiDAR to an aligned training pair on the sensor's own polar grid."""
+"""From a frame's camera and LiDAR to an aligned training pair on the sensor's own polar grid.
+
+pairs              the whole way, a frame to a pair
+depth, denoise     dense depth of the camera's pixels; intensities without noise
+paint, channels    camera rasters on the polar grid; what the network sees of them
+"""
 
 from __future__ import annotations
 

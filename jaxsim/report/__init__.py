@@ -1,12 +1,11 @@
 """Pictures and tables, from plain results.
 
-results                              JSON, Markdown and scores as files
+results                              JSON, Markdown and scores as files; a gate's checks for CI
 pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
 scenes                               clouds that a page turns in 3D, and pages of them
 detection                            KITTI's scores of a detector
-discovery, answer, sides, own, regimes, learned, evidence, judged, words   the report of a discovery
-gate                                 a gate's checks for CI
+discovery, answer, evidence, accounts, words   the report of a discovery
 notebook                             what notebooks show of results, frames and clouds
 """
 

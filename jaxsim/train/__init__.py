@@ -1,4 +1,9 @@
-"""Training: one loop, a builder for each kind of network, and the experiments that configs/ holds."""
+"""Training: one loop, a builder for each kind of network, and the experiments that configs/ holds.
+
+loop, training             the loop, which reads top to bottom; what it needs of a builder
+intensity, detector, depth  the builders
+experiments                experiments by name or by file
+"""
 
 from jaxsim.train.experiments import experiment_names, load_experiment, load_loop, read_experiment
 from jaxsim.train.loop import train

@@ -1,1 +1,7 @@
-"""Name: which effect of the catalogue is missing, or none, or something that the catalogue does not hold."""
+"""Name: which effect of the catalogue is missing, or none, or something that the catalogue does not hold.
+
+candidates     every effect, fitted and judged on scenes that its fit has not seen
+select         one effect after another, as long as each gains more than the bar
+unexplained    free curves, for what no effect describes
+answer         which of the three answers it is, and the bar that nulls set
+"""

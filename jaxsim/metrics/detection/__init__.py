@@ -3,8 +3,7 @@
 The official tool's rules (devkit_object, evaluate_object_3d_offline) by default, OpenPCDet's by option. Class by class,
 thresholds come from a first matching, precision and recall from a second.
 
-    rules.py     what counts, and where the two tools differ        files.py    labels and results
-    matching.py  overlaps, and who is matched with whom
+    matching.py  what counts, overlaps, and who is matched with whom        files.py    labels and results
 
 Figures: TP pairs in which both count; FP detections that count, are not matched, and (in the image) lie in no
 DontCare region; FN labels that count and are not matched.

@@ -1,8 +1,8 @@
 """Features of images for the Fréchet Inception distance, as the two published programs take them.
 
-torchvision's form is the default of Imaginaire (`evaluation/pretrained.py`), on which the paper builds: clamp to
+torchvision's form is the default of Imaginaire (its `pretrained`), on which the paper builds: clamp to
 [-1, 1], bicubic to 299 x 299 with aligned corners, which overshoots and is left so. pytorch-fid's
-(`inception.py`): bilinear, corners not aligned. This file has the weights, the features and the two programs'
+(its `inception`): bilinear, corners not aligned. This file has the weights, the features and the two programs'
 resizing to 299 x 299, as one matrix a side, whose rows are new cells and whose columns are old ones; network.py is the
 network.
 """

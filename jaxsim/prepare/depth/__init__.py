@@ -1,6 +1,10 @@
 """Dense depth from the LiDAR points that fall into the image, behind one function.
 
 A method takes sparse depth with its mask and gives dense depth with its mask; it never writes into its input.
+
+    frames         sparse depth of a scan in its image
+    ip_basic       filled by morphology
+    penet          completed by a network that sees the image
 """
 
 from __future__ import annotations

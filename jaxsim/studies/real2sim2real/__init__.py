@@ -6,6 +6,8 @@ OUT/discovered/       what `discover` says that it lacks: sensor.json
 OUT/trees/KIND/       KITTI trees of the renderer's frames
 OUT/detectors/seed0/  a run for each kind, and `real`
 OUT/scores/seed0/     TRAINED_on_JUDGED.json
+
+`stages` makes them one after the other, `scores` reads what was scored, `charts` and `page` show it.
 """
 
 from __future__ import annotations

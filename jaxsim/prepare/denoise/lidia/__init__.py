@@ -4,7 +4,7 @@ patches and their neighbours.
 This file has its published weights, and the network on LiDAR intensity. Below it:
 
     patches.py      patches, and the 14 most alike, at two scales; cells without return do not count
-    layers.py network.py    the network, under its published names
+    network.py      the network, under its published names
     denoiser.py     whole images          adapt.py    training on images of one's own
 """
 

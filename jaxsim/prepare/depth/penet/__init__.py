@@ -2,9 +2,9 @@
 
 This file completes a frame with weights from a file. Below it:
 
-geometry.py layers.py    coordinates of the cells, and blocks that see them (C-CNN)
-network.py cspn.py       both branches and their fusion, and DA-CSPN++
-published.py             published weights        training.py    its three stages
+layers.py       blocks that see their cells' coordinates, and DA-CSPN++
+network.py      those coordinates; both branches and their fusion
+published.py    published weights        training.py    its three stages
 """
 
 from __future__ import annotations
