@@ -157,9 +157,9 @@ def bars(gains: dict[str, dict[str, float]]) -> Canvas:
 
     canvas.text(left, 18, "Nothing is missing: what each effect gains all the same", size=14)
     for k, (name, colour) in enumerate(zip(gains, (BEFORE, AFTER), strict=True)):
-        canvas.area([(left + 200 * k, 30), (left + 200 * k + 12, 30), (left + 200 * k + 12, 42), (left + 200 * k, 42)],
-                    colour=colour)  # fmt: skip
-        canvas.text(left + 200 * k + 18, 41, f"the simulator's frames {name}", size=12)
+        at = left + 240 * k
+        canvas.area([(at, 30), (at + 12, 30), (at + 12, 42), (at, 42)], colour=colour)
+        canvas.text(at + 18, 41, f"the simulator's frames {name}", size=12)
     top, bottom = 58, 58 + step * len(names)
     for power in range(int(most) + 1):
         x = across(10.0**power)
