@@ -45,7 +45,7 @@ def main(work: Path, frames: int) -> None:
     spread(work / "case", out, frames)
     begun = time.monotonic()
     sides = ["--measured", str(out / "measured"), "--simulated", str(out / "simulated")]
-    subprocess.run([sys.executable, "-m", "jaxsim.cli", "discover", *sides, "--out", str(out / "answer")], check=True)
+    subprocess.run([sys.executable, "-m", "jaxsim", "discover", *sides, "--out", str(out / "answer")], check=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(
         f"{frames} frames: {time.monotonic() - begun:.0f} s, {used.ru_utime + used.ru_stime:.0f} s of processor time, "

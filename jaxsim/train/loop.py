@@ -24,7 +24,7 @@ from jaxsim.train.training import Scores, Training, run_folder, write_card
 
 _log = logging.getLogger(__name__)
 
-TRAINER = (sys.executable, "-m", "jaxsim.cli", "train")
+TRAINER = (sys.executable, "-m", "jaxsim", "train")
 """The program that trains, of this very package."""
 
 

@@ -84,7 +84,7 @@ def test_a_signal_is_one_line_and_its_status(tmp_path, number, status):
 
 
 def jaxsim(*words: str | Path, work: Path, **more) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "jaxsim.cli", *map(str, words)]
+    command = [sys.executable, "-m", "jaxsim", *map(str, words)]
     return subprocess.run(command, cwd=work, capture_output=True, text=True, **more)
 
 

@@ -42,7 +42,7 @@ def drives(raw_root) -> Path:
 
 def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes(drives, tmp_path):
     out = tmp_path / "out"
-    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
+    command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
     command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
     making = out / SET.with_name("1.0.0.making")
     with running(tmp_path, *command) as process:
@@ -70,7 +70,7 @@ def test_a_killed_command_leaves_no_process_behind_and_goes_on_to_the_same_bytes
 
 def test_an_interrupted_command_ends_with_a_line_and_leaves_no_process_behind(drives, tmp_path):
     """As a terminal interrupts: all processes of the command at once."""
-    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", tmp_path / "out", *FLAGS]
+    command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", drives, "--out", tmp_path / "out", *FLAGS]
     command += ["--eval", "9-11", "--train", "0-8", "--pairs-a-file", "2", "--workers", "2"]
     with running(tmp_path, *command) as process:
         wait_until(lambda: len(psutil.Process(process.pid).children()) >= 2, process)
@@ -89,7 +89,7 @@ def test_beams_two_workers_write_the_bytes_of_the_plain_command(drives, tmp_path
     data = DataConfig(kind="kitti_raw", root=drives)
     plain = make_set(tmp_path / "plain", data, PREPARE, size=3, workers=1)
     out = tmp_path / "beam"
-    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
+    command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", drives, "--out", out, *FLAGS]
     command += ["--pairs-a-file", "3", "--beam", "runner=DirectRunner"]
     command += ["direct_num_workers=2", "direct_running_mode=multi_processing"]
     broken = drives / "2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data/0000000009.bin"
@@ -221,9 +221,9 @@ def test_training_on_a_set_gives_the_losses_and_scores_of_training_on_its_frames
     assert len(lines[0]) == 3
     output = said(tmp_path, ROOT / "eval.py", "runs/pairs")
     assert "3 frames of prepared" in output
-    refused = said(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated", fails=True)
+    refused = said(tmp_path, "-m", "jaxsim", "simulate", "runs/pairs", "--out", "simulated", fails=True)
     assert f"--data kitti_raw --root {drives}" in refused
-    said(tmp_path, "-m", "jaxsim.cli", "simulate", "runs/pairs", "--out", "simulated",
+    said(tmp_path, "-m", "jaxsim", "simulate", "runs/pairs", "--out", "simulated",
          "--data", "kitti_raw", "--root", drives, "--frames", "9-11")  # fmt: skip
 
 

@@ -28,7 +28,7 @@ def test_workers_and_the_command_may_die_and_the_bytes_are_those_of_the_plain_co
             shutil.copy(drive / kind / f"data/{0:010d}.{suffix}", drive / kind / f"data/{k:010d}.{suffix}")
     out = tmp_path / "out"
     making = out / SET.with_name("1.0.0.making")
-    command = ["-m", "jaxsim.cli", "prepare", "kitti_raw", "--root", raw_root, "--out", out, *FLAGS]
+    command = ["-m", "jaxsim", "prepare", "kitti_raw", "--root", raw_root, "--out", out, *FLAGS]
     command += ["--pairs-a-file", "1", "--cluster"]
 
     def made(at_least: int):

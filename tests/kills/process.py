@@ -26,7 +26,7 @@ class Running:
         self.took_s = 0.0
         with self._log.open("wb") as said:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "jaxsim.cli", *words],
+                [sys.executable, "-m", "jaxsim", *words],
                 cwd=work,
                 env=environment(
                     cache, JAX_COMPILATION_CACHE_DIR=str(cache / "xla"), JAX_DISABLE_MOST_OPTIMIZATIONS="1"

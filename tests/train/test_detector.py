@@ -56,7 +56,7 @@ def test_a_detector_is_trained_resumed_scored_and_used(work):
     clouds = work / "clouds"
     clouds.mkdir()
     scene(0).points.tofile(clouds / "one.bin")
-    run(work, "-m", "jaxsim.cli", "detect", str(folder), "--clouds", str(clouds), "--out", str(work / "out"))
+    run(work, "-m", "jaxsim", "detect", str(folder), "--clouds", str(clouds), "--out", str(work / "out"))
     assert (work / "out" / "results" / "one.txt").is_file()
 
 

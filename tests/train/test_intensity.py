@@ -108,7 +108,7 @@ def test_too_few_frames_for_a_frechet_distance_stop_the_evaluation(work):
 
 
 def simulate(work: Path, *more: str, fails: bool = False) -> str:
-    return said(work, "-m", "jaxsim.cli", "simulate", "runs/demo", "--batch", "2", *more, fails=fails)
+    return said(work, "-m", "jaxsim", "simulate", "runs/demo", "--batch", "2", *more, fails=fails)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,0 @@
-"""`python -m jaxsim.cli COMMAND`."""
-
-from jaxsim.cli import main
-
-main()
