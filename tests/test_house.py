@@ -13,7 +13,7 @@ MODULES = sorted(path.relative_to(ROOM).as_posix() for path in ROOM.rglob("*.py"
 ROWS = {"effects/catalogue": "effects/test_catalogue.py", "engines": "engines/test_engines.py"}
 """Folders whose files are rows of one table, and the test of that table, which goes through all of them."""
 WITHOUT = {
-    "cli/__main__.py": "two lines, by which every test of the programs as users start them begins",
+    "__main__.py": "two lines, by which every test of the programs as users start them begins",
     "config/data.py": "settings without behaviour; config/test_ranges.py checks the ranges of all",
     "config/depth.py": "the same",
     "config/detector.py": "the same",
