@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from jaxsim.cloud.export import save_cloud, table_of
-from jaxsim.cloud.recordings import Stamped, write_mcap, write_osi
+from jaxsim.cloud.recordings import Stamped, write_mcap, write_osi, write_rrd
 from jaxsim.config.ranges import Checked, Count, Whole
 from jaxsim.data.logs import LogOptions, Written, known_sources, source_for, write_log
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
@@ -20,7 +20,7 @@ from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.progress import Progress
 
-WHOLE = {"mcap": write_mcap, "osi": write_osi}
+WHOLE = {"mcap": write_mcap, "osi": write_osi, "rrd": write_rrd}
 """Forms that hold all frames in one file."""
 
 
@@ -51,9 +51,10 @@ class Frames(Checked):
     """Take every so many turns."""
     most: Whole = 0
     """At most so many turns; 0: all."""
-    to: Literal["", "mcap", "osi", "pcd", "ply", "las", "npz"] = ""
+    to: Literal["", "mcap", "osi", "rrd", "pcd", "ply", "las", "npz"] = ""
     """The other way: write polar frames (SOURCE is their folder) as clouds with ring and time a point: one .mcap with
-    PointCloud2, one .osi with SensorData (of which no time a point is known), or in a folder a file a frame."""
+    PointCloud2, one .osi with SensorData (of which no time a point is known), one .rrd for Rerun's viewer, or in a
+    folder a file a frame."""
     list: bool = False
     """List the families, and what to install for each."""
 

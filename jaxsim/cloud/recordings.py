@@ -1,6 +1,6 @@
 """Clouds to recordings. To MCAP, as ROS 2's PointCloud2: x, y, z, intensity, ring and time a point; messages are
 encoded by rosbags, the file is written by the format's own library (extra ros). To a trace of ASAM OSI: a SensorData a
-frame, whose LiDAR detections have beam and intensity (extra osi).
+frame, whose LiDAR detections have beam and intensity (extra osi). To a recording of Rerun's viewer (extra rerun).
 """
 
 from __future__ import annotations
@@ -119,3 +119,29 @@ def _detections(detections: Any, table: np.ndarray) -> None:
 def _stamp(timestamp: Any, time_s: float) -> None:
     seconds, rest = divmod(round(time_s * 1e9), 10**9)
     timestamp.seconds, timestamp.nanos = int(seconds), int(rest)
+
+
+def write_rrd(path: Path, clouds: Iterable[Stamped], *, entity: str = "lidar") -> int:
+    """Writes clouds to one recording of Rerun, whole or not at all; how many they were.
+
+    Points are grey by the root of their intensity, on the timeline `scan`; intensity, ring and time a point are values
+    beside them. Nothing is sent to a viewer: `rerun FILE.rrd` shows the file.
+    """
+    rerun = need("rerun", "rerun", by="rrd")
+    count = 0
+    with replacing(path) as temporary:
+        recording = rerun.RecordingStream("jaxsim")
+        try:
+            recording.save(str(temporary))
+            for stamped in clouds:
+                table = stamped.table
+                recording.set_time("scan", timestamp=stamped.time_s)
+                grey = (255 * np.sqrt(np.clip(table["intensity"], 0, 1))).astype(np.uint8)
+                xyz_m = np.stack([table[axis] for axis in "xyz"], axis=1)
+                recording.log(entity, rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))
+                rest = {name: np.asarray(table[name]) for name in table.dtype.names or () if name not in "xyz"}
+                recording.log(entity, rerun.AnyValues(**rest))
+                count += 1
+        finally:
+            recording.disconnect()
+    return count

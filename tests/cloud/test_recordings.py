@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cloud.export import table_of
-from jaxsim.cloud.recordings import Stamped, write_mcap
+from jaxsim.cloud.recordings import Stamped, write_mcap, write_rrd
 from tests.cloud.made_export import lined
 
 
@@ -24,3 +24,28 @@ def test_an_mcap_is_read_by_the_formats_own_libraries(tmp_path):
     assert [f.name for f in first.fields] == ["x", "y", "z", "intensity", "ring", "time"]
     np.testing.assert_array_equal(np.frombuffer(bytes(first.data), table.dtype), table)
     assert messages[1].width == 7
+
+
+def test_a_recording_of_reruns_is_read_by_rerun(tmp_path):
+    reader = pytest.importorskip("rerun.chunk", reason="rerun-sdk is not installed")
+    c, time_s = lined()
+    table = table_of(c, time_s)
+    assert write_rrd(tmp_path / "a.rrd", [Stamped(5.25, table), Stamped(5.35, table[:7])]) == 2
+    chunks = [c for c in reader.RrdReader(str(tmp_path / "a.rrd")).store().stream() if c.entity_path == "/lidar"]
+    columns = {}
+    for batch in (chunk.to_record_batch() for chunk in chunks):
+        columns |= {name: batch[name] for name in batch.schema.names}
+    xyz_m = columns["Points3D:positions"].to_pylist()
+    np.testing.assert_array_equal(xyz_m[0], np.stack([table[axis] for axis in "xyz"], axis=1))
+    for name in ("intensity", "ring", "time"):
+        first, second = columns[name].to_pylist()
+        np.testing.assert_array_equal(first, table[name])
+        assert len(second) == 7
+    assert columns["scan"].cast("int64").to_pylist() == [5_250_000_000, 5_350_000_000]
+
+
+def test_a_missing_rerun_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "rerun", None)
+    with pytest.raises(ModuleNotFoundError, match=r"rrd: this needs rerun; pip install 'jaxsim-lidar\[rerun\]'"):
+        write_rrd(tmp_path / "a.rrd", [])
+    assert not (tmp_path / "a.rrd").exists()
