@@ -50,24 +50,24 @@ class Source(Checked):
         """The flags that name the data set of a config."""
         return cls(**{field.name: getattr(config, field.name) for field in fields(cls)})
 
-    def config(self, own: DataConfig | None = None) -> DataConfig:
-        """The data set's settings; `own` are those of the command's run."""
+    def config(self, of_run: DataConfig | None = None) -> DataConfig:
+        """The data set's settings; `of_run` are those of the command's run."""
         optional = ("variations", "camera", "lidar", "rows", "seed", "streets")
         given = {name: value for name in optional if (value := getattr(self, name)) is not None}
-        return source_of(own or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
+        return source_of(of_run or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
 
-    def validation(self, own: DataConfig) -> str:
+    def validation(self, of_run: DataConfig) -> str:
         """The frames that a run judges by where it is asked for no others: of another data set all, which is ""."""
-        return "" if self.foreign else own.validation
+        return "" if self.foreign else of_run.validation
 
-    def open(self, own: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
+    def open(self, of_run: DataConfig, *, frames: str) -> tuple[Dataset, list[int]]:
         """The data set, and the positions in it that `frames` names. Raises ValueError where there are none."""
-        dataset = open_dataset(self.config(own))
-        return dataset, self.choose(dataset, own, frames=frames)
+        dataset = open_dataset(self.config(of_run))
+        return dataset, self.choose(dataset, of_run, frames=frames)
 
-    def choose(self, dataset: Dataset, own: DataConfig, *, frames: str) -> list[int]:
+    def choose(self, dataset: Dataset, of_run: DataConfig, *, frames: str) -> list[int]:
         """The positions in the data set that `frames` names. Raises ValueError where there are none."""
-        return frames_to_judge(frames, dataset, validation=self.validation(own))
+        return frames_to_judge(frames, dataset, validation=self.validation(of_run))
 
 
 SAME = Source()

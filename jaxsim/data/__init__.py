@@ -130,15 +130,15 @@ def open_dataset(source: DataConfig | str, root: Path | str | None = None) -> Da
 
 
 def source_of(
-    own: DataConfig, kind: str, *, root: Path | None = None, scenes: tuple[str, ...] = (), **more: Any
+    of_run: DataConfig, kind: str, *, root: Path | None = None, scenes: tuple[str, ...] = (), **more: Any
 ) -> DataConfig:
-    """The data that a command asks for: a run's `own` where `kind` is `same`, or another set, in its own folder.
+    """The data that a command asks for: `of_run` where `kind` is `same`, or another set, in its own folder.
 
     `root` and `scenes`, where they are given, also replace those of the run; `more` are further fields.
     """
     if kind == "same":
-        return replace(own, root=root or own.root, scenes=scenes or own.scenes, **more)
-    return replace(own, kind=kind, root=root, scenes=scenes, **more)  # type: ignore
+        return replace(of_run, root=root or of_run.root, scenes=scenes or of_run.scenes, **more)
+    return replace(of_run, kind=kind, root=root, scenes=scenes, **more)  # type: ignore
 
 
 def _root(config: DataConfig) -> Path:

@@ -25,14 +25,14 @@ def mirrored(pair: Pair) -> Pair:
     return jax.tree.map(lambda raster: np.ascontiguousarray(raster[:, ::-1]), pair)
 
 
-def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tuple[int, int]) -> Pair:
+def magnified(pair: Pair, factor: float, position: tuple[float, float], *, size: tuple[int, int]) -> Pair:
     """The pair scaled to `factor` times `size` rows and columns, of which `size` are cut out.
 
-    `place` says where, from 0 (top, left) to 1. A cell takes the value of the one that its centre falls into.
+    `position` says where, from 0 (top, left) to 1. A cell takes the value of the one that its centre falls into.
     """
 
     def take(raster: np.ndarray) -> np.ndarray:
-        for axis, (n, share) in enumerate(zip(size, place, strict=True)):
+        for axis, (n, share) in enumerate(zip(size, position, strict=True)):
             large = max(round(factor * n), n)
             start = min(int(share * (large - n + 1)), large - n)
             # Centres of the cells that are cut out, in cells of the original.
@@ -43,9 +43,9 @@ def magnified(pair: Pair, factor: float, place: tuple[float, float], *, size: tu
     return jax.tree.map(take, pair)
 
 
-def cut(pair: Pair, columns: int, place: float) -> Pair:
-    """So many columns of the pair; `place` says where, from 0 (left) to 1."""
-    start = min(int(place * (pair.row.shape[1] - columns + 1)), pair.row.shape[1] - columns)
+def cut(pair: Pair, columns: int, position: float) -> Pair:
+    """So many columns of the pair; `position` says where, from 0 (left) to 1."""
+    start = min(int(position * (pair.row.shape[1] - columns + 1)), pair.row.shape[1] - columns)
     return jax.tree.map(lambda raster: raster[:, start : start + columns], pair)
 
 

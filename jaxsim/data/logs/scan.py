@@ -53,16 +53,16 @@ class LogScan:
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Further values of each point by the names of polar frames: semantic, instance, incidence."""
 
-    def only(self, kept: Bool[np.ndarray, " n"]) -> LogScan:
+    def only(self, mask: Bool[np.ndarray, " n"]) -> LogScan:
         """The scan with some of its points. It is no longer organised."""
         return replace(
             self,
-            xyz_m=self.xyz_m[kept],
-            intensity=self.intensity[kept],
-            ring=None if self.ring is None else self.ring[kept],
+            xyz_m=self.xyz_m[mask],
+            intensity=self.intensity[mask],
+            ring=None if self.ring is None else self.ring[mask],
             shape=None,
-            offset_s=None if self.offset_s is None else self.offset_s[kept],
-            layers={key: value[kept] for key, value in self.layers.items()},
+            offset_s=None if self.offset_s is None else self.offset_s[mask],
+            layers={key: value[mask] for key, value in self.layers.items()},
         )
 
 

@@ -287,7 +287,7 @@ def poses(
     return np.concatenate([spot, z[:, None]], axis=1), heading + turn
 
 
-def place(
+def in_world(
     parts: Parts,
     position_m: Float[np.ndarray, "things 3"],
     heading_rad: Float[np.ndarray, " things"],

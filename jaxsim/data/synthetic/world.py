@@ -29,7 +29,7 @@ from jaxsim.data.synthetic.render import (
     photograph,
     scan,
 )
-from jaxsim.data.synthetic.solids import Thing, along_street, place, poses
+from jaxsim.data.synthetic.solids import Thing, along_street, in_world, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
 from jaxsim.data.synthetic.true_sensor import TrueSensor, Truth, beam_gain, measure, report
 from jaxsim.frame import Array, Boxes, Camera, CameraFrame, Cloud, Frame, PolarImage
@@ -157,7 +157,7 @@ class SyntheticWorld:
         time_s = FRAME_S * (index % FRAMES_PER_DRIVE)
         curvature = float(drive.street.curvature)
         position, heading = poses(drive.things, curvature, time_s)
-        solids, corners = place(drive.parts, position, heading, instance=_instances(drive))
+        solids, corners = in_world(drive.parts, position, heading, instance=_instances(drive))
         spot, turn = along_street(curvature, np.array([drive.ego_speed_mps * time_s]), np.array([drive.ego_aside_m]))
         # By the frame's number alone: frames may be rendered in any order, by any process.
         pitch, roll, yaw = np.random.default_rng([self.seed, index, 1]).normal(0.0, PITCH_RAD, 3)

@@ -126,9 +126,9 @@ def turned(sides: Sides, motion: Motion) -> tuple[Points, Points]:
     return (far * ahead) @ np.swapaxes(matrix, 1, 2), (far * upward) @ np.swapaxes(matrix, 1, 2)
 
 
-def meet(sides: Sides, place: Points) -> Met:
+def meet(sides: Sides, points: Points) -> Met:
     """The planes of the cells in whose direction points lie, from their beams' own origins."""
-    x, y, z = np.moveaxis(place, -1, 0)
+    x, y, z = np.moveaxis(points, -1, 0)
     rows = len(sides.elevation_rad)
     columns = len(sides.azimuth_rad)
     down = np.interp(-np.arctan2(z, np.hypot(x, y)), -sides.elevation_rad, np.arange(rows), left=-1, right=rows)
@@ -141,7 +141,7 @@ def meet(sides: Sides, place: Points) -> Met:
     inside = sides.counts & (row >= 0) & (row < rows) & (sides.full | ((column >= 0) & (column < columns)))
     row = np.clip(row, 0, rows - 1)
     column = column % columns if sides.full else np.clip(column, 0, columns - 1)
-    at = (np.arange(len(place))[:, None], row, column)
+    at = (np.arange(len(points))[:, None], row, column)
     a = sides.azimuth_rad[column]
     e = sides.elevation_rad[row]
     u, v = np.moveaxis(sides.slopes[at], -1, 0)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxsim.data.synthetic.light import Light, lit
 from jaxsim.data.synthetic.raycast import Candidates
 from jaxsim.data.synthetic.render import COVER_CELLS, SHADOW_CELLS, cast_shadows
-from jaxsim.data.synthetic.solids import Look, Model, Thing, gather, place, poses
+from jaxsim.data.synthetic.solids import Look, Model, Thing, gather, in_world, poses
 from jaxsim.data.synthetic.tiles import candidates
 
 
@@ -19,7 +19,7 @@ def test_a_wall_keeps_the_sun_off_the_ground_behind_it() -> None:
     model.box((-0.1, -4.0, 0.0), (0.1, 4.0, 3.0), Look(11, (0.5, 0.5, 0.5), 0.4))
     things = [Thing(model, 10.0, 0.0)]
     parts = gather(things)
-    solids, _ = place(parts, *poses(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
+    solids, _ = in_world(parts, *poses(things, 0.0, 0.0), instance=np.zeros(1, np.int64))
     # The sun stands 45 degrees high ahead: the wall's shadow lies 3 m long on the near side.
     sun = np.array([1.0, 0.0, 1.0], np.float32) / np.float32(np.sqrt(2))
     lists = {

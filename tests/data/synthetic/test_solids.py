@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.synthetic.solids import CAPACITY, Look, Model, Thing, gather, place, poses
+from jaxsim.data.synthetic.solids import CAPACITY, Look, Model, Thing, gather, in_world, poses
 
 LOOK = Look(11, (0.5, 0.5, 0.5), 0.4)
 
@@ -14,7 +14,7 @@ def test_points_lie_in_a_placed_box_where_they_lie_in_its_model():
     things = [Thing(model, 10.0, -3.0, turn_rad=0.7, z_m=0.1, speed_mps=5.0)]
     [spot], [heading] = poses(things, 0.0, 2.0)
     np.testing.assert_allclose(spot, [20.0, -3.0, 0.1])
-    solids, corners = place(gather(things), spot[None], heading[None], instance=np.array([7]))
+    solids, corners = in_world(gather(things), spot[None], heading[None], instance=np.array([7]))
     inner = np.random.default_rng(0).uniform((-2, -1, -1), (3, 1, 2.5), (500, 3))
     turn = np.array([[np.cos(0.7), -np.sin(0.7), 0], [np.sin(0.7), np.cos(0.7), 0], [0, 0, 1]])
     world = inner @ turn.T + spot

@@ -8,7 +8,7 @@ import pytest
 from jaxsim.data.synthetic import kitti_camera
 from jaxsim.data.synthetic.layout import Drive, lay_out
 from jaxsim.data.synthetic.raycast import cast_solids
-from jaxsim.data.synthetic.solids import Solids, place, poses
+from jaxsim.data.synthetic.solids import Solids, in_world, poses
 from jaxsim.data.synthetic.tiles import candidates, pinhole_mask, polar_mask, slanted_mask
 from jaxsim.geometry import directions, full_grid, preset
 
@@ -21,7 +21,7 @@ EYE = np.array([0.0, -1.8, 1.7])
 def scene(request: pytest.FixtureRequest) -> tuple[Drive, Solids, np.ndarray]:
     drive = lay_out(9, request.param)
     pose = poses(drive.things, float(drive.street.curvature), 0.0)
-    solids, corners = place(drive.parts, *pose, instance=np.ones(len(drive.things), np.int64))
+    solids, corners = in_world(drive.parts, *pose, instance=np.ones(len(drive.things), np.int64))
     return drive, solids, corners
 
 
