@@ -17,6 +17,10 @@ discover    which effect is missing: find, name, add, show  ->  effects, back in
 engines     the answer in other simulators' parameters
   |
 report      pictures, tables, pages
+
+All stand on config (settings), frame.py (what travels), geometry (rays, cameras, rasters) and files. Commands are files
+of cli, effects files of effects/catalogue, data sets rows of data. The likelihood is stated in discover/model, all
+thresholds of a decision in discover/rules.py. CONTRIBUTING.md shows in five lines each how to add one.
 """
 
 from __future__ import annotations
