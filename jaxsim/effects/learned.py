@@ -28,6 +28,8 @@ from jaxsim.files import check_keys, real
 KINDS = ("curve", "table", "periodic", "product", "wave")
 LIMITS = {"intensity": (-2.0, 2.0), "range": (-1.0, 1.0), "drop": (0.0, 0.95)}
 """Least and most that a law may change: ln I in nats, the reading in m; share of echoes lost."""
+MOST_SD = 1e3
+"""... and, times the most, the largest standard deviation: a knot that nothing was seen of has a large one."""
 UNITS = {"intensity": "nats", "range": "m", "drop": ""}
 CHANGE: dict[str, Callable[[Rays, Array], Rays]] = {"intensity": brighten, "range": misread, "drop": lose}
 TABLES = ("row", "column", "class", "even rows", "even columns")
@@ -90,8 +92,8 @@ class Learned:
         low = -high if self.kind == "wave" else low
         if not all(low <= value <= high for value in self.values):
             raise refuse(f"values must lie within {low:g} and {high:g} {UNITS[self.channel]}")
-        if not all(0 <= sd < np.inf for sd in self.sd):
-            raise refuse("sd must be finite and not negative")
+        if not all(0 <= sd <= MOST_SD * high for sd in self.sd):
+            raise refuse(f"sd must lie within 0 and {MOST_SD * high:g} {UNITS[self.channel]}")
 
     @property
     def name(self) -> str:

@@ -124,7 +124,8 @@ def test_a_sensor_model_applies_them_after_its_effects(scan, rays):
         ({"values": (0.1, 0.2, float("nan"))}, "values must lie within"),
         ({"kind": "wave"}, "a wave has one knot of each covariate: its periods in a unit of it"),
         ({"kind": "table", "covariates": ("row",) * 3}, "a table has 1 or 2 covariates"),
-        ({"sd": (0.1, -0.2, 0.1)}, "sd must be finite and not negative"),
+        ({"sd": (0.1, -0.2, 0.1)}, "sd must lie within 0 and 2000 nats"),
+        ({"sd": (0.1, 1e30, 0.1)}, "sd must lie within 0 and 2000 nats"),
     ],
 )
 def test_what_cannot_be_right_is_refused(change, message):

@@ -21,6 +21,8 @@ MOST_POINTS = 2**23
 """Of a scan: four times those of the densest sensors."""
 MOST_BEAMS, MOST_COLUMNS = 1024, 2**16
 _LAS_SCALE = 65535.0
+_RECORD_BYTES = 54
+"""Of a LAS record's own header, the least that one takes."""
 _SEMANTIC = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cos", "<f4"), ("idx", "<u4"), ("tag", "<u4")])
 """CARLA's sensor.lidar.ray_cast_semantic, 24 bytes a point (carla.SemanticLidarDetection)."""
 _RAY_CAST = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
@@ -71,6 +73,18 @@ def read_ply(file: Path, options: LogOptions) -> LogScan:
     return scan_of_fields(values, options, by="ply", where=str(file), name=file.stem, scene=_scene(file))
 
 
+def _check_records(file: Path) -> None:
+    """Raises ValueError where a LAS promises more variable length records than lie before its points: laspy would look
+    for all of them, for minutes."""
+    with file.open("rb") as raw:
+        head = raw.read(104)
+    if len(head) < 104:
+        raise ValueError("its header is cut off")
+    size, points, records = (int.from_bytes(head[a:b], "little") for a, b in ((94, 96), (96, 100), (100, 104)))
+    if records * _RECORD_BYTES > max(points - size, 0):
+        raise ValueError(f"its header promises {records} records in {points - size} bytes")
+
+
 def _check_promises(file: Path, header: Any) -> None:
     """Raises ValueError where a LAS promises more points than a scan has, or a LAZ more chunks than points: lazrs, for
     want of memory, would end the program."""
@@ -93,6 +107,7 @@ def read_las(file: Path, options: LogOptions) -> LogScan:
     """A LAS or LAZ; the ring is an extra dimension (ring, laser_number ...), or user_data where it holds rings."""
     laspy = need("laspy", "las", by="las")
     with reading("las", file, "it is cut off, or no LAS; copy it again (.laz needs lazrs, in the extra, too)"):
+        _check_records(file)
         # One thread: it reads what it finds, where several make room for the sizes in the table of chunks.
         with laspy.open(str(file), laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as opened:
             _check_promises(file, opened.header)

@@ -131,6 +131,19 @@ def test_room_is_made_for_no_more_points_than_a_scan_has(tmp_path, fields, suffi
         frames_of(path, tmp_path / "out")
 
 
+@pytest.mark.parametrize("records", [2**27, 2**32 - 1])
+def test_no_more_records_are_looked_for_than_lie_before_the_points(tmp_path, fields, records):
+    path = las(tmp_path / "scan.las", fields)
+    content = bytearray(path.read_bytes())
+    content[100:104] = records.to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"las: .*scan\.las cannot be read .*promises {records} records"):
+        frames_of(path, tmp_path / "out")
+    path.write_bytes(content[:99])
+    with pytest.raises(ValueError, match=r"scan\.las cannot be read"):
+        frames_of(path, tmp_path / "out")
+
+
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):
     (tmp_path / "scan.ply").write_bytes(b"ply\n")
     monkeypatch.setitem(__import__("sys").modules, "plyfile", None)
