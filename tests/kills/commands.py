@@ -86,7 +86,7 @@ loop = LoopConfig(
         optim=replace(EXPERIMENT.optim, epochs=2),
         run=replace(EXPERIMENT.run, log_every=1, save_every=1),
     ),
-    synthetic=replace(real, seed=1, streets="suburb", train="0", validation="8"),
+    synthetic=replace(real, seed=1, streets="suburb", train="0,8", validation="16"),
     kinds=("simulated_grid",),  # without `discover`, which is killed by itself
 )
 """
