@@ -226,8 +226,9 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
             f"prepare: --beam needs Apache Beam ({error}); in an environment of its own, for it asks for older "
             "versions of some packages: pip install 'jaxsim-lidar[beam]'"
         ) from error
-    # Beam tells a hundred lines of how it starts; its warnings are enough, unless the options say more.
-    logging.getLogger("apache_beam").setLevel(logging.WARNING)
+    # Beam tells a hundred lines of how it starts, and a worker's error three times, in tracebacks, before it is raised.
+    seen = logging.WARNING if os.environ.get("JAXSIM_TRACEBACK") else logging.CRITICAL
+    logging.getLogger("apache_beam").setLevel(seen)
     spelled = _spelled_out(options, len(shards))
     flags = ["--default_sdk_harness_log_level=WARNING", *(f"--{option}" for option in spelled)]
     try:
