@@ -12,14 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.cloud import points_of
 from jaxsim.data.clouds import SUFFIXES, cloud_files, read_cloud
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
 from jaxsim.files import files_in
-from jaxsim.frame import PolarGrid, PolarImage
+from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, pad_points, polar_to_points, room_for, same_grid
 from jaxsim.metrics import Score
 from jaxsim.metrics.bev import BINS, COUNTS, jensen_shannon, lidm_occupancy, mmd
@@ -156,6 +157,19 @@ class _Pictures:
         return np.stack(pictures).astype(np.float32)
 
 
+def _leaves(image: PolarImage) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return np.asarray(image.range_m), np.asarray(image.intensity), np.asarray(image.valid)
+
+
+@jax.jit
+def _counted(image: PolarImage, semantic: Int[Array, "b r c"], grid: PolarGrid) -> Int[Array, "34 8 9 101"]:
+    """The table of intensity of a batch of frames."""
+    angle, known = incidence(image.range_m, image.valid, grid)
+    return intensity_table(
+        image.intensity, image.range_m, angle, incidence_known=known, semantic=semantic, valid=image.valid
+    )
+
+
 def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     """Tables of intensity of both folders, and whether they have classes.
 
@@ -166,18 +180,20 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     for folder, other in ((a, b), (b, a)):
         assert folder.grid is not None
         table = np.zeros((), np.int64)
-        for name in Progress(folder.names, desc=f"intensities: {folder.path.name}", unit="frame"):
-            image, more = folder.image(name)
-            semantic = more.get("semantic")
-            if semantic is None and name in shared:
-                semantic = other.image(name)[1].get("semantic")
-            classes = classes and semantic is not None
-            label = np.zeros(image.valid.shape, np.int32) if semantic is None else np.asarray(semantic, np.int32)
-            angle, known = incidence(image.range_m, image.valid, folder.grid)
-            counted = intensity_table(
-                image.intensity, image.range_m, angle, incidence_known=known, semantic=label, valid=image.valid
-            )
-            table = table + np.asarray(counted)
+        with Progress(total=len(folder.names), desc=f"intensities: {folder.path.name}", unit="frame") as bar:
+            for first in range(0, len(folder.names), BATCH):
+                images, labels = [], []
+                for name in folder.names[first : first + BATCH]:
+                    image, more = folder.image(name)
+                    semantic = more.get("semantic")
+                    if semantic is None and name in shared:
+                        semantic = other.image(name)[1].get("semantic")
+                    classes = classes and semantic is not None
+                    labels.append(np.zeros(image.valid.shape, np.int32) if semantic is None else semantic)
+                    images.append(image)
+                stacked = PolarImage(*(np.stack(leaves) for leaves in zip(*map(_leaves, images), strict=True)))
+                table = table + np.asarray(_counted(stacked, np.stack(labels).astype(np.int32), folder.grid))
+                bar.update(len(images))
         tables.append(table)
     return tables[0], tables[1], classes
 

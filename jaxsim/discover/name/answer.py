@@ -31,7 +31,7 @@ from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, standardised
 from jaxsim.discover.model.random_effects import conditional_residuals, explained_by, levels_of, moved_by, poses
 from jaxsim.discover.name.candidates import Candidate, rank_effects
-from jaxsim.discover.name.select import Bars, Choice, Log, choose, with_steps
+from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, describe, free_curves, sure
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -99,13 +99,14 @@ def decide(
     """The answer, what is named in it, and what a free curve still finds.
 
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
-    named: what is there is not in the catalogue. Effects of other channels stay.
+    named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
+    off the readings and is there whatever else is.
     """
     free = free_curves(null, dependences, without)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = curves[0] if curves and outdone(choice, *curves[0]) else None
     if outside:
-        steps = tuple(step for step in choice.steps if outside[0].channel not in step.chosen.effect.channels)
+        steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
             nothing = Choice((), choice.first_ranking, null, choice.bars)
             return Answer("not_in_catalogue", nothing, describe(null, *outside), curve=outside)
@@ -114,6 +115,11 @@ def decide(
     if not choice.steps:
         return Answer("none", choice, None)
     return named_answer(choice, scene=scene, without=without)
+
+
+def stands(step: FittedStep, channel: str) -> bool:
+    """Whether an effect stays named where a free curve explains more of a channel."""
+    return channel not in step.chosen.effect.channels or step.chosen.effect.name in FINEST
 
 
 def named_answer(choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = ()) -> Answer:

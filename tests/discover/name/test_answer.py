@@ -58,3 +58,23 @@ def test_a_curve_of_one_channel_leaves_what_is_named_in_another(monkeypatch):
     assert said.unexplained
     assert said.unexplained.channel == "drop"
     assert said.choice.problem is null
+
+
+def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
+    """It was read off the readings; beside it the curve is told, and what else bends the intensity is not named."""
+    curve = candidate("curve", 9)
+    both, one = (problem(ev=SimpleNamespace(all_blocks=None)) for _ in range(2))
+    monkeypatch.setattr(answer, "free_curves", lambda problem, dependences, without: [(DEPENDENCE["intensity"], curve)])
+    monkeypatch.setattr(
+        answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
+    )
+    monkeypatch.setattr(answer, "localise", lambda *_: [])
+    monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
+    monkeypatch.setattr(answer, "with_steps", lambda null, steps: one)
+    lattice, weak = step(candidate("intensity_quantization", 4000)), step(candidate("beam_gain", 3))
+    for steps, remains in (((lattice,), both), ((lattice, weak), one)):
+        said = answer.decide(problem(), Choice(steps, (), both), [], scene=np.arange(11))
+        assert said.verdict == "named"
+        assert [step.chosen.effect.name for step in said.choice.steps] == ["intensity_quantization"]
+        assert said.unexplained
+        assert said.choice.problem is remains
