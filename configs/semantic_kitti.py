@@ -8,29 +8,13 @@ jaxsim eval runs/semantic_kitti
 whole set was not at hand.
 """
 
-from jaxsim.config import DataConfig, Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig, RunConfig
+from dataclasses import replace
 
-experiment = Experiment(
-    data=DataConfig(kind="kitti_odometry", train="training:20", validation="evaluation:100"),
-    prepare=PrepareConfig(
-        inputs=("log_range", "incidence", "beam", "semantic"),
-        depth="ip_basic",
-        network_size=(44, 372),  # the window itself
-    ),
-    generator=GeneratorConfig(form="unet", filters=4, downsamples=0, enhancers=0),  # each cell for itself
-    loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0, drops=0.05, occluded_weight=1.0),
-    optim=OptimConfig(
-        lr=5e-3,
-        betas=(0.9, 0.99),
-        batch=4,
-        columns=64,
-        steps=300,
-        warm_up=20,
-        decay_from=0.0,
-        clip=1.0,
-        flip=True,
-        ema_start=50,
-        ema_decay=0.98,
-    ),
-    run=RunConfig(name="semantic_kitti", save_every=300, picture_every=300),
+from configs.kitti_few import experiment as few
+
+experiment = replace(
+    few,
+    data=replace(few.data, kind="kitti_odometry", train="training:20", validation="evaluation:100"),
+    prepare=replace(few.prepare, inputs=(*few.prepare.inputs, "semantic")),
+    run=replace(few.run, name="semantic_kitti"),
 )
