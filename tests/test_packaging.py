@@ -91,7 +91,7 @@ def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_i
     for needed in ("config.json", "generator.npz", "SHA256SUMS", "card.md"):
         assert f"jaxsim/simulate/embedded/{needed}" in names
     assert "jaxsim/py.typed" in names
-    for template in ("page.html", "page.css", "parts.html", "viewer.js"):
+    for template in ("page.html", "page.css", "parts.html", "cloud.js", "viewer.js"):
         assert f"jaxsim/report/templates/{template}" in names
     for experiment in ("synthetic", "demo", "embedded", "kitti_raw", "real2sim2real", "voxel_rcnn_small"):
         assert f"jaxsim/configs/{experiment}.py" in names

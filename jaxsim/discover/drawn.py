@@ -260,6 +260,7 @@ def rays_of(
             before={name: off[k][keep] for name, off in off_before.items()},
             after={name: off[k][keep] for name, off in off_after.items()},
             groups=tuple(group[k][keep] for group in groups),
+            time_s=float(np.asarray(before.scan.time_s)[number]),
         )
 
 
@@ -285,4 +286,5 @@ def joined(parts: Sequence[JudgeFrame]) -> JudgeFrame:
         before={name: together(lambda part, name=name: part.before[name]) for name in first.before},
         after={name: together(lambda part, name=name: part.after[name]) for name in first.after},
         groups=tuple(together(lambda part, k=k: part.groups[k]) for k in range(len(first.groups))),
+        time_s=first.time_s,
     )

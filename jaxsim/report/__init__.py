@@ -5,7 +5,7 @@ pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
 scenes                               clouds that a page turns in 3D, and pages of them
 detection                            KITTI's scores of a detector
-discovery, answer, evidence, accounts, words   the report of a discovery
+discovery, answer, evidence, accounts, regimes, words   the report of a discovery
 notebook                             what notebooks show of results, frames and clouds
 """
 

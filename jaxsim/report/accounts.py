@@ -1,7 +1,6 @@
 """A report's accounts, in their order: both sides (where the sensor stood, by ranges alone, and what the frames could
 show); what was learned, laws that no effect describes and the formula that is near one; effects of one's own, where
-each comes from, what it gained and what it looks like; judge scenes; and regimes, effects that act in a part of the
-recording alone.
+each comes from, what it gained and what it looks like; and judge scenes.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from jaxsim.discover.verdict import (
     ClosedLaw,
     JudgeFrame,
     OwnCandidate,
-    Regime,
     Registered,
     Result,
     Sensitivity,
@@ -30,8 +28,8 @@ from jaxsim.effects.origin import Origin
 from jaxsim.effects.page import in_words
 from jaxsim.frame import Cloud, PolarGrid, PolarImage
 from jaxsim.geometry import polar_to_points
-from jaxsim.report.canvas import AFTER, BEFORE, FAINT, RULE, Canvas
-from jaxsim.report.charts import colour_limit, curve_chart, label, ticks, x_axis
+from jaxsim.report.canvas import AFTER
+from jaxsim.report.charts import colour_limit, curve_chart
 from jaxsim.report.page import (
     NOTHING,
     Draw,
@@ -42,15 +40,16 @@ from jaxsim.report.page import (
     file_name,
     folded,
     formula,
-    key,
     names,
     paragraph,
     section,
+    shows,
     table,
     together,
 )
+from jaxsim.report.regimes import picks_of, title
 from jaxsim.report.scenes import Channel, Side, TurnedScene, packed
-from jaxsim.report.words import AXES, CHANNELS, Axis, number, part_of, percent, probability, span, title_of
+from jaxsim.report.words import AXES, CHANNELS, Axis, number, percent, probability, span, title_of
 
 OUTSIDE = {
     **dict.fromkeys(("curve", "product"), "Outside its knots it holds its end values."),
@@ -61,19 +60,6 @@ OUTSIDE = {
 """What becomes of rays that a law was not fitted to, by its kind."""
 BAND = 2.0
 """Standard deviations to either side of a learned law that its band shows."""
-LEFT = 72
-RIGHT = 706
-TOP = 14
-BOTTOM = 132
-ALONG = {
-    "azimuth": "azimuth, ° (grows to the left)",
-    "time": "time since the first frame, s",
-    "tag": "time since the first frame, s",
-    "scene": "time since the first frame, s",
-}
-"""What a strip runs along; number of the scene where frames say no time."""
-MOST = 2.5
-"""Size that the axis reaches at most: a scene that tells little may ask for any."""
 
 
 def where_it_stood(told: Registered | None) -> Markup:
@@ -258,14 +244,10 @@ def _limit(result: Result, channel: str) -> float | None:
     return colour_limit([side[channel] for one in result.frames for side in (one.before, one.after)])
 
 
-def title(frame: JudgeFrame) -> str:
-    """A frame's name with its scene."""
-    return f"{frame.scene}, frame {frame.name}" if frame.scene not in ("", frame.name) else f"frame {frame.name}"
-
-
 def _scene(frame: JudgeFrame, result: Result) -> TurnedScene:
     picks = {"row": frame.row, "column": frame.column}
     picks |= {f"curve {k}": group for k, group in enumerate(frame.groups)}
+    picks |= picks_of(result.verdict.regimes, frame, columns=len(result.grid.azimuth_rad))
     before = Side("before", places(frame, result.grid), frame.before, picks)
     if not result.verdict.effects and not result.verdict.learned:
         return TurnedScene(title(frame), (before,))
@@ -289,8 +271,8 @@ def _table(result: Result) -> Markup:
     for name, sides in CHANNELS.items():
         heads.append(sides.unit if sides.unit.startswith(name) else f"{name}, {sides.unit}")
     rows = []
-    for frame in result.frames:
-        row = [title(frame), str(len(frame.row))]
+    for k, frame in enumerate(result.frames):
+        row = [shows(title(frame), scene=k), str(len(frame.row))]
         for name in CHANNELS:
             sizes = [
                 number(_size(side[name])) for side in ((frame.before, frame.after) if changed else (frame.before,))
@@ -305,75 +287,3 @@ def _table(result: Result) -> Markup:
 def _size(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
-
-
-def regimes(acting: Sequence[Regime], draw: Draw) -> Markup:
-    """Each effect that acts in a part alone: where, how large there and outside, and a strip along what divides."""
-    if not acting:
-        return NOTHING
-    rows = [
-        [
-            code(one.effect),
-            part_of(one),
-            percent(one.share),
-            below(number(one.inside.value), span(one.inside)),
-            below(number(one.outside.value), span(one.outside)),
-            probability(one.p_value),
-            probability(one.q_value),
-            number(one.judge_nats),
-            "yes" if one.applied else "no: frames do not say where",
-        ]
-        for one in acting
-    ]
-    words = (
-        "These effects act in a part of the recording alone, and their parameters were fitted there. Sizes are in "
-        "units of that fit: 0 is none of the effect, 1 all of it (90 % intervals, the scatter between scenes). p: that "
-        "chance makes scenes differ so much in some region of the kind; q: rate of false discoveries over all that was "
-        "asked. Judge scenes: nats that they gain over the same effect everywhere."
-    )
-    heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
-    legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = together(_strip(one, draw) for one in acting)
-    body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
-    return section("Where and when it acts", body)
-
-
-def _strip(one: Regime, draw: Draw) -> Markup:
-    what = "sector" if one.divides == "azimuth" else "scene"
-    caption = (
-        f"{one.effect}, which acts {part_of(one)}: the size that each {what} asks for, had the effect been fitted "
-        "everywhere. At 1 it is as large as fitted inside, at 0 it is not there."
-    )
-    return draw(file_name("regime", one.effect), strip_chart(one), caption)
-
-
-def strip_chart(one: Regime) -> Canvas | None:
-    """Sizes along what divides, those inside filled; None where nothing tells them."""
-    x = np.rad2deg(one.x) if one.divides == "azimuth" else np.array(one.x, float)
-    size = np.clip(np.array(one.sizes, float), -MOST + 1, MOST)
-    known = np.isfinite(size)
-    if not known.any():
-        return None
-    canvas = Canvas(720, 178)
-    room = 0.03 * float(np.ptp(x)) or 1.0
-    first, last = float(x.min()) - room, float(x.max()) + room
-    # Azimuth is shown as the image has it: left is left.
-    ends = (last, first) if one.divides == "azimuth" else (first, last)
-    low, high = min(-0.5, float(size[known].min()) - 0.1), max(1.5, float(size[known].max()) + 0.1)
-
-    def across(value: float) -> float:
-        return LEFT + (value - ends[0]) / (ends[1] - ends[0]) * (RIGHT - LEFT)
-
-    def up(value: float) -> float:
-        return BOTTOM - (value - low) / (high - low) * (BOTTOM - TOP)
-
-    for value in (0.0, 1.0):
-        canvas.line([(LEFT, up(value)), (RIGHT, up(value))], colour=RULE)
-        canvas.text(LEFT - 8, up(value) + 4, label(value), anchor="end", size=11, colour=FAINT)
-    marks = ticks(first, last, 7)
-    x_axis(canvas, across, marks, left=LEFT, right=RIGHT, bottom=BOTTOM, words=ALONG[one.divides])
-    canvas.text(16, (TOP + BOTTOM) / 2, "size", anchor="middle", size=12, turned=True)
-    for place, value, held in zip(x.tolist(), size.tolist(), one.held, strict=True):
-        if np.isfinite(value):
-            canvas.dot(across(place), up(value), colour=AFTER if held else BEFORE, radius=4, hollow=not held)
-    return canvas

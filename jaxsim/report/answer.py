@@ -21,6 +21,7 @@ from jaxsim.report.page import (
     formula,
     paragraph,
     section,
+    shows,
     table,
     together,
 )
@@ -41,14 +42,17 @@ def _effect(named: Named, draw: Draw, shown: Sequence[tuple[str, str]]) -> Marku
     known = EFFECTS.get(named.name)
     if known:
         parts.append(formula(known.formula))
-    parts.append(
-        paragraph(
-            f"Changes {', '.join(named.channels)}. On held-out scenes it gains {number(named.gain.value)} "
-            f"{named.gain.unit} (90 % interval {span(named.gain)}; p {_p(named.p_value)}, sign flips over scenes)."
-        )
+    places = _evidence(named, known, shown)
+    figures = [figure for _, figure in places]
+    changes = Markup(", ").join(shows(channel, channel=channel, figures=figures) for channel in named.channels)
+    gains = (
+        f"On held-out scenes it gains {number(named.gain.value)} {named.gain.unit} (90 % interval {span(named.gain)}; "
+        f"p {_p(named.p_value)}, sign flips over scenes)."
     )
+    parts.append(paragraph(Markup("Changes {}. {}").format(changes, gains)))
     rows, charts = [], []
-    parts.append(_links(named, known, shown))
+    links = Markup(", ").join(Markup('<a href="#{}">{}</a>').format(name, words) for words, name in places)
+    parts.append(Markup('<p class="links">Its evidence: {}.</p>').format(links))
     for name, value in named.parameters.items():
         of = known.parameters.get(name) if known else None
         if isinstance(value, Interval):
@@ -66,8 +70,8 @@ def _effect(named: Named, draw: Draw, shown: Sequence[tuple[str, str]]) -> Marku
     return together(parts)
 
 
-def _links(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> Markup:
-    """Where the page shows what the effect does: its curves, its maps, its parameters."""
+def _evidence(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Words and names of the figures that show what the effect does: its curves, its maps, its parameters."""
     covariates = known.covariates if known else ()
     places = [
         (f"{channel} along {covariate}", file_name("curve", channel, covariate))
@@ -75,13 +79,11 @@ def _links(named: Named, known: Effect | None, shown: Sequence[tuple[str, str]])
         if channel in named.channels and covariate in covariates
     ]
     places += [(f"map of {channel}", file_name("map", channel)) for channel in named.channels]
-    places += [
+    return places + [
         (f"parameter {name}", file_name("parameter", named.name, name))
         for name, value in named.parameters.items()
         if not isinstance(value, Interval)
     ]
-    links = (Markup('<a href="#{}">{}</a>').format(name, words) for words, name in places)
-    return Markup('<p class="links">Its evidence: {}.</p>').format(Markup(", ").join(links))
 
 
 def _p(p: float) -> str:

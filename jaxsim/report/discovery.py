@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import write_text
-from jaxsim.report.accounts import could_show, learned, own_effects, regimes, residual_clouds, where_it_stood
+from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
 from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
@@ -27,6 +27,7 @@ from jaxsim.report.page import (
     together,
     whole_page,
 )
+from jaxsim.report.regimes import regimes
 from jaxsim.report.words import number, verdict_sentence
 
 FIGURES = r"chance|(map|curve|parameter|unexplained|learned|regime)_.*"
@@ -86,7 +87,7 @@ def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]
         sections=[
             unexplained(verdict.unexplained, draw, missing=True) if outside else NOTHING,
             named_effects(verdict.effects, draw, shown=[(c.channel, c.covariate) for c in result.curves]),
-            regimes(verdict.regimes, draw),
+            regimes(verdict.regimes, draw, frames=result.frames),
             own_effects(verdict.own),
             learned(verdict, draw),
             repeats(verdict.repeats),

@@ -12,7 +12,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, Level, Result, Verdict, Where
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
-from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, table, together
+from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, shows, table, together
 from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
 
 SMALL = 0.005
@@ -25,7 +25,15 @@ def where(places: Sequence[Where]) -> Markup:
     if not places:
         text = "No dependence of the residuals on any covariate was found, once the nuisances are fitted."
         return section(title, paragraph(text))
-    rows = [[p.channel, p.covariate, probability(p.p_value), _share(p.share)] for p in places]
+    rows = [
+        [
+            shows(p.channel, channel=p.channel, figures=[_curve(p.channel, p.covariate)]),
+            p.covariate,
+            probability(p.p_value),
+            _share(p.share),
+        ]
+        for p in places
+    ]
     words = (
         "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
         "counts for what it adds to those above it in its channel, a pair (A x B) for what no single one explains. "
@@ -33,6 +41,16 @@ def where(places: Sequence[Where]) -> Markup:
         "Share: of the residual variance on held-out scenes."
     )
     return section(title, paragraph(words) + table(["channel", "covariate", "p", "share"], rows, text=2))
+
+
+def of_channel(channel: str, words: str) -> Markup:
+    """Words by which the viewer colours rays by a channel, and marks its map."""
+    return shows(words, channel=channel, figures=[f"map_{file_name(channel)}"])
+
+
+def _curve(channel: str, covariate: str, *, spread: bool = False) -> str:
+    """Name of a curve's figure."""
+    return file_name("curve", channel, covariate, *(["spread"] if spread else []))
 
 
 def _share(share: float) -> str:
@@ -85,8 +103,7 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> Markup:
             name=f"curve {place}" if curve.edges is not None else "",
         )
         caption = f"{curve.channel.capitalize()} along {curve.covariate}: {curve.unit}."
-        kind = ("spread",) if curve.spread else ()
-        parts.append(draw(file_name("curve", curve.channel, curve.covariate, *kind), chart, caption))
+        parts.append(draw(_curve(curve.channel, curve.covariate, spread=curve.spread), chart, caption))
     if not parts:
         return NOTHING
     legend = key(
@@ -100,23 +117,23 @@ def curves(lines: Iterable[CurveLine], draw: Draw) -> Markup:
 
 
 LEVELS = {
-    "range_noise": ("range noise", 100.0, "cm"),
-    "intensity_noise": ("intensity noise, in proportion", 100.0, "%"),
-    "intensity_noise_constant": ("intensity noise, the same for all", 1.0, ""),
-    "random_loss": ("rays lost within surfaces", 100.0, "%"),
-    "intensity_step": ("steps of the intensity", 1.0, ""),
-    "range_step": ("steps of the range", 100.0, "cm"),
+    "range_noise": ("range noise", "range", 100.0, "cm"),
+    "intensity_noise": ("intensity noise, in proportion", "intensity", 100.0, "%"),
+    "intensity_noise_constant": ("intensity noise, the same for all", "intensity", 1.0, ""),
+    "random_loss": ("rays lost within surfaces", "drop", 100.0, "%"),
+    "intensity_step": ("steps of the intensity", "intensity", 1.0, ""),
+    "range_step": ("steps of the range", "range", 100.0, "cm"),
 }
-"""Titles of levels, and the unit that they are shown in."""
+"""Titles of levels, the channel that shows each, and the unit that they are shown in."""
 
 
 def levels(compared: Sequence[Level]) -> Markup:
     """Noise, losses and lattices of both sides, and what the simulator lacks of them."""
     rows = []
     for one in compared:
-        title, factor, unit = LEVELS[one.name]
+        title, channel, factor, unit = LEVELS[one.name]
         sides = [_level(side, factor, unit) for side in (one.simulated, one.measured, one.missing)]
-        rows.append([title, *sides, "more than usual" if one.beyond_usual else ""])
+        rows.append([of_channel(channel, title), *sides, "more than usual" if one.beyond_usual else ""])
     if not rows:
         return NOTHING
     words = (
@@ -166,7 +183,7 @@ def gap(verdict: Verdict) -> Markup:
     added = bool(verdict.effects)
     rows = [
         [
-            below(name, g.unit),
+            below(of_channel(name, name), g.unit),
             number(g.before),
             *([number(g.after), _change(g), percent(g.win_rate)] if added else []),
             number(g.floor),

@@ -57,7 +57,7 @@ def whole_page(
             sections=[part for part in sections if part],
             style=own_text("page.css"),
             scenes=scenes,
-            script=own_text("viewer.js") if scenes else "",
+            script=own_text("cloud.js") + own_text("viewer.js") if scenes else "",
         )
     )
 
@@ -78,6 +78,13 @@ def paragraph(text: str) -> Markup:
 
 def code(text: str) -> Markup:
     return Markup("<code>{}</code>").format(text)
+
+
+def shows(words: str, *, scene: int | None = None, channel: str = "", figures: Sequence[str] = ()) -> Markup:
+    """Words by which the viewer shows a scene (its number) or a channel, and marks figures; plain without scripts."""
+    what = {"scene": "" if scene is None else str(scene), "channel": channel, "figures": " ".join(figures)}
+    data = NOTHING.join(Markup(' data-{}="{}"').format(name, value) for name, value in what.items() if value)
+    return Markup('<span class="shows"{}>{}</span>').format(data, words)
 
 
 def formula(text: str) -> Markup:

@@ -113,11 +113,11 @@ def with_frames() -> Result:
     before = {"intensity": np.array(GAIN)[row], "range": zero + 0.01, "drop": zero + np.nan}
     after = {"intensity": zero, "range": zero, "drop": zero + np.nan}
 
-    def frame(name: str, range_m: float) -> JudgeFrame:
+    def frame(name: str, range_m: float, time_s: float) -> JudgeFrame:
         ranges = range_m + 4 * np.sin(column / 9)
-        return JudgeFrame(name, "drive 5", row, column, ranges, zero == 0, before, after, (row,))
+        return JudgeFrame(name, "drive 5", row, column, ranges, zero == 0, before, after, (row,), time_s)
 
-    return replace(result, frames=(frame("0005", 12.0), frame("0007", 20.0)))
+    return replace(result, frames=(frame("0005", 12.0, 40.0), frame("0007", 20.0, 130.0)))
 
 
 def none() -> Result:

@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from jaxsim.discover.verdict import Interval, Level
+from jaxsim.effects.region import Region
 from jaxsim.report.page import explorer, own_text, whole_page
 from jaxsim.report.scenes import MOST_BYTES, Channel, Side, TurnedScene, packed
 from tests.report import results
 from tests.report.chromium import browser, coloured, opened, picture
+from tests.report.test_regimes import regime, sectors
 
 POINTS = 100_000
 
@@ -81,6 +84,7 @@ def test_it_works_by_keys_alone(chromium, report):
             tab.keyboard.press(key)
         assert (picture(tab, "#cloud") != before).mean() > 0.01
         tab.keyboard.press("0")
+        tab.wait_for_function("jaxsimViewer.rests()")
         np.testing.assert_array_equal(picture(tab, "#cloud"), before)
 
 
@@ -110,6 +114,44 @@ def test_a_click_on_the_map_lights_a_cell_and_another_scene_has_other_rays(chrom
         tab.locator("#scene").select_option(index=1)
         tab.locator("#channel").select_option("range")
         assert (picture(tab, "#cloud") != before).any()
+
+
+def test_words_and_moments_show_what_they_speak_of(chromium, tmp_path):
+    """A level its channel, an effect its channel and figures, a row of the frames' table and a moment their scene."""
+    result = results.with_frames()
+    noise = Level("range_noise", *(Interval(0.02, 0.01, 0.03, "m") for _ in range(3)), beyond_usual=False)
+    acts = (regime(Region(time_s=(90.0, None))), sectors())
+    results.page(tmp_path, replace(result, verdict=replace(result.verdict, levels=(noise,), regimes=acts)))
+    with opened(chromium, tmp_path / "report.html") as tab:
+        everything = tab.evaluate("jaxsimViewer.lit()")
+        level = tab.get_by_role("button", name="range noise")
+        level.press("Enter")
+        assert tab.locator("#channel").input_value() == "range"
+        assert level.get_attribute("aria-pressed") == "true"
+        assert tab.locator("figure.shown").evaluate_all("all => all.map(one => one.id)") == ["map_range"]
+        tab.locator("section", has_text="Changes intensity").locator(".shows", has_text="intensity").click()
+        marked = tab.locator("figure.shown").evaluate_all("all => all.map(one => one.id)")
+        assert {"curve_intensity_row", "map_intensity", "parameter_beam_gain_gain"} == {*marked}
+        assert level.get_attribute("aria-pressed") == "false"
+        before = picture(tab, "#cloud")
+        tab.locator("#regime_beam_gain .target").nth(1).click()
+        assert tab.locator("#scene").input_value() == "1"
+        assert (picture(tab, "#cloud") != before).mean() > 0.01
+        tab.get_by_role("button", name="drive 5, frame 0005", exact=True).click()
+        assert tab.locator("#scene").input_value() == "0"
+        tab.locator('.target[data-chart="regime 1"]').nth(2).click()
+        assert tab.evaluate("jaxsimViewer.lit()") == everything // 8
+
+
+def test_turning_draws_as_many_points_as_there_is_time_for_and_rest_draws_all(chromium, report):
+    with opened(chromium, report) as tab:
+        rate, share = tab.evaluate("jaxsimViewer.turning(0.3)")
+        assert rate > 0
+        # A few rays are always drawn whole.
+        assert share == 1
+        moved = picture(tab, "#cloud")
+        tab.wait_for_function("jaxsimViewer.rests()")
+        assert (np.abs(picture(tab, "#cloud") - moved).max(-1) > 30).mean() < 0.05
 
 
 def test_without_webgl_the_map_still_works_and_the_page_says_why(chromium, report, tmp_path):
@@ -164,6 +206,7 @@ def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
         before = picture(tab, "#cloud")
         # Told, not judged: a machine that others use too draws as fast as they let it.
         record_property("frames_per_second", tab.evaluate("jaxsimViewer.speed(5)"))
+        record_property("turning", tab.evaluate("jaxsimViewer.turning(0.5)"))
         assert (np.abs(picture(tab, "#cloud") - before).max(-1) > 30).mean() > 0.01
 
 
@@ -178,5 +221,5 @@ def test_names_from_data_cannot_become_code(chromium, tmp_path):
         assert bad in tab.locator("#scene option").first.inner_text()
 
 
-def test_the_script_names_nothing_of_elsewhere():
-    assert "http" not in own_text("viewer.js")
+def test_the_scripts_name_nothing_of_elsewhere():
+    assert "http" not in own_text("viewer.js") + own_text("cloud.js")

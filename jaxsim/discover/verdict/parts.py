@@ -380,6 +380,8 @@ class JudgeFrame:
     after: dict[str, Float[np.ndarray, " n"]]
     groups: tuple[Int[np.ndarray, " n"], ...] = ()
     """For each curve of the result, the group of each ray, -1 where it is in none."""
+    time_s: float = 0.0
+    """Since the recording's first frame; 0 for all where frames say no time."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 "use strict";
-// The viewer of a page's clouds: WebGL without a library. Scenes come as JSON (report/scenes.py).
+// The viewer of a page's clouds (cloud.js draws them), linked to its charts and tables. Scenes come as JSON
+// (report/scenes.py).
 (() => {
   const data = JSON.parse(document.getElementById("scenes").textContent);
   const byId = (id) => document.getElementById(id);
@@ -13,20 +14,31 @@
     for (let k = 0; k < raw.length; k++) bytes[k] = raw.charCodeAt(k);
     return new type(bytes.buffer);
   };
+  // Points in another order, by steps of the golden section: the first so many are spread over the whole cloud.
+  const spread = (count) => {
+    const common = (a, b) => (b ? common(b, a % b) : a);
+    let step = Math.max(1, Math.round(0.618034 * count));
+    while (common(count, step) > 1) step++;
+    return Uint32Array.from({ length: count }, (_, k) => (k * step) % count);
+  };
   const unpacked = new Map();
   const sceneAt = (number) => {
     if (!unpacked.has(number)) {
       const scene = data.scenes[number];
       const sides = scene.sides.map((side) => ({ ...side }));
+      let order = null;
+      const ordered = (values) => values.map((_, k) => values[order[k]]);
       for (const side of sides) {
-        const own = side.xyz ? side : sides[0];
         if (side.xyz) {
           const cells = decoded(side.xyz, Uint16Array);
-          side.points = Float32Array.from(cells, (cell, k) => side.low[k % 3] + cell * side.step[k % 3]);
-          side.groups = Object.fromEntries(Object.entries(side.picks).map(([n, t]) => [n, decoded(t, Uint16Array)]));
-        } else Object.assign(side, { points: own.points, groups: own.groups });
-        side.levels = Object.fromEntries(Object.entries(side.values).map(([n, t]) => [n, decoded(t, Uint8Array)]));
-        side.count = side.points.length / 3;
+          side.count = cells.length / 3;
+          order = spread(side.count);
+          side.points = new Float32Array(cells.length);
+          for (let k = 0; k < cells.length; k++)
+            side.points[k] = side.low[k % 3] + cells[3 * order[Math.floor(k / 3)] + (k % 3)] * side.step[k % 3];
+          side.groups = Object.fromEntries(Object.entries(side.picks).map(([n, x]) => [n, ordered(decoded(x, Uint16Array))]));
+        } else Object.assign(side, { points: sides[0].points, groups: sides[0].groups, count: sides[0].count });
+        side.levels = Object.fromEntries(Object.entries(side.values).map(([n, x]) => [n, ordered(decoded(x, Uint8Array))]));
       }
       unpacked.set(number, { ...scene, sides });
     }
@@ -45,7 +57,7 @@
     return stops[k].map((low, c) => low + (stops[k + 1][c] - low) * (at - k));
   };
 
-  const state = { scene: 0, channel: data.channels[0].name, wipe: 0.5, pick: null };
+  const state = { scene: 0, channel: data.channels[0].name, wipe: 0.5, pick: null, figures: "" };
   const camera = { turn: Math.PI, lift: 0.5, away: 26, at: [5, 0, -1] };
   const start = JSON.stringify(camera);
 
@@ -64,41 +76,16 @@
   };
 
   // The cloud.
-  const VERTEX = `attribute vec3 place; attribute vec4 tone; attribute float lit;
-    uniform mat4 seen; uniform float size; uniform float picked; varying vec4 paint;
-    void main() {
-      gl_Position = seen * vec4(place, 1.0);
-      gl_PointSize = clamp(size / max(gl_Position.w, 0.1), 1.5, 9.0) * mix(1.0, 1.5, lit * picked);
-      paint = vec4(tone.rgb * mix(1.0, 0.22 + 0.78 * lit, picked), 1.0);
-    }`;
-  const FRAGMENT = `precision mediump float; varying vec4 paint; void main() { gl_FragColor = paint; }`;
-  const gl = stage.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
-  let program = null, buffers = [];
-  if (gl) {
-    const made = (kind, text) => {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text); gl.compileShader(shader);
-      return shader;
-    };
-    program = gl.createProgram();
-    gl.attachShader(program, made(gl.VERTEX_SHADER, VERTEX));
-    gl.attachShader(program, made(gl.FRAGMENT_SHADER, FRAGMENT));
-    ["place", "tone", "lit"].forEach((name, k) => gl.bindAttribLocation(program, k, name));
-    gl.linkProgram(program);
-    gl.enable(gl.DEPTH_TEST);
-  } else byId("lost").hidden = false;
-
-  const filled = (content) => {
-    const buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, content, gl.STATIC_DRAW);
-    return buffer;
-  };
-  const tonesOf = (side) => {
+  const cloud = cloudOn(stage);
+  byId("lost").hidden = !!cloud;
+  const tonesOf = (side, lit) => {
     const levels = side.levels[state.channel], { ramp } = channelOf[state.channel];
     const table = Array.from({ length: 256 }, (_, level) => (level ? colour(ramp, (level - 1) / 254) : NONE));
     const tones = new Uint8Array(4 * side.count);
-    for (let k = 0; k < side.count; k++) tones.set(table[levels ? levels[k] : 0], 4 * k);
+    for (let k = 0; k < side.count; k++) {
+      tones.set(table[levels ? levels[k] : 0], 4 * k);
+      tones[4 * k + 3] = lit[k];
+    }
     return tones;
   };
   // Rings at round distances on the ground, and the edges of boxes.
@@ -115,18 +102,17 @@
         add(box.corners[a], box.corners[b], box.tone);
     return { places: new Float32Array(places), tones: new Uint8Array(tones) };
   };
+  // Rays that are lit, of the sides of the scene that is shown.
+  let lit = [], shown = -1;
   const upload = () => {
-    if (!gl) return;
-    for (const one of buffers) for (const name of ["place", "tone", "lit"]) gl.deleteBuffer(one[name]);
-    const scene = sceneAt(state.scene), lines = linesOf(scene);
-    buffers = scene.sides.map((side) => ({
-      place: filled(side.points), tone: filled(tonesOf(side)), lit: filled(litOf(side)), count: side.count, mode: gl.POINTS,
-    }));
-    const count = lines.places.length / 3;
-    buffers.push({
-      place: filled(lines.places), tone: filled(lines.tones), lit: filled(new Uint8Array(count).fill(255)), count, mode: gl.LINES,
-    });
+    const scene = sceneAt(state.scene);
+    lit = scene.sides.map(litOf);
+    if (!cloud) return;
+    if (shown !== state.scene) cloud.show(scene.sides, linesOf(scene));
+    shown = state.scene;
+    cloud.paint(scene.sides.map((side, k) => tonesOf(side, lit[k])));
   };
+  const countLit = () => lit[0].reduce((sum, one) => sum + (one ? 1 : 0), 0);
 
   // A pinhole that looks at `at`: columns of the matrix from places to what is seen.
   const seenFrom = (aspect) => {
@@ -142,42 +128,7 @@
     const z = rows[2].map((v, k) => v * deep + (k === 3 ? shift : 0)), w = rows[2].map((v) => -v);
     return new Float32Array([0, 1, 2, 3].flatMap((k) => [x[k], y[k], z[k], w[k]]));
   };
-  const resize = (canvas) => {
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    return ratio;
-  };
-  const drawCloud = () => {
-    if (!gl) return;
-    const ratio = resize(stage), { width, height } = stage;
-    gl.viewport(0, 0, width, height);
-    gl.disable(gl.SCISSOR_TEST);
-    gl.clearColor(0.043, 0.047, 0.055, 1);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.useProgram(program);
-    gl.uniformMatrix4fv(gl.getUniformLocation(program, "seen"), false, seenFrom(width / Math.max(height, 1)));
-    gl.uniform1f(gl.getUniformLocation(program, "size"), 60 * ratio);
-    const picked = gl.getUniformLocation(program, "picked");
-    const draw = (one) => {
-      [["place", 3, gl.FLOAT, false], ["tone", 4, gl.UNSIGNED_BYTE, true], ["lit", 1, gl.UNSIGNED_BYTE, true]].forEach(
-        ([name, size, type, scaled], k) => {
-          gl.bindBuffer(gl.ARRAY_BUFFER, one[name]);
-          gl.enableVertexAttribArray(k);
-          gl.vertexAttribPointer(k, size, type, scaled, 0, 0);
-        });
-      gl.uniform1f(picked, one.mode === gl.POINTS && state.pick ? 1 : 0);
-      gl.drawArrays(one.mode, 0, one.count);
-    };
-    draw(buffers[buffers.length - 1]);
-    const sides = buffers.length - 1, cut = Math.round(width * state.wipe);
-    gl.enable(gl.SCISSOR_TEST);
-    for (let k = 0; k < sides; k++) {
-      if (sides === 1) gl.scissor(0, 0, width, height);
-      else gl.scissor(k ? cut : 0, 0, k ? width - cut : cut, height);
-      draw(buffers[k]);
-    }
-  };
+  const view = () => ({ matrix: seenFrom, wipe: state.wipe, lit: !!state.pick });
 
   // The map of the channel: images that stand in the page already.
   const drawMap = () => {
@@ -185,10 +136,10 @@
     const only = document.querySelector(`[data-map="${state.channel} residual"]`);
     byId("flat").hidden = !(found[0] || only);
     if (byId("flat").hidden) return;
-    resize(flat);
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    Object.assign(flat, { width: Math.round(flat.clientWidth * ratio), height: Math.round(flat.clientHeight * ratio) });
     const brush = flat.getContext("2d"), { width, height } = flat;
     brush.imageSmoothingEnabled = false;
-    brush.clearRect(0, 0, width, height);
     const pictures = (only ? [only, only] : found).map((one) => pictureOf(one.getAttribute("href")));
     pictures.forEach((picture, k) => {
       if (!picture.complete) return;
@@ -212,21 +163,27 @@
   };
   // Cells without a lit ray are covered.
   const shade = (brush, width, height) => {
-    const { rows, columns, groups } = data.grid, lit = new Set(), side = sceneAt(state.scene).sides[0];
+    const { rows, columns, groups } = data.grid, cells = new Set(), side = sceneAt(state.scene).sides[0];
     for (let k = 0; k < side.count; k++)
-      if (isLit(side, k)) lit.add(side.groups.row[k] * groups + Math.floor((side.groups.column[k] * groups) / columns));
+      if (lit[0][k]) cells.add(side.groups.row[k] * groups + Math.floor((side.groups.column[k] * groups) / columns));
     brush.fillStyle = "rgba(20, 22, 26, 0.78)";
     const x = (k) => Math.round((k * width) / groups), y = (k) => Math.round((k * height) / rows);
     for (let row = 0; row < rows; row++)
       for (let group = 0; group < groups; group++)
-        if (!lit.has(row * groups + group)) brush.fillRect(x(group), y(row), x(group + 1) - x(group), y(row + 1) - y(row));
+        if (!cells.has(row * groups + group)) brush.fillRect(x(group), y(row), x(group + 1) - x(group), y(row + 1) - y(row));
   };
 
-  let asked = false;
-  const draw = () => {
-    if (asked) return;
-    asked = true;
-    requestAnimationFrame(() => { asked = false; drawCloud(); drawMap(); place(); });
+  // At most once a frame; a map is drawn again where it changes alone.
+  let asked = 0;
+  const MOVED = 1, WIPED = 2, CHANGED = 3;
+  const draw = (what = CHANGED) => {
+    if (!asked) requestAnimationFrame(() => {
+      const most = asked;
+      asked = 0;
+      if (cloud) most === CHANGED ? cloud.draw(view()) : cloud.move(view());
+      if (most > MOVED) { drawMap(); place(); }
+    });
+    asked = Math.max(asked, what);
   };
   const place = () => {
     const two = sceneAt(state.scene).sides.length > 1;
@@ -249,12 +206,27 @@
   // What is lit, in words and on the charts.
   const say = () => {
     const side = sceneAt(state.scene).sides[0];
-    let count = 0;
-    for (let k = 0; k < side.count; k++) if (isLit(side, k)) count++;
-    const what = state.pick ? `${state.pick.words}: ${count} of ${side.count} rays are lit` : `${side.count} rays`;
+    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${side.count} rays are lit` : `${side.count} rays`;
     told.textContent = `${what} in ${sceneAt(state.scene).name}.`;
-    for (const target of document.querySelectorAll(".target"))
-      target.setAttribute("aria-pressed", String(!!state.pick && target.dataset.chart === state.pick.chart && +target.dataset.index === state.pick.index));
+    for (const target of document.querySelectorAll(".target")) {
+      const { chart } = target.dataset, index = +target.dataset.index;
+      const on = chart === "scene" ? index === state.scene : chart === state.pick?.chart && index === state.pick.index;
+      target.setAttribute("aria-pressed", String(on));
+    }
+    for (const one of document.querySelectorAll(".shows[role]"))
+      one.setAttribute("aria-pressed", String(Object.entries(wanted(one)).every(([name, value]) => state[name] === value)));
+    for (const figure of document.querySelectorAll("figure")) figure.classList.toggle("shown", !!figure.id && state.figures.split(" ").includes(figure.id));
+  };
+  // What a word of the page shows: a scene, a channel, figures.
+  const wanted = ({ dataset }) => ({
+    ...(dataset.scene && { scene: +dataset.scene }),
+    ...(dataset.channel && { channel: dataset.channel }),
+    ...(dataset.figures && { figures: dataset.figures }),
+  });
+  const show = (what) => {
+    Object.assign(state, { figures: "" }, what);
+    byId("scene").value = state.scene; byId("channel").value = state.channel;
+    change();
   };
   const pick = (what) => {
     const same = what && state.pick && JSON.stringify(what) === JSON.stringify(state.pick);
@@ -268,9 +240,11 @@
       target.setAttribute("role", "button");
       target.setAttribute("tabindex", k ? "-1" : "0");
       const chosen = () => {
+        const { chart } = target.dataset, index = +target.dataset.index;
+        if (chart === "scene") { show({ scene: index }); return; }
         const channel = (target.closest("figure")?.id || "").split("_")[1];
         if (channel && channelOf[channel]) { state.channel = channel; byId("channel").value = channel; }
-        pick({ chart: target.dataset.chart, index: +target.dataset.index, words: target.getAttribute("aria-label") });
+        pick({ chart, index, words: target.getAttribute("aria-label") });
       };
       target.addEventListener("click", chosen);
       target.addEventListener("keydown", (event) => {
@@ -283,15 +257,26 @@
       });
     });
   }
-  document.addEventListener("keydown", (event) => { if (event.key === "Escape" && state.pick) pick(null); });
+  for (const one of document.querySelectorAll(".shows")) {
+    if (one.dataset.channel && !channelOf[one.dataset.channel]) continue;
+    one.setAttribute("role", "button"); one.setAttribute("tabindex", "0");
+    const chosen = () => show(wanted(one));
+    one.addEventListener("click", chosen);
+    one.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" || event.key === " ") { event.preventDefault(); chosen(); }
+    });
+  }
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && (state.pick || state.figures)) { state.pick = null; show({}); }
+  });
 
   data.scenes.forEach((scene, k) => byId("scene").add(new Option(scene.name, k)));
   data.channels.forEach((one) => byId("channel").add(new Option(one.words, one.name)));
-  byId("scene").addEventListener("change", (event) => { state.scene = +event.target.value; change(); });
-  byId("channel").addEventListener("change", (event) => { state.channel = event.target.value; change(); });
-  wipe.addEventListener("input", () => { state.wipe = wipe.value / 100; draw(); });
-  byId("reset").addEventListener("click", () => { Object.assign(camera, JSON.parse(start)); draw(); });
-  byId("clear").addEventListener("click", () => pick(null));
+  byId("scene").addEventListener("change", (event) => show({ scene: +event.target.value }));
+  byId("channel").addEventListener("change", (event) => show({ channel: event.target.value }));
+  wipe.addEventListener("input", () => { state.wipe = wipe.value / 100; draw(WIPED); });
+  byId("reset").addEventListener("click", () => { Object.assign(camera, JSON.parse(start)); draw(MOVED); });
+  byId("clear").addEventListener("click", () => { state.pick = null; show({}); });
   flat.addEventListener("click", (event) => {
     const box = flat.getBoundingClientRect(), { rows, groups } = data.grid;
     const row = Math.floor(((event.clientY - box.top) / box.height) * rows);
@@ -328,10 +313,10 @@
     } else if (event.shiftKey || event.buttons === 2) move(x, y);
     else turn(2 * x, 2 * y);
     fingers.set(event.pointerId, now);
-    draw();
+    draw(MOVED);
   });
   stage.addEventListener("contextmenu", (event) => event.preventDefault());
-  stage.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(event.deltaY / 700)); draw(); }, { passive: false });
+  stage.addEventListener("wheel", (event) => { event.preventDefault(); zoom(Math.exp(event.deltaY / 700)); draw(MOVED); }, { passive: false });
   stage.addEventListener("keydown", (event) => {
     const way = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
     if (way) (event.shiftKey ? move : turn)(...way);
@@ -340,22 +325,33 @@
     else if (event.key === "0" || event.key === "Home") Object.assign(camera, JSON.parse(start));
     else return;
     event.preventDefault();
-    draw();
+    draw(MOVED);
   });
-  window.addEventListener("resize", draw);
+  window.addEventListener("resize", () => draw());
 
   window.jaxsimViewer = {
     state,
-    lit: () => { let n = 0; const side = sceneAt(state.scene).sides[0]; for (let k = 0; k < side.count; k++) n += isLit(side, k); return n; },
-    // Frames a second of a turn, each finished before the next.
+    lit: countLit,
+    rests: () => !asked && cloud.rests(),
+    // Frames a second of a turn with every point, each finished before the next.
     speed: (frames) => {
-      const begun = performance.now(), pixel = new Uint8Array(4);
-      for (let k = 0; k < frames; k++) {
-        camera.turn += 0.02; drawCloud();
-        gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
-      }
-      return (1000 * frames) / (performance.now() - begun);
+      let ms = 0;
+      for (let k = 0; k < frames; k++) { camera.turn += 0.02; ms += cloud.timed(view()); }
+      return (1000 * frames) / ms;
     },
+    // Frames a second of a turn as somebody sees it who drags, and the share of the points that it draws at its end.
+    turning: (seconds) => new Promise((done) => {
+      const begun = performance.now();
+      let frames = 0;
+      const step = () => {
+        const now = performance.now();
+        if (now - begun > 1000 * seconds) { done([(1000 * frames) / (now - begun), cloud.share()]); return; }
+        frames++; camera.turn += 0.02;
+        cloud.move(view());
+        requestAnimationFrame(step);
+      };
+      requestAnimationFrame(step);
+    }),
   };
   change();
 })();
