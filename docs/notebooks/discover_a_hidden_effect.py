@@ -33,13 +33,8 @@ SEED = int(os.environ.get("SEED", "217"))
 if not CASE.exists():
     hidden(["make", str(CASE), "--seed", str(SEED), "--effect", "beam_gain", "--severity", "2"])
 comparison = read_comparison(simulated=CASE / "simulated", measured=CASE / "measured")
-print(
-    len(comparison.names),
-    "frames of",
-    len(set(comparison.scenes)),
-    "drives, rows and columns",
-    comparison.scan.range_m.shape[1:],
-)
+rows, columns = comparison.scan.range_m.shape[1:]
+print(f"{len(comparison.names)} frames of {len(set(comparison.scenes))} drives, {rows} rows x {columns} columns")
 
 # %% [markdown]
 # Where do the two disagree? The first step alone: residuals by what they depend on, strongest first.

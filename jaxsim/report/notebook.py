@@ -43,7 +43,8 @@ def _(value: Cloud) -> str:
     said = f"{len(points)} points{words}"
     if not len(points):
         return paragraph(said)
-    body, scenes = turning([TurnedScene("cloud", (side_of("cloud", points),))], said)
+    how = "Coloured by intensity, by height or by distance."
+    body, scenes = turning([TurnedScene("cloud", (side_of("cloud", points),))], how)
     return _framed(whole_page(title="cloud", sentence=said, facts=(), sections=[body], scenes=scenes))
 
 

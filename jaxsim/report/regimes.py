@@ -54,12 +54,12 @@ def regimes(acting: Sequence[Regime], draw: Draw, *, frames: Sequence[JudgeFrame
     )
     heads = ["effect", "acts", "share", "inside", "outside", "p", "q", "judge scenes", "in simulations"]
     legend = key([("inside", "after", False), ("outside", "before", True)])
-    strips = together(_strip(k, one, draw, frames) for k, one in enumerate(acting))
+    strips = together(_strip(one, draw, place=k, frames=frames) for k, one in enumerate(acting))
     body = paragraph(words) + table(heads, rows, text=2, last_text=True) + legend + strips
     return section("Where and when it acts", body)
 
 
-def _strip(place: int, one: Regime, draw: Draw, frames: Sequence[JudgeFrame]) -> Markup:
+def _strip(one: Regime, draw: Draw, *, place: int, frames: Sequence[JudgeFrame]) -> Markup:
     what = "sector" if one.divides == "azimuth" else "scene"
     caption = (
         f"{one.effect}, which acts {part_of(one)} (shaded): the size that each {what} asks for, had the effect been "
@@ -139,7 +139,7 @@ def strip_chart(one: Regime, *, place: int = 0, frames: Sequence[JudgeFrame] = (
     if around and frames:
         _sector_targets(canvas, x, across, place=place)
     else:
-        _frame_targets(canvas, one, shown, across, ends=(first, last))
+        _frame_targets(canvas, one, shown, across=across, ends=(first, last))
     return canvas
 
 
@@ -170,8 +170,8 @@ def _frame_targets(
     canvas: Canvas,
     one: Regime,
     frames: Sequence[tuple[int, JudgeFrame]],
-    across: Coordinate,
     *,
+    across: Coordinate,
     ends: tuple[float, float],
 ) -> None:
     """A mark above each judge frame's moment, and the stretch that lies nearest to it as its target."""

@@ -83,7 +83,12 @@ def sectors(count: int = 8) -> Regime:
     """One that acts in the two sectors about the back."""
     azimuth = np.deg2rad(180 - 360 * (np.arange(count) + 0.5) / count)
     held = tuple(bool(abs(one) > np.deg2rad(150)) for one in azimuth.tolist())
-    more = {"effect": "window_contamination", "x": tuple(azimuth.tolist()), "sizes": tuple(np.where(held, 1.0, 0.1).tolist()), "held": held}
+    more = {
+        "effect": "window_contamination",
+        "x": tuple(azimuth.tolist()),
+        "sizes": tuple(np.where(held, 1.0, 0.1).tolist()),
+        "held": held,
+    }
     return replace(regime(BEHIND, "azimuth"), **more)
 
 
