@@ -29,7 +29,7 @@ def test_cells_are_python_and_what_they_import_exists(path):
 
 
 @pytest.mark.slow
-def test_the_hidden_effect_is_discovered(tmp_path, monkeypatch, capsys):
+def test_the_hidden_effect_is_discovered(tmp_path, monkeypatch, capsys, standard_promotion):
     monkeypatch.chdir(tmp_path)
     done = runpy.run_path(str(NOTEBOOKS[0]))
     assert [effect.name for effect in done["result"].verdict.effects] == ["beam_gain"]
@@ -38,7 +38,7 @@ def test_the_hidden_effect_is_discovered(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_sensor_is_learned_and_simulates(tmp_path, monkeypatch):
+def test_a_sensor_is_learned_and_simulates(tmp_path, monkeypatch, standard_promotion):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TRAINING_FLAGS", " ".join(TINY))
     done = runpy.run_path(str(NOTEBOOKS[1]))
