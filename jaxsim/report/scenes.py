@@ -16,7 +16,7 @@ from markupsafe import Markup
 from jaxsim.detect.results import corners_of
 from jaxsim.files import write_text
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.report.page import NOTHING, explorer, paragraph, section, table, whole_page
+from jaxsim.report.page import NOTHING, explorer, paragraph, section, shows, table, whole_page
 from jaxsim.report.words import number
 
 MOST_BYTES = 4_000_000
@@ -207,14 +207,14 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     heads = ["scene", "points", "boxes found", "labelled"]
     rows = [
         [
-            scene.name,
+            shows(scene.name, scene=k),
             " | ".join(f"{side.name} {len(side.xyz)}" for side in scene.sides if side.xyz is not None),
             *(
                 str(sum(len(one.boxes) for one in scene.boxes if one.detected is detected))
                 for detected in (True, False)
             ),
         ]
-        for scene in scenes
+        for k, scene in enumerate(scenes)
     ]
     body = paragraph(words) + explorer(words, has_map=False) + table(heads, rows, text=2)
     return section("The clouds", body), packed(scenes, CHANNELS)

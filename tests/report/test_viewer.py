@@ -14,7 +14,16 @@ import pytest
 from jaxsim.discover.verdict import Interval, Level
 from jaxsim.effects.region import Region
 from jaxsim.report.page import explorer, own_text, whole_page
-from jaxsim.report.scenes import MOST_BYTES, Channel, Side, TurnedScene, packed
+from jaxsim.report.scenes import (
+    MOST_BYTES,
+    Channel,
+    Side,
+    TurnedScene,
+    cloud_with_boxes,
+    compared_clouds,
+    packed,
+    write_clouds,
+)
 from tests.report import results
 from tests.report.chromium import browser, coloured, opened, picture
 from tests.report.test_regimes import regime, sectors
@@ -61,6 +70,12 @@ def test_a_click_on_a_curve_lights_its_rays_in_cloud_and_map(chromium, report):
         tab.locator("#curve_intensity_row .target").nth(3).click()
         assert tab.evaluate("jaxsimViewer.lit()") == everything // results.ROWS
         assert f"{everything // results.ROWS} of {everything} rays" in tab.locator("#told").inner_text()
+        # The curve stands far from the cloud, and leads there.
+        there = tab.locator("#there")
+        there.wait_for()
+        assert there.inner_text() == f"{tab.locator('#told').inner_text()} Show."
+        there.click()
+        there.wait_for(state="hidden")
         for name, picture_before in before.items():
             assert (np.abs(picture(tab, name) - picture_before).max(-1) > 30).mean() > 0.01
         # The same beam is marked on the chart of its parameter by a click there, and Escape lights all again.
@@ -145,8 +160,7 @@ def test_words_and_moments_show_what_they_speak_of(chromium, tmp_path):
 
 def test_turning_draws_as_many_points_as_there_is_time_for_and_rest_draws_all(chromium, report):
     with opened(chromium, report) as tab:
-        rate, share = tab.evaluate("jaxsimViewer.turning(0.3)")
-        assert rate > 0
+        _, share = tab.evaluate("jaxsimViewer.turning(0.3)")
         # A few rays are always drawn whole.
         assert share == 1
         moved = picture(tab, "#cloud")
@@ -208,6 +222,33 @@ def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
         record_property("frames_per_second", tab.evaluate("jaxsimViewer.speed(5)"))
         record_property("turning", tab.evaluate("jaxsimViewer.turning(0.5)"))
         assert (np.abs(picture(tab, "#cloud") - before).max(-1) > 30).mean() > 0.01
+
+
+def test_simulated_stands_beside_measured_and_boxes_are_drawn(chromium, tmp_path):
+    """The pages of simulate, detect and real2sim2real."""
+    random = np.random.default_rng(0)
+    simulated, measured = (random.uniform([4, -6, -2, low], [20, 6, 0, low + 0.1], (3000, 4)) for low in (0.0, 0.5))
+    nothing = np.zeros((0, 7))
+    scenes = [
+        compared_clouds("street", simulated.astype("f4"), measured.astype("f4")),
+        cloud_with_boxes("nothing", measured[:1].astype("f4"), detected=nothing, labelled=nothing),
+        cloud_with_boxes("car", measured[:1].astype("f4"), detected=np.array([[10.0, 0, -1, 4, 2, 1.5, 0.3]])),
+    ]
+    page = write_clouds(tmp_path / "clouds.html", scenes, title="t", sentence="s", words="w")
+    with opened(chromium, page) as tab:
+        # Dim intensities are blue, bright ones red; the slider gives all the width to one of them.
+        for wipe, blue in ((100, True), (0, False)):
+            tab.locator("#wipe").fill(str(wipe))
+            tab.wait_for_function("jaxsimViewer.rests()")
+            rgb = picture(tab, "#cloud")
+            colour = rgb[coloured(rgb)].mean(0)
+            assert (colour[2] > colour[0]) == blue
+        assert tab.locator("#clear").is_hidden()
+        tab.get_by_role("button", name="nothing").click()
+        empty = picture(tab, "#cloud")
+        assert tab.locator("#wipe").is_hidden()
+        tab.get_by_role("button", name="car").press("Enter")
+        assert 50 < coloured(picture(tab, "#cloud")).sum() - coloured(empty).sum() < 20_000
 
 
 def test_names_from_data_cannot_become_code(chromium, tmp_path):

@@ -201,13 +201,23 @@
     }
     byId("low").textContent = low; byId("high").textContent = `${high} ${unit}`;
   };
+  const there = byId("there");
+  let seesCloud = true, changed = false;
+  new IntersectionObserver(([one]) => {
+    seesCloud = one.isIntersecting;
+    changed &&= !seesCloud;
+    there.hidden = !changed;
+  }).observe(byId("explorer"));
   const change = () => { upload(); scale(); draw(); say(); };
 
   // What is lit, in words and on the charts.
   const say = () => {
     const side = sceneAt(state.scene).sides[0];
-    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${side.count} rays are lit` : `${side.count} rays`;
+    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${side.count} rays are lit` : `${side.count} points`;
     told.textContent = `${what} in ${sceneAt(state.scene).name}.`;
+    // Who clicks elsewhere on the page is told there, and led to the cloud.
+    there.textContent = `${told.textContent} Show.`;
+    there.hidden = seesCloud || !changed;
     for (const target of document.querySelectorAll(".target")) {
       const { chart } = target.dataset, index = +target.dataset.index;
       const on = chart === "scene" ? index === state.scene : chart === state.pick?.chart && index === state.pick.index;
@@ -225,12 +235,14 @@
   });
   const show = (what) => {
     Object.assign(state, { figures: "" }, what);
+    changed = true;
     byId("scene").value = state.scene; byId("channel").value = state.channel;
     change();
   };
   const pick = (what) => {
     const same = what && state.pick && JSON.stringify(what) === JSON.stringify(state.pick);
     state.pick = same ? null : what;
+    changed = true;
     change();
   };
 
