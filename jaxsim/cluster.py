@@ -92,10 +92,10 @@ def spread(address: str, job: Job[Item, Result], items: Sequence[Item], *, by: s
     finally:
         client.close()
     if failures:
-        more = f" (and {len(failures) - SHOWN} more)" if len(failures) > SHOWN else ""
+        others = f" (and {len(failures) - SHOWN} more)" if len(failures) > SHOWN else ""
         raise ValueError(
             f"{by}: {len(failures)} of {len(items)} pieces of work failed, the others are done; the same command goes "
-            f"on with what is missing. {'; '.join(failures[:SHOWN])}{more}"
+            f"on with what is missing. {'; '.join(failures[:SHOWN])}{others}"
         )
 
 
@@ -170,6 +170,6 @@ def with_absolute_paths(settings: Any, base: Path | None = None) -> Any:
     if type(settings) is tuple:
         return tuple(with_absolute_paths(value, base) for value in settings)
     if is_dataclass(settings) and not isinstance(settings, type):
-        own = {field.name: getattr(settings, field.name) for field in fields(settings) if field.init}
-        return replace(settings, **{name: with_absolute_paths(value, base) for name, value in own.items()})
+        values = {field.name: getattr(settings, field.name) for field in fields(settings) if field.init}
+        return replace(settings, **{name: with_absolute_paths(value, base) for name, value in values.items()})
     return settings

@@ -47,8 +47,8 @@ def connect() -> None:
             jax.distributed.initialize(heartbeat_timeout_seconds=SILENT_S)
         else:
             address, count, index = given.values()
-            place = int(count or ""), int(index or "")
-            jax.distributed.initialize(address, *place, heartbeat_timeout_seconds=SILENT_S)
+            process = int(count or ""), int(index or "")
+            jax.distributed.initialize(address, *process, heartbeat_timeout_seconds=SILENT_S)
     except ValueError as error:
         raise ValueError(
             f"devices: no launcher recognised ({error}); start under Slurm, Open MPI, Kubernetes or on a TPU pod, "

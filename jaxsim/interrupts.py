@@ -71,14 +71,14 @@ def uninterrupted() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    held: list[int] = []
-    before = {number: signal.signal(number, lambda number, frame: held.append(number)) for number in SIGNALS}
+    signals: list[int] = []
+    before = {number: signal.signal(number, lambda number, frame: signals.append(number)) for number in SIGNALS}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in dict.fromkeys(held):
+        for number in dict.fromkeys(signals):
             signal.raise_signal(number)
 
 

@@ -89,15 +89,15 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | 
             metadata = {name: json.dumps(value) for name, value in told.items()}
             model = onnx_model(network, inputs.shape, name="generator", metadata=metadata)
         content = model.SerializeToString()
-        found = _run_onnx(content, inputs)
+        exported = _run_onnx(content, inputs)
     else:
         content = _stablehlo(network, batch, size)
-        found = np.asarray(jax.export.deserialize(bytearray(content)).call(inputs))
+        exported = np.asarray(jax.export.deserialize(bytearray(content)).call(inputs))
     with replacing(path) as temporary:
         temporary.write_bytes(content)
     write_text(path.with_suffix(path.suffix + ".json"), json.dumps(told, indent=2) + "\n")
-    own = np.asarray(sensor.generate(sensor.params, inputs))
-    return Exported(path, len(content), None if found is None else float(np.abs(found - own).max()))
+    ours = np.asarray(sensor.generate(sensor.params, inputs))
+    return Exported(path, len(content), None if exported is None else float(np.abs(exported - ours).max()))
 
 
 def describe(sensor: LearnedSensor) -> dict[str, Any]:
@@ -201,8 +201,8 @@ def _walk(graph: Graph, closed: core.ClosedJaxpr, inputs: Sequence[Value]) -> li
     read = lambda at: np.asarray(at.val) if isinstance(at, core.Literal) else known[at]  # noqa: E731
     for equation in jaxpr.eqns:
         given = [read(at) for at in equation.invars]
-        found = _equation(graph, equation, given)
-        known |= dict(zip(equation.outvars, found, strict=True))
+        results = _equation(graph, equation, given)
+        known |= dict(zip(equation.outvars, results, strict=True))
     return [read(at) for at in jaxpr.outvars]
 
 
@@ -213,8 +213,8 @@ def _equation(graph: Graph, equation: Any, given: list[Value]) -> list[Value]:
         closed = inner if isinstance(inner, core.ClosedJaxpr) else core.ClosedJaxpr(inner, [])
         return _walk(graph, closed, given)
     if not any(isinstance(value, str) for value in given):
-        found = equation.primitive.bind(*given, **parameters)
-        return [np.asarray(one) for one in (found if equation.primitive.multiple_results else [found])]
+        results = equation.primitive.bind(*given, **parameters)
+        return [np.asarray(one) for one in (results if equation.primitive.multiple_results else [results])]
     shape = tuple(equation.outvars[0].aval.shape)
     if 0 in shape:  # which Reshape would take for "as before"
         return [np.zeros(shape, equation.outvars[0].aval.dtype)]
@@ -302,11 +302,11 @@ def _gather(op: Operation) -> str:
         raise NotImplementedError("convert: indexing of several axes has no translation to ONNX here")
     (axis,) = axes
     places = np.clip(op.given[1].reshape(-1), 0, op.shapes[0][axis] - 1).astype(np.int64)
-    found = op.graph.add("Gather", op.given[0], places, axis=axis)
+    gathered = op.graph.add("Gather", op.given[0], places, axis=axis)
     (batch,) = (k for k in range(len(op.shape)) if k not in numbers.offset_dims)
     order = [k for k in range(len(op.shape)) if k != axis]
     order.insert(batch, axis)
-    return found if order == sorted(order) else op.graph.add("Transpose", found, perm=order)
+    return gathered if order == sorted(order) else op.graph.add("Transpose", gathered, perm=order)
 
 
 def _product(op: Operation) -> str:

@@ -138,12 +138,12 @@ def convert(kind: str, converter: Converter, source: Path, *, out: Path) -> Weig
     with placed(f"convert: {source} cannot be read as {converter.title}", then=f"fetch {converter.fetch}"):
         arrays = read_state_dict(source, converter.files)
     with placed(f"convert: {source} is not {converter.title}", then=f"fetch {converter.fetch}"):
-        kept = converter.convert(arrays)
+        converted = converter.convert(arrays)
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     published = bool(converter.digest) and digest.startswith(converter.digest)
     about = {"kind": kind, "source": source.name, "source_sha256": digest, "published": published}
-    write_arrays(out, {**kept, ABOUT: np.array(json.dumps(about))})
-    return Weights(kept, fingerprint(kept), published)
+    write_arrays(out, {**converted, ABOUT: np.array(json.dumps(about))})
+    return Weights(converted, fingerprint(converted), published)
 
 
 def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
@@ -162,8 +162,8 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
     if about.get("kind") != kind:
         raise ValueError(f"weights: {path} holds {about.get('kind')}, not {kind} ({converter.title}); {help}")
     with placed(f"weights: {path} is not {converter.title}", then=help):
-        kept = converter.convert(arrays)
-    return Weights(kept, fingerprint(kept), bool(about.get("published")))
+        converted = converter.convert(arrays)
+    return Weights(converted, fingerprint(converted), bool(about.get("published")))
 
 
 def kind_of(path: Path) -> str | None:

@@ -144,7 +144,7 @@ def tell_on_console() -> None:
 def without_quiet(words: Sequence[str]) -> list[str]:
     """The words without `--quiet`, which is every command's and is put into force here, for this process and those that
     it starts."""
-    left = [word for word in words if word not in FLAGS]
-    if len(left) < len(words):
+    words_left = [word for word in words if word not in FLAGS]
+    if len(words_left) < len(words):
         os.environ[QUIET] = "1"
-    return left
+    return words_left

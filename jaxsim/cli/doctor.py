@@ -72,11 +72,11 @@ def requirements(package: str = NAME) -> tuple[list[str], dict[str, list[str]]]:
         name = re.match(r"([A-Za-z0-9._-]+)(?:\[([^]]+)\])?", line)
         extra = re.search(r"""extra == ['"]([^'"]+)['"]""", line)
         if name:
-            found = extras.setdefault(extra[1], []) if extra else needs
-            found.append(name[1])
+            required = extras.setdefault(extra[1], []) if extra else needs
+            required.append(name[1])
             if name[2] and version_of(name[1]):
                 theirs = requirements(name[1])[1]
-                found += [one for asked in name[2].split(",") for one in theirs.get(asked.strip(), ())]
+                required += [one for asked in name[2].split(",") for one in theirs.get(asked.strip(), ())]
     return needs, extras
 
 
@@ -106,12 +106,12 @@ def devices() -> Lines:
     import jax  # waits until it is asked for: an import that fails is a finding too
 
     try:
-        found = [f"{one.platform} {one.device_kind}" for one in jax.devices()]
+        devices_here = [f"{one.platform} {one.device_kind}" for one in jax.devices()]
     except RuntimeError as error:
         return [("devices", f"none: {str(error).splitlines()[0]}")]
     settings = [name for name in os.environ if name.startswith(("JAX_", "XLA_", "CUDA_VISIBLE", "JAXSIM_"))]
     told = ", ".join(f"{name}={os.environ[name]}" for name in sorted(settings)) or "none"
-    return [("devices", ", ".join(found)), ("settings", told)]
+    return [("devices", ", ".join(devices_here)), ("settings", told)]
 
 
 def cache() -> Lines:

@@ -73,8 +73,8 @@ class Evaluation(Checked):
 
         # Scores: the network and the baselines on the same cells, and the Fréchet distance.
         sensor = load(self.run)
-        own = sensor.run.experiment.data
-        data, validation = self.data.config(own), self.data.validation(own)
+        of_run = sensor.run.experiment.data
+        data, validation = self.data.config(of_run), self.data.validation(of_run)
         extractor = open_extractor(self.fid, self.fid_features) if self.fid else None
         judged = score_sensor(
             sensor, data, frames=self.frames, validation=validation, trees=self.trees, extractor=extractor

@@ -93,9 +93,9 @@ def write_clouds(folder: Path, out: Path, to: str, *, every: int = 1, most: int 
 
 
 def _cloud(frames: PolarFrames, name: str) -> tuple[Cloud, np.ndarray | None]:
-    image, more = frames.read(name)
+    image, columns = frames.read(name)
     cloud = jax.tree.map(np.asarray, polar_to_points(image, frames.grid))
-    return cloud, more["time"].ravel().astype(np.float32) if "time" in more else None
+    return cloud, columns["time"].ravel().astype(np.float32) if "time" in columns else None
 
 
 def _stamped(frames: PolarFrames, name: str, number: int) -> Stamped:

@@ -77,9 +77,9 @@ class Simulate(Checked):
         # Sensor and frames.
         known_effects(self.effects_from)
         maker = self.maker(load(self.run))
-        own = maker.learned.run.experiment.data
-        source = self.data.config(own)
-        positions = self.data.choose(maker.dataset, own, frames=self.frames)
+        of_run = maker.learned.run.experiment.data
+        source = self.data.config(of_run)
+        positions = self.data.choose(maker.dataset, of_run, frames=self.frames)
         unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
         unlike += ["not projected"] * (self.projection == "none")
 

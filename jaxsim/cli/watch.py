@@ -34,12 +34,12 @@ class Watch(Checked):
     def __call__(self) -> None:
         if not self.days:
             raise ValueError("watch: --days names no folder; give those of later days, in order")
-        found = watch_days(self.before, self.days)
-        page = table(found)
+        watched = watch_days(self.before, self.days)
+        page = table(watched)
         print(page)
         if self.out:
             write_text(self.out, page)
-        if any(day.changes for day in found):
+        if any(day.changes for day in watched):
             raise SystemExit(1)
 
 

@@ -71,8 +71,8 @@ def _ply(table: np.ndarray, file: BinaryIO) -> None:
 
 def _npz(table: np.ndarray, file: BinaryIO) -> None:
     xyz = np.stack([table[axis] for axis in "xyz"], axis=1)
-    more: dict[str, Any] = {name: table[name] for name in ("ring", "time") if name in (table.dtype.names or ())}
-    np.savez_compressed(file, xyz=xyz, intensity=table["intensity"], **more)
+    per_point: dict[str, Any] = {name: table[name] for name in ("ring", "time") if name in (table.dtype.names or ())}
+    np.savez_compressed(file, xyz=xyz, intensity=table["intensity"], **per_point)
 
 
 def _las(table: np.ndarray, file: BinaryIO) -> None:

@@ -118,8 +118,10 @@ def label_lines(boxes: Boxes) -> list[str]:
         hidden = str(int(level[i])) if level[i] == int(level[i]) else _exact(level[i])
         # The file has height, width, length.
         sizes = " ".join(map(_exact, size[i][[2, 1, 0]]))
-        place = " ".join(map(_exact, centre[i]))
-        objects.append(f"{kind} {_exact(truncated[i])} {hidden} {alpha:.6f} {corners} {sizes} {place} {_exact(yaw[i])}")
+        location = " ".join(map(_exact, centre[i]))
+        objects.append(
+            f"{kind} {_exact(truncated[i])} {hidden} {alpha:.6f} {corners} {sizes} {location} {_exact(yaw[i])}"
+        )
     return objects + regions
 
 

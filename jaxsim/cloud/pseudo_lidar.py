@@ -49,8 +49,8 @@ def depth_to_cloud(
     brightness = jnp.zeros_like(depth_m) if intensity is None else intensity
     if intensity is not None and drop_zero:
         known = known & (intensity > 0)
-    kept = known.reshape(flat) & (xyz[..., 0] >= 0) & (xyz[..., 2] < max_high_m)
-    return Cloud(xyz, brightness.reshape(flat), kept)
+    usable = known.reshape(flat) & (xyz[..., 0] >= 0) & (xyz[..., 2] < max_high_m)
+    return Cloud(xyz, brightness.reshape(flat), usable)
 
 
 def place_intensity(

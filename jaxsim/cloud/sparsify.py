@@ -92,19 +92,19 @@ def sparsify(
     else:
         usable = usable & (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     if winner == "nearest":
-        index, found = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
+        index, filled = scatter_nearest(jnp.sqrt(jnp.where(usable, square, 0)), row, column, inside=usable, shape=shape)
     else:
-        index, found = _scatter_last(row, column, usable, shape=shape)
+        index, filled = _scatter_last(row, column, usable, shape=shape)
     lines = jnp.asarray(range(shape[0]) if beams is None else beams, jnp.int32)
     if beams is not None:
         # Winners are chosen on all lines first: which point is nearest does not depend on the lines that are kept.
-        index, found = index[..., lines, :], found[..., lines, :]
+        index, filled = index[..., lines, :], filled[..., lines, :]
     *batch, rows, columns = index.shape
     flat, place = (*batch, rows * columns), index.reshape(*batch, rows * columns)
     return Cloud(
         jnp.take_along_axis(xyz, place[..., None], axis=-2, mode="clip"),
         jnp.take_along_axis(cloud.intensity, place, axis=-1, mode="clip"),
-        found.reshape(flat),
+        filled.reshape(flat),
         jnp.broadcast_to(lines[:, None], index.shape).reshape(flat),
     )
 

@@ -172,17 +172,17 @@ def _holds_frames(folder: Path) -> bool:
 
 def _numbers(scans: Path, images: Path) -> list[str]:
     """Frame numbers that have a scan and an image."""
-    found = []
+    numbers = []
     for folder, suffix in ((scans, ".bin"), (images, ".png")):
         names = _frames_in(folder, suffix)
         if not names:
             raise ValueError(f"kitti: {listing(folder)}; expected NUMBER{suffix} files in it")
-        found.append(set(names))
-    both = sorted(set.intersection(*found))
+        numbers.append(set(names))
+    both = sorted(set.intersection(*numbers))
     if not both:
         raise ValueError(
-            f"kitti: no scan of {scans} ({min(found[0])}.bin, ...) has an image of the same number in "
-            f"{images} ({min(found[1])}.png, ...); a frame needs both"
+            f"kitti: no scan of {scans} ({min(numbers[0])}.bin, ...) has an image of the same number in "
+            f"{images} ({min(numbers[1])}.png, ...); a frame needs both"
         )
     return both
 

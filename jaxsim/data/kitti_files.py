@@ -289,21 +289,21 @@ def _existing(path: Path) -> Path:
 
 def _read_calibration(path: Path, needed: dict[str, int]) -> dict[str, np.ndarray]:
     """Lines of `name: numbers`; the colon is left out in the tracking set."""
-    found: dict[str, list[str]] = {}
+    entries: dict[str, list[str]] = {}
     for line in _text(path).splitlines():
         name, *words = line.replace(":", " ", 1).split() or [""]
-        if name and name in found:
+        if name and name in entries:
             raise ValueError(f"kitti: {path} has {name} twice; copy the calibration file that belongs to the drive")
-        found[name] = words
+        entries[name] = words
     for name, count in needed.items():
-        if name not in found:
+        if name not in entries:
             raise ValueError(
-                f"kitti: {path} has no {name} (it has {', '.join(filter(None, found)) or 'nothing'}); copy "
+                f"kitti: {path} has no {name} (it has {', '.join(filter(None, entries)) or 'nothing'}); copy "
                 "the calibration file that belongs to the drive"
             )
-        if len(found[name]) != count:
-            raise ValueError(f"kitti: {path}: {name} has {len(found[name])} numbers; it must have {count}")
-    values = {name: np.array(numbers(found[name], where=f"kitti: {path}: {name}")) for name in needed}
+        if len(entries[name]) != count:
+            raise ValueError(f"kitti: {path}: {name} has {len(entries[name])} numbers; it must have {count}")
+    values = {name: np.array(numbers(entries[name], where=f"kitti: {path}: {name}")) for name in needed}
     if not all(np.isfinite(value).all() for value in values.values()):
         raise ValueError(f"kitti: {path} holds NaN or infinite numbers; copy it again")
     return values

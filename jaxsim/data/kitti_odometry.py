@@ -124,14 +124,14 @@ def _sequences_folder(root: Path) -> Path:
 
 def _present(folder: Path, wanted: Sequence[str]) -> tuple[str, ...]:
     """Names of sequences with scans. Raises ValueError where one that is wanted has none, or none is there."""
-    there = tuple(sorted(p.name for p in folder.iterdir() if (p / "velodyne").is_dir() and _scans(p)))
-    missing = [name for name in wanted if name not in there]
-    if missing or not there:
+    sequences = tuple(sorted(p.name for p in folder.iterdir() if (p / "velodyne").is_dir() and _scans(p)))
+    missing = [name for name in wanted if name not in sequences]
+    if missing or not sequences:
         what = f"sequence {', '.join(missing)}" if missing else "sequence"
         raise ValueError(
-            f"kitti_odometry: no {what} with velodyne/NUMBER.bin in {folder}; it has {', '.join(there) or 'none'}"
+            f"kitti_odometry: no {what} with velodyne/NUMBER.bin in {folder}; it has {', '.join(sequences) or 'none'}"
         )
-    return tuple(wanted) or there
+    return tuple(wanted) or sequences
 
 
 def _scans(sequence: Path) -> list[Path]:

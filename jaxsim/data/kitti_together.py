@@ -43,13 +43,13 @@ class KittiTogether:
         return next(iter(self.parts.values())).spec
 
     def __getitem__(self, index: int) -> Frame:
-        part, own = self._place(index)
-        return part[own]
+        part, local = self._place(index)
+        return part[local]
 
     def name_of(self, index: int) -> str:
         """The frame's name in its part."""
-        part, own = self._place(index)
-        return part.name_of(own)
+        part, local = self._place(index)
+        return part.name_of(local)
 
     @property
     def splits(self) -> dict[str, list[int]]:
@@ -60,8 +60,8 @@ class KittiTogether:
         times = Counter(name for part in self.parts.values() for name in part.splits)
         for start, (name, part) in zip(starts, self.parts.items(), strict=True):
             splits[name] = list(range(start, start + len(part)))
-            own = {key: [start + i for i in positions] for key, positions in part.splits.items()}
-            splits |= {key: positions for key, positions in own.items() if times[key] == 1 and key not in READERS}
+            of_part = {key: [start + i for i in positions] for key, positions in part.splits.items()}
+            splits |= {key: positions for key, positions in of_part.items() if times[key] == 1 and key not in READERS}
         return splits
 
     def _place(self, index: int) -> tuple[KittiRaw | KittiObject | KittiOdometry, int]:
@@ -76,17 +76,17 @@ def _folders(root: Path) -> dict[str, Path]:
     """The folder of each part that is there. Raises ValueError where there is none."""
     if not root.is_dir():
         raise ValueError(f"kitti: there is no folder {root}; pass the one that holds raw/, object/ or odometry/")
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     for name in READERS:
         here = [folder for folder in (root / name, root) if _holds(name, folder)]
         if here:
-            found[name] = here[0]
-    if not found:
+            folders[name] = here[0]
+    if not folders:
         raise ValueError(
             f"kitti: no part of it: {listing(root)}; pass the folder that holds 2011_09_26/, training/ or sequences/, "
             "or these in raw/, object/ and odometry/ (links will do)"
         )
-    return found
+    return folders
 
 
 def _holds(part: str, folder: Path) -> bool:

@@ -58,5 +58,5 @@ def classes_in_image(
     near, source = np.asarray(away_px) <= REACH_PX, np.asarray(source, np.int32)
     of_source = np.zeros((2, int(source.max()) + 1), np.int32)
     of_source[:, source[empty == 0]] = values[:, empty == 0]
-    found = np.where(near, of_source[:, source], 0)
-    return found[0], found[1]
+    classes = np.where(near, of_source[:, source], 0)
+    return classes[0], classes[1]

@@ -91,8 +91,8 @@ def read_frame(folder: Path | str, name: str) -> tuple[PolarImage, dict[str, np.
     arrays = read_arrays(path, SHAPES, by="polar frames", again="write it again")
     missing = [key for key in REQUIRED if key not in arrays]
     if missing:
-        there = ", ".join(array_names(path, by="polar frames")) or "nothing"
-        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {there}")
+        present = ", ".join(array_names(path, by="polar frames")) or "nothing"
+        raise ValueError(f"polar frames: {path} lacks {', '.join(missing)}; it has {present}")
     check_arrays(path, arrays)
     range_m = np.asarray(arrays.pop("range"), np.float32)
     intensity = np.asarray(arrays.pop("intensity"), np.float32)

@@ -63,22 +63,22 @@ class PolarViews:
         cloud = jax.tree.map(np.asarray, polar_to_points(image, self.frames.grid))
         turn = np.deg2rad(-direction)
         rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]], np.float32)
-        kept = cloud.valid
+        valid = cloud.valid
         row = np.broadcast_to(np.arange(self.spec.rows, dtype=np.int32)[:, None], image.range_m.shape).ravel()
-        xyz_m = (cloud.xyz_m[kept] @ rotation.T).astype(np.float32)
+        xyz_m = (cloud.xyz_m[valid] @ rotation.T).astype(np.float32)
         view = CameraFrame(np.zeros((*self.size, 3), np.uint8), self.camera, has_image=False)
         if "semantic" in rasters:
-            semantic = rasters["semantic"].ravel()[kept].astype(np.int32)
+            semantic = rasters["semantic"].ravel()[valid].astype(np.int32)
             instance = np.zeros(len(xyz_m), np.int32)
             if "instance" in rasters:
-                instance = rasters["instance"].ravel()[kept].astype(np.int32)
+                instance = rasters["instance"].ravel()[valid].astype(np.int32)
             of_pixels = classes_in_image(xyz_m, semantic, instance, camera=self.camera, size=self.size)
             view = view.replace(semantic=of_pixels[0], instance=of_pixels[1])  # type: ignore[attr-defined]
         return Frame(
             name=self.name_of(index),
             scene=scene_of(name, self.frames),
             camera=view,
-            cloud=Cloud(xyz_m, cloud.intensity[kept], np.ones(len(xyz_m), bool), row[kept]),
+            cloud=Cloud(xyz_m, cloud.intensity[valid], np.ones(len(xyz_m), bool), row[valid]),
             time_s=self.frames.about.get(name, {}).get("time"),
         )
 

@@ -117,21 +117,21 @@ class PreparedSet:
 
     def _entry(self, position: int) -> Entry:
         if position not in self._place:
-            held = ", ".join(f"{name}: {len(split.positions)}" for name, split in self.about.splits.items())
+            counts = ", ".join(f"{name}: {len(split.positions)}" for name, split in self.about.splits.items())
             raise ValueError(
-                f"prepared: frame {position} of {self._kind} is not in {self.folder} ({held} frames); choose frames "
+                f"prepared: frame {position} of {self._kind} is not in {self.folder} ({counts} frames); choose frames "
                 "that are (its parts are called train and eval), or prepare a set that holds it"
             )
         split, i = self._place[position]
-        own = self.about.splits[split]
-        return Entry(own.names[i], own.scenes[i], own.windows[i], f"{self.about.fingerprint}/{position:06d}")
+        about = self.about.splits[split]
+        return Entry(about.names[i], about.scenes[i], about.windows[i], f"{self.about.fingerprint}/{position:06d}")
 
     def _read(self, split: str, i: int) -> PairRecord:
-        own = self.about.splits[split]
+        about = self.about.splits[split]
         try:
             values: Any = features().deserialize_example_np(self._sources[split][i])
             record = record_of(flattened(values))
-            if (record.name, record.pair.target.shape) != (own.names[i], own.windows[i]):
+            if (record.name, record.pair.target.shape) != (about.names[i], about.windows[i]):
                 raise ValueError(f"it holds {record.name}, {' x '.join(map(str, record.pair.target.shape))} cells")
         except Exception as error:
             # ArrayRecord, protocol buffers and TFDS each have errors of their own for bytes that are not theirs.
@@ -140,7 +140,7 @@ class PreparedSet:
                 file, number = self._file_of(split, i)
                 where = f"{file}, record {number}"
             raise ValueError(
-                f"prepared: {where} ({own.names[i]}) is damaged ({_first_line(error)}); copy the file "
+                f"prepared: {where} ({about.names[i]}) is damaged ({_first_line(error)}); copy the file "
                 f"again, or make the set anew: delete {self.folder} and run the same jaxsim prepare"
             ) from error
         return record
@@ -162,12 +162,12 @@ class PreparedSet:
 
     def _check_settings(self, prepare: PrepareConfig) -> None:
         plain = pair_settings(DataConfig(), PrepareConfig())["prepare"]  # settings that came later were so
-        kept, wanted = plain | self.about.settings["prepare"], pair_settings(DataConfig(), prepare)["prepare"]
+        stored, wanted = plain | self.about.settings["prepare"], pair_settings(DataConfig(), prepare)["prepare"]
         free = {"inputs": None}  # labels: below
         for name in ("denoise_weights", "depth_weights"):
             if getattr(prepare, name) is None:  # the network has done its work, with those that the set names
                 free[name] = None
-        other = [f"--{text}" for text in differences(kept | free, wanted | free, "prepare")]
+        other = [f"--{text}" for text in differences(stored | free, wanted | free, "prepare")]
         if other:
             raise ValueError(
                 f"prepared: {self.folder} was made with other settings ({'; '.join(other)}); give those, or prepare "
@@ -192,11 +192,11 @@ def _folder(root: Path) -> Path:
     def below(name: str) -> list[Path]:
         return sorted(path for depth in range(4) for path in root.glob("*/" * depth + name))
 
-    found = [path.parent for path in below("dataset_info.json")]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise ValueError(f"prepared: {root} holds several sets; pass one of {', '.join(map(str, found))}")
+    folders = [path.parent for path in below("dataset_info.json")]
+    if len(folders) == 1:
+        return folders[0]
+    if folders:
+        raise ValueError(f"prepared: {root} holds several sets; pass one of {', '.join(map(str, folders))}")
     begun = below(f"{VERSION}{MAKING}")
     if begun:
         raise ValueError(f"prepared: {begun[0]} is not finished; the jaxsim prepare that began it goes on with it")

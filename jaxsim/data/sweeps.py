@@ -174,8 +174,8 @@ def _open_pcap(path: Path, meta: Path | None) -> tuple[Any, Any]:
             "name beside it, or meta=PATH"
         )
     try:
-        more: dict[str, Any] = {} if meta is None else {"meta": [str(meta)]}
-        return open_source(str(path), **more), core
+        options: dict[str, Any] = {} if meta is None else {"meta": [str(meta)]}
+        return open_source(str(path), **options), core
     except Exception as error:  # the SDK has no common base for its errors
         raise ValueError(
             f"ouster: {path}{f' with {meta.name}' if meta else ''} cannot be read: {error}; pass a .pcap and "

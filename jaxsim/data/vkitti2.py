@@ -157,15 +157,15 @@ class VirtualKitti2:
 
     def _numbers(self, drive: Path) -> list[int]:
         """Frame numbers of one scene in one variation. Raises ValueError where an image lacks a raster."""
-        found = {kind: self._files(drive, kind) for kind in _RASTERS}
-        for kind, numbers in found.items():
-            missing = sorted(found["rgb"] - numbers)
+        files = {kind: self._files(drive, kind) for kind in _RASTERS}
+        for kind, numbers in files.items():
+            missing = sorted(files["rgb"] - numbers)
             if missing:
                 raise ValueError(
-                    f"vkitti2: {drive}: {len(missing)} of {len(found['rgb'])} images have no {kind} (the first: "
+                    f"vkitti2: {drive}: {len(missing)} of {len(files['rgb'])} images have no {kind} (the first: "
                     f"{missing[0]:05d}); unpack the archive vkitti_2.0.3_{_RASTERS[kind][0]} beside the others"
                 )
-        return sorted(found["rgb"])
+        return sorted(files["rgb"])
 
     def _files(self, drive: Path, kind: str) -> set[int]:
         folder, (_, start, end) = _folder(drive, kind, self.camera), _RASTERS[kind]
@@ -228,9 +228,9 @@ def _scenes(root: Path, wanted: Sequence[str]) -> list[Path]:
     have = {p.name.lower(): p for p in root.iterdir() if p.is_dir()} if root.is_dir() else {}
     missing = [name for name in chosen if name.lower() not in have]
     if missing:
-        there = [name for name in LENGTHS if name.lower() in have]
+        scenes = [name for name in LENGTHS if name.lower() in have]
         raise ValueError(
             f"vkitti2: no {', '.join(missing)}: {listing(root)}; pass the folder that holds Scene01/, or name the "
-            f"scenes to use: --scenes {' '.join(there) or 'Scene01'}"
+            f"scenes to use: --scenes {' '.join(scenes) or 'Scene01'}"
         )
     return [have[name.lower()] for name in chosen]

@@ -117,15 +117,15 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster
     code = image[..., 2].astype(np.int32) << 16 | image[..., 1].astype(np.int32) << 8 | image[..., 0]
     table = sorted((r << 16 | g << 8 | b, IDS[CLASSES[name]]) for name, (r, g, b) in colours.items())
     known, ids = np.array(table, np.int32).T
-    place = np.minimum(np.searchsorted(known, code), len(known) - 1)
-    strange = known[place] != code
+    nearest = np.minimum(np.searchsorted(known, code), len(known) - 1)
+    strange = known[nearest] != code
     if strange.any():
         first = image[strange][0][::-1].tolist()
         raise ValueError(
             f"vkitti2: {path}: {int(strange.sum())} pixels have a colour of no class, the first {tuple(first)}; the "
             f"classes are those of colors.txt ({', '.join(colours)}). Was the image resized or stored as JPEG?"
         )
-    return ids[place]
+    return ids[nearest]
 
 
 def read_instances(path: Path) -> Raster:
@@ -181,26 +181,26 @@ def read_colours(path: Path) -> dict[str, tuple[int, int, int]]:
 
 def read_intrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "3 3"]]:
     """K by (frame, camera)."""
-    found = {}
+    by_frame = {}
     for line, row in _rows(path, "intrinsic"):
         frame, camera = _numbers(path, line, row[:2], kind=int)
         fu, fv, cu, cv = _numbers(path, line, row[2:], kind=float)
         intrinsics = np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]])
-        _add(found, (frame, camera), intrinsics, path=path, line=line)
-    return found
+        _add(by_frame, (frame, camera), intrinsics, path=path, line=line)
+    return by_frame
 
 
 def read_extrinsics(path: Path) -> dict[tuple[int, int], Float[np.ndarray, "4 4"]]:
     """`cam_from_world` by (frame, camera)."""
-    found = {}
+    extrinsics = {}
     for line, row in _rows(path, "extrinsic"):
         frame, camera = _numbers(path, line, row[:2], kind=int)
         cam_from_world = np.array(_numbers(path, line, row[2:], kind=float)).reshape(4, 4)
         check_rigid(cam_from_world, f"vkitti2: {path}, line {line}", apart_m=WORLD_M)
         if cam_from_world[3].tolist() != [0, 0, 0, 1]:
             raise ValueError(f"vkitti2: {path}, line {line} must end with 0 0 0 1; copy it again")
-        _add(found, (frame, camera), cam_from_world, path=path, line=line)
-    return found
+        _add(extrinsics, (frame, camera), cam_from_world, path=path, line=line)
+    return extrinsics
 
 
 def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
@@ -216,7 +216,7 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
         key = tuple(_numbers(folder / "bbox.txt", line, row[:3], kind=int))
         box = (*_numbers(folder / "bbox.txt", line, row[3:-1], kind=float), row[-1])
         _add(boxes, key, box, path=folder / "bbox.txt", line=line)
-    found: dict[tuple[int, int], list[VirtualObject]] = {}
+    objects: dict[tuple[int, int], list[VirtualObject]] = {}
     path = folder / "pose.txt"
     for line, row in _rows(path, "pose"):
         frame, camera, track = _numbers(path, line, row[:3], kind=int)
@@ -224,7 +224,7 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
         if (frame, camera, track) not in boxes or track not in kinds:
             raise ValueError(f"vkitti2: {path}, line {line}: track {track} is not in bbox.txt or info.txt; copy all")
         left, right, top, bottom, pixels, truncation, occupancy, moving = boxes[frame, camera, track]
-        found.setdefault((frame, camera), []).append(
+        objects.setdefault((frame, camera), []).append(
             VirtualObject(
                 track=track,
                 kind=kinds[track],
@@ -238,7 +238,7 @@ def read_objects(folder: Path) -> dict[tuple[int, int], list[VirtualObject]]:
                 moving=moving == "True",
             )
         )
-    return found
+    return objects
 
 
 def boxes_of(objects: list[VirtualObject], *, levels: tuple[float, float] = (0.5, 0.2)) -> Boxes:

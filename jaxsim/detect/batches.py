@@ -119,28 +119,28 @@ def pad_scene(
     """Points inside the range in random order, and the objects, each with a mask."""
     points = points[in_range(points, voxels)]
     # In random order, the cap takes a fair sample, and voxels are opened all over the scene.
-    kept = rng.permutation(points)[: voxels.max_points]
+    order = rng.permutation(points)[: voxels.max_points]
     padded, boxes = np.zeros((voxels.max_points, 4), np.float32), np.zeros((room, 7), np.float32)
-    padded[: len(kept)], boxes[: len(objects)] = kept, objects
+    padded[: len(order)], boxes[: len(objects)] = order, objects
     return {
         "points": padded,
-        "valid": np.arange(voxels.max_points) < len(kept),
+        "valid": np.arange(voxels.max_points) < len(order),
         "objects": boxes,
         "is_object": np.arange(room) < len(objects),
-        "dropped_points": np.array(len(points) - len(kept), np.int32),
+        "dropped_points": np.array(len(points) - len(order), np.int32),
     }
 
 
 def cutouts(scenes: Sequence[Scene], config: AugmentConfig) -> list[Cutout]:
     """All objects of the class with enough points and a level of difficulty (the ground-truth database)."""
-    found = []
+    cutouts_found = []
     for scene in scenes:
         for box, target, level in zip(scene.boxes, scene.target, scene.difficulty, strict=True):
             if target and level >= 0:
                 points = scene.points[in_box(scene.points, box)]
                 if len(points) >= config.min_points:
-                    found.append(Cutout(box, points))
-    return found
+                    cutouts_found.append(Cutout(box, points))
+    return cutouts_found
 
 
 def in_box(points: Float[Array, "n c"], box: Float[Array, " 7"]) -> Bool[Array, " n"]:

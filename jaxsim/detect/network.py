@@ -96,9 +96,9 @@ class VoxelRcnn(nnx.Module):
         keep = min(final.after, rois.shape[1])
         # Places that no proposal fills hold boxes of size 0, which have a score like any other.
         good = taken & (score >= self.config.score)
-        index, kept = nms_bev(boxes, score, final.overlap, keep=keep, consider=final.before, valid=good)
+        index, good_box = nms_bev(boxes, score, final.overlap, keep=keep, consider=final.before, valid=good)
         boxes = jnp.take_along_axis(boxes, index[..., None], axis=1)
-        return Detections(boxes, jnp.take_along_axis(score, index, axis=1), kept), dropped
+        return Detections(boxes, jnp.take_along_axis(score, index, axis=1), good_box), dropped
 
 
 def propose(

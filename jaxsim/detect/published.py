@@ -112,13 +112,13 @@ def _ours(tensor: Tensor, array: np.ndarray, sparse: tuple[int, ...]) -> np.ndar
 
 def sparse_layout(arrays: Arrays) -> str:
     """Which layout the kernels of sparse convolutions have. Raises ValueError where the first layer fits none."""
-    found = next((a for name, a in arrays.items() if name.endswith(FIRST_KERNEL)), None)
-    if found is None:
+    kernel = next((a for name, a in arrays.items() if name.endswith(FIRST_KERNEL)), None)
+    if kernel is None:
         raise ValueError(f"it has no {FIRST_KERNEL}.")
     for name, axes in SPARSE_LAYOUTS.items():
-        if found.ndim == 5 and found.transpose(axes).shape[:4] == (3, 3, 3, FEATURES):
+        if kernel.ndim == 5 and kernel.transpose(axes).shape[:4] == (3, 3, 3, FEATURES):
             return name
-    raise ValueError(f"{FIRST_KERNEL} is {found.shape}; it takes 3 x 3 x 3 cells of {FEATURES} features.")
+    raise ValueError(f"{FIRST_KERNEL} is {kernel.shape}; it takes 3 x 3 x 3 cells of {FEATURES} features.")
 
 
 def published_shapes(experiment: DetectorExperiment, layout: str) -> dict[str, tuple[int, ...]]:

@@ -74,13 +74,13 @@ def sample_rois(overlap: Float[Array, " r"], key: Array, config: RoiConfig) -> I
     hard_share = jnp.minimum((background.astype(overlap.dtype) * config.hard_share).astype(jnp.int32), n_hard)
     from_hard = jnp.where(n_easy == 0, background, jnp.where(n_hard == 0, 0, hard_share))
 
-    place = jnp.arange(count, dtype=jnp.int32)
+    slot = jnp.arange(count, dtype=jnp.int32)
     # Chances are below 1, so that the foreground, in random order, sorts before all others.
     once = jnp.argsort(jnp.where(foreground, jax.random.uniform(keys[0], (r,)), 2.0)).astype(jnp.int32)
     again = _draw(foreground, keys[1], count)
-    first = jnp.where(with_background, once[jnp.minimum(place, r - 1)], again)
-    rest = jnp.where(place < fore + from_hard, _draw(hard, keys[2], count), _draw(easy, keys[3], count))
-    return jnp.where(place < fore, first, rest)
+    first = jnp.where(with_background, once[jnp.minimum(slot, r - 1)], again)
+    rest = jnp.where(slot < fore + from_hard, _draw(hard, keys[2], count), _draw(easy, keys[3], count))
+    return jnp.where(slot < fore, first, rest)
 
 
 def _draw(mask: Bool[Array, " r"], key: Array, count: int) -> Int[Array, " s"]:
@@ -152,9 +152,9 @@ def turned(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Float[Ar
 
 def grid_points(rois: Float[Array, "*b r 7"], grid: int) -> Float[Array, "*b r g 3"]:
     """Middles of grid x grid x grid cells of each proposal, in `velo`; x slowest, z fastest."""
-    place = (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
-    place = jnp.asarray(place, rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
-    local = place * rois[..., None, 3:6]
+    offset = (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
+    offset = jnp.asarray(offset, rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
+    local = offset * rois[..., None, 3:6]
     heading = jnp.broadcast_to(rois[..., None, 6], local.shape[:-1])
     return turned(local, heading) + rois[..., None, :3]
 
@@ -208,7 +208,7 @@ def voxel_query(
     slots = jnp.arange(count, dtype=jnp.int32)[None]
 
     def look(state: tuple[Array, Array], offset: Array) -> tuple[tuple[Array, Array], None]:
-        found, taken = state
+        neighbours, taken = state
         z, y = cell[:, 0] + offset[0], cell[:, 1] + offset[1]
         inside = (z >= 0) & (z < planes) & (y >= 0) & (y < rows) & (left <= right)
         start = jnp.where(inside, (z * rows + y) * columns, 0)
@@ -221,13 +221,13 @@ def voxel_query(
             off = xyz - cell_centres(place, voxels, stride)
             near = inside & (column >= left) & (column <= right) & ((off * off).sum(axis=-1) <= radius_m**2)
             # Into the next free slot; once all are taken, `taken` names none.
-            found = jnp.where(near[:, None] & (slots == taken[:, None]), (at + k)[:, None], found)
+            neighbours = jnp.where(near[:, None] & (slots == taken[:, None]), (at + k)[:, None], neighbours)
             taken = taken + near.astype(jnp.int32)
-        return (found, taken), None
+        return (neighbours, taken), None
 
     none = jnp.zeros((len(xyz), count), jnp.int32), jnp.zeros(len(xyz), jnp.int32)
-    (found, taken), _ = jax.lax.scan(look, none, jnp.asarray(_rows_in_reach(reach, radius_m, size)))
-    return jnp.where(slots < taken[:, None], found, found[:, :1]), taken > 0
+    (neighbours, taken), _ = jax.lax.scan(look, none, jnp.asarray(_rows_in_reach(reach, radius_m, size)))
+    return jnp.where(slots < taken[:, None], neighbours, neighbours[:, :1]), taken > 0
 
 
 class VoxelPool(nnx.Module):
@@ -270,8 +270,8 @@ def _pooled(grouped: Float[Array, "b q s c"]) -> Float[Array, "b q c"]:
     By its place: the gradient of `max` looks for the samples that equal the maximum, and finds none where XLA computes
     a sample twice and rounds it otherwise.
     """
-    place = jnp.argmax(grouped, axis=2, keepdims=True)
-    largest = jnp.arange(grouped.shape[2]).reshape(1, 1, -1, 1) == place
+    strongest = jnp.argmax(grouped, axis=2, keepdims=True)
+    largest = jnp.arange(grouped.shape[2]).reshape(1, 1, -1, 1) == strongest
     return jnp.where(largest, grouped, 0).sum(axis=2)
 
 

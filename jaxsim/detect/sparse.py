@@ -94,8 +94,8 @@ def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[
     keys = jnp.sort(jnp.minimum(keys, outside))
     # Sorted, equal keys stand together: a key is new where it differs from the one before.
     new = (keys < outside) & jnp.concatenate([jnp.ones(1, bool), keys[1:] != keys[:-1]])
-    place = jnp.cumsum(new, dtype=jnp.int32) - 1
-    kept = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, place, capacity)].set(keys, mode="drop")
+    slot = jnp.cumsum(new, dtype=jnp.int32) - 1
+    kept = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, slot, capacity)].set(keys, mode="drop")
     return Sites(kept, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
 
 
@@ -134,9 +134,9 @@ def neighbours(inputs: Sites, outputs: Sites, window: Window) -> Int[Array, "m k
     table = []
     for dx in range(kernel[2]):
         here = inputs.key.at[at].get(mode="fill", fill_value=-1)
-        found = row_inside & (x + dx >= 0) & (x + dx < columns) & (here == start + x + dx)
-        table.append(jnp.where(found, at, n))
-        at = at + found.astype(jnp.int32)
+        occupied = row_inside & (x + dx >= 0) & (x + dx < columns) & (here == start + x + dx)
+        table.append(jnp.where(occupied, at, n))
+        at = at + occupied.astype(jnp.int32)
     return jnp.stack(table, axis=-1).reshape(len(outputs.key), -1)
 
 

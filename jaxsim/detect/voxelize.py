@@ -65,8 +65,8 @@ def voxelize(points: Float[Array, "p c"], valid: Bool[Array, " p"], config: Voxe
     opens = jnp.zeros(count, bool).at[order].set(new)
     rank = jnp.cumsum(opens, dtype=jnp.int32)[order]  # which voxel this is in the order of opening, from 1
     kept = new & (rank <= max_voxels)
-    place = jnp.where(kept, jnp.cumsum(kept, dtype=jnp.int32) - 1, max_voxels)
-    start = jnp.full(max_voxels, count, jnp.int32).at[place].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
+    slot = jnp.where(kept, jnp.cumsum(kept, dtype=jnp.int32) - 1, max_voxels)
+    start = jnp.full(max_voxels, count, jnp.int32).at[slot].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
     of_voxel = key.at[start].get(mode="fill", fill_value=outside)
 
     member = start[:, None] + jnp.arange(config.points_per_voxel, dtype=jnp.int32)[None]

@@ -143,11 +143,11 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
         step[k] = DIFFERENCE
         hessian[k] += (objective.data(x + step)[1] - objective.data(x - step)[1]) / (2 * DIFFERENCE)
     # A rate at its bound stays there: it is no direction in which anything can move.
-    held = [
+    fixed = [
         (low is not None and v <= low + BOUND) or (high is not None and v >= high - BOUND)
         for v, (low, high) in zip(x, objective.bounds, strict=True)
     ]
-    free = ~np.array(held) | (np.arange(len(x)) < objective.own)
+    free = ~np.array(fixed) | (np.arange(len(x)) < objective.own)
     values, vectors = np.linalg.eigh(((hessian + hessian.T) / 2)[np.ix_(free, free)])
     # Where rays change surface the slope jumps, and a curvature may come out negative: its size is what counts.
     inverse = np.zeros_like(hessian)

@@ -172,8 +172,8 @@ def check_pairs(
     log_ratio = np.log(theirs[both] / ours[both])
     middle = float(np.median(log_ratio))
     scatter = float(np.median(np.abs(log_ratio - middle)))
-    own = agreement(ours, theirs, both)
-    agreed = own.near if registered is None else np.maximum(own.near, registered.near)
+    same = agreement(ours, theirs, both)
+    agreed = same.near if registered is None else np.maximum(same.near, registered.near)
     near = float(np.median(agreed))
     # A sensor that stands lower sees a road that is nearer by one factor: units do not mend by moving it.
     if abs(middle) > np.log(RULES.unit_factor) and scatter < RULES.steady and near < RULES.same_street:
@@ -182,12 +182,12 @@ def check_pairs(
             "metres on both sides: correct the side that is in other units"
         )
     # Of a ray that ends before the surface (fog, rain) nothing can be said of the street.
-    not_beyond = float(np.median(own.near / np.maximum(own.near + own.beyond, 1e-9)))
+    not_beyond = float(np.median(same.near / np.maximum(same.near + same.beyond, 1e-9)))
     if near < RULES.same_street and not_beyond < RULES.not_beyond:
-        k = int(np.argsort(own.near)[len(names) // 2])
+        k = int(np.argsort(same.near)[len(names) // 2])
         raise ValueError(
             f"discover: frames of the same name do not show the same street: ranges agree (within {RULES.near_m:g} m "
-            f"or {100 * RULES.near_share:g} %) on {100 * own.near[k]:.0f} % of the rays that return on both sides of "
+            f"or {100 * RULES.near_share:g} %) on {100 * same.near[k]:.0f} % of the rays that return on both sides of "
             f"{names[k]} and of half the frames{_as_registered(registered)}; {ADVICE}"
         )
     _check_partners(names, ours, theirs, hit=hit, back=back, own=agreed)

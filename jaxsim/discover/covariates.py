@@ -138,7 +138,7 @@ def fixed_basis(x: np.ndarray, covariate: str) -> Float[np.ndarray, "n 36"]:
     """The `curve_basis` of a covariate with COLUMNS columns: filled up with zeros where it has fewer; neighbouring
     rows share one where there are more."""
     if covariate in CATEGORICAL:
-        values, place = np.unique(x, return_inverse=True)
-        return np.eye(COLUMNS, dtype=np.float32)[place * COLUMNS // max(len(values), COLUMNS)]
+        values, index = np.unique(x, return_inverse=True)
+        return np.eye(COLUMNS, dtype=np.float32)[index * COLUMNS // max(len(values), COLUMNS)]
     basis = curve_basis(x, covariate, 2 * RULES.knots)
     return np.pad(basis, ((0, 0), (0, COLUMNS - basis.shape[1])))

@@ -143,7 +143,7 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
 
 def simulator_noise(levels: Levels) -> tuple[str, ...]:
     """What a reader must know of noise that the simulated frames carry themselves."""
-    found = [
+    noises = [
         f"{what} {value:.2g}{unit}"
         for what, value, unit in (
             ("range", 100 * levels.range_m, " cm"),
@@ -153,10 +153,10 @@ def simulator_noise(levels: Levels) -> tuple[str, ...]:
         )
         if value > 0
     ]
-    if not found:
+    if not noises:
         return ()
     return (
-        f"the simulated frames have noise of their own ({', '.join(found)}; read off neighbouring rays): surfaces were "
-        "made smooth, and compared is what the simulator means; effects count by what they explain between surfaces, "
-        "ranges and angles. Frames without noise tell more",
+        f"the simulated frames have noise of their own ({', '.join(noises)}; read off neighbouring rays): surfaces "
+        "were made smooth, and compared is what the simulator means; effects count by what they explain between "
+        "surfaces, ranges and angles. Frames without noise tell more",
     )

@@ -212,9 +212,9 @@ def interactions(
 def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:
     """Every so manieth of the cells that count, `Rules.pair_residuals` at most."""
     cells = np.flatnonzero(counts)
-    kept = np.zeros(counts.size, bool)
-    kept[cells[:: max(1, -(-len(cells) // RULES.pair_residuals))]] = True
-    return kept.reshape(counts.shape)
+    chosen = np.zeros(counts.size, bool)
+    chosen[cells[:: max(1, -(-len(cells) // RULES.pair_residuals))]] = True
+    return chosen.reshape(counts.shape)
 
 
 def _effective(z: Float[np.ndarray, " n"]) -> float:

@@ -90,9 +90,9 @@ def settled(comparison: Comparison, mounting: Mounting, null: Problem, *, known:
     registered = comparison.registration
     if registered is None or "beam_elevation_error" not in mounting.effects:
         return mounting
-    found = fit(LIFTED, null, null.ev.all_blocks)
+    refit = fit(LIFTED, null, null.ev.all_blocks)
     by = np.zeros(len(registered.motion))
-    by[LIFT] = float(to_values(LIFTED, found.z)["error_rad"])
+    by[LIFT] = float(to_values(LIFTED, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
     return brought(replace(comparison, registration=finer), mounting.effects, known)
 

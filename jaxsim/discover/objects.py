@@ -49,7 +49,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
         for target in targets(comparison, frame):
             of_scene = by_kind.setdefault(target.kind, {}).setdefault(scene, [])
             of_scene.append((_more(*target.points), _more(*target.intensity)))
-    found = []
+    comparisons = []
     for kind, scenes in by_kind.items():
         if len(scenes) < RULES.fewest_for_scatter:
             continue
@@ -57,7 +57,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
         off = [np.array(rows) for rows in scenes.values()]
         points = [rows[:, 0] for rows in off]
         intensity = [rows[:, 1] for rows in off]
-        found.append(
+        comparisons.append(
             Fidelity(
                 kind,
                 count,
@@ -67,7 +67,7 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
                 intensity_more=_over_scenes(intensity),
             )
         )
-    return tuple(sorted(found, key=lambda one: -one.targets))
+    return tuple(sorted(comparisons, key=lambda one: -one.targets))
 
 
 def targets(comparison: Comparison, frame: int) -> Iterator[Target]:

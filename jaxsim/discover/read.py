@@ -153,12 +153,12 @@ def thinned(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> 
     of_scene: dict[str, list[str]] = {}
     for name, scene in zip(names, scenes, strict=True):
         of_scene.setdefault(scene, []).append(name)
-    kept = [list(of_scene)[k] for k in _evenly(len(of_scene), most)]
+    visited = [list(of_scene)[k] for k in _evenly(len(of_scene), most)]
     chosen: set[str] = set()
     # Short scenes first: what they leave is for longer ones.
-    for done, scene in enumerate(sorted(kept, key=lambda one: len(of_scene[one]))):
+    for done, scene in enumerate(sorted(visited, key=lambda one: len(of_scene[one]))):
         frames = of_scene[scene]
-        chosen |= {frames[k] for k in _evenly(len(frames), (most - len(chosen)) // (len(kept) - done))}
+        chosen |= {frames[k] for k in _evenly(len(frames), (most - len(chosen)) // (len(visited) - done))}
     return [name for name in names if name in chosen]
 
 

@@ -97,8 +97,8 @@ UNRELATED = (
 
 def sensitivities(problem: Problem, effects: Iterable[Effect]) -> tuple[Sensitivity, ...]:
     """What the frames of a fitted null could show of each effect; least first."""
-    found = [sensitivity(problem, effect) for effect in effects if effect.plain_name not in LEFT_OUT]
-    return tuple(sorted(found, key=lambda one: -(np.inf if one.times is None else one.times)))
+    answers = [sensitivity(problem, effect) for effect in effects if effect.plain_name not in LEFT_OUT]
+    return tuple(sorted(answers, key=lambda one: -(np.inf if one.times is None else one.times)))
 
 
 def sensitivity(problem: Problem, effect: Effect) -> Sensitivity:
@@ -264,8 +264,8 @@ def _of_spread(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> Held
 def _of_loss(ev: Evidence, before: Rays, after: Rays, *, noise: Noise) -> HeldAndFree:
     """Of single rays; each kind of place has a rate of its own, up to what the null allows."""
     usual = jnp.exp(log_reported(before, ev, noise))
-    kept = jnp.where(after.hit, usual * jnp.exp(jnp.minimum(after.log_keep - before.log_keep, 0)), 0.0)
-    lost = jnp.clip(1 - kept, 1e-6, 1 - 1e-6)
+    survival = jnp.where(after.hit, usual * jnp.exp(jnp.minimum(after.log_keep - before.log_keep, 0)), 0.0)
+    lost = jnp.clip(1 - survival, 1e-6, 1 - 1e-6)
     counted = before.hit
     sky = counted & ~jnp.isfinite(before.beside_m).all(-1)
     stepped = counted & (ev.edge | ev.step) & ~sky

@@ -204,12 +204,12 @@ def with_mounting(verdict: Verdict, sure: tuple[Named, ...], others: tuple[Named
 def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> SensorModel:
     """What the sensor model holds after the verdict: what was `known`, the effects that it names of a mounting, and
     what was `added`, but for effects that are not confirmed."""
-    held = {name for name, _ in known.effects}
+    named = {name for name, _ in known.effects}
     added_names = {name for name, _ in added.effects}
-    lost = {effect.name for effect in verdict.unconfirmed} - held
-    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | held]
+    lost = {effect.name for effect in verdict.unconfirmed} - named
+    mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | named]
     stated = [pair for pair in known.effects if pair[0] not in added_names]
-    kept = [pair for pair in added.effects if pair[0] not in lost]
-    if not mounting and not stated and len(kept) == len(added.effects):
+    effects = [pair for pair in added.effects if pair[0] not in lost]
+    if not mounting and not stated and len(effects) == len(added.effects):
         return added
-    return replace(added, effects=(*stated, *mounting, *kept))
+    return replace(added, effects=(*stated, *mounting, *effects))

@@ -59,13 +59,13 @@ def watch_days(before: Path, days: Sequence[Path]) -> tuple[Day, ...]:
     """
     grid, base = scene_table(before)
     names = questions(grid)
-    found = []
+    rows = []
     for folder in days:
         other, table = scene_table(folder)
         if difference := grid_difference(grid, other):
             raise ValueError(f"watch: {folder} is of another sensor than {before}: they differ in {difference}")
-        found.append(Day(folder, len(table), changes(base, table, names)))
-    return tuple(found)
+        rows.append(Day(folder, len(table), changes(base, table, names)))
+    return tuple(rows)
 
 
 def scene_table(folder: Path) -> tuple[PolarGrid, Float[np.ndarray, "s k"]]:
@@ -111,7 +111,7 @@ def changes(
     before: Float[np.ndarray, "s k"], today: Float[np.ndarray, "t k"], names: Sequence[tuple[str, str]]
 ) -> tuple[Change, ...]:
     """The questions whose answers differ between two days by more than scenes scatter (Welch's test)."""
-    found = []
+    changed = []
     for k, (what, channel) in enumerate(names):
         then = before[np.isfinite(before[:, k]), k]
         now = today[np.isfinite(today[:, k]), k]
@@ -121,8 +121,8 @@ def changes(
         # Scenes without any scatter say nothing of chance.
         if low < high and (low > 0 or high < 0):
             value = float(now.mean() - then.mean())
-            found.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
-    return tuple(change for _, change in sorted(found, key=lambda pair: -pair[0]))
+            changed.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
+    return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))
 
 
 def _mean(rows: Float[np.ndarray, "f k"]) -> Float[np.ndarray, " k"]:

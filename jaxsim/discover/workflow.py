@@ -67,8 +67,8 @@ def discover(
     begun = time.monotonic()
     if nulls < 0:
         raise ValueError(f"discover: nulls is {nulls}; give how many to draw, 20 or more to calibrate, or 0 for none")
-    held = [*(name for name, _ in known.effects), *(law.name for law in known.learned)]
-    catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in held]
+    modelled = [*(name for name, _ in known.effects), *(law.name for law in known.learned)]
+    catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in modelled]
 
     # Register: a mounting that is clearly off is put in place first, for nothing else can be asked across it.
     mounting = brought(comparison, [effect.name for effect in catalogue], known)
@@ -122,7 +122,7 @@ def discover(
         unrelated=stranger is not None,
         sensitivity=sensitivities(null, catalogue),
         notes=(
-            *notes(comparison, parts, model.choice, held=held),
+            *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
             *([stranger] if stranger else []),
         ),

@@ -295,7 +295,7 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90, seed: in
     ce = np.cos(elevation)[:, None]
     to = np.stack([ce * np.cos(azimuth), ce * np.sin(azimuth), np.sin(elevation)[:, None] + 0 * azimuth], -1)
     images = []
-    more = []
+    facts = []
     about = []
     for k in range(frames):
         range_m, cosine, semantic, instance = _cast(to, _boxes(rng))
@@ -306,9 +306,9 @@ def small_street(*, frames: int = 3, rows: int = 16, columns: int = 90, seed: in
         images.append(PolarImage(seen, np.where(hit, albedo * cosine, 0).astype(np.float32), hit))
         colour = rng.integers(40, 220, (50, 3))[instance].astype(np.uint8)
         angle = np.where(hit, np.arccos(np.clip(cosine, 0, 1)), 0).astype(np.float32)
-        more.append({"incidence": angle, "semantic": semantic * hit, "instance": instance, "rgb": colour})
+        facts.append({"incidence": angle, "semantic": semantic * hit, "instance": instance, "rgb": colour})
         about.append({"time": 30.0 * k, "speed": 3.0 * k, "heading": 0.7 * k})
-    return jax.tree.map(jnp.asarray, scan_of(grid, images, more, about=about))
+    return jax.tree.map(jnp.asarray, scan_of(grid, images, facts, about=about))
 
 
 def _boxes(rng: np.random.Generator) -> list[Box]:

@@ -49,8 +49,8 @@ def describe(effect: Effect) -> str:
     lines += [f"  {effect.formula}", "", "parameters"]
     width = max(map(len, effect.parameters))
     lines += [f"  {name.ljust(width)}  {in_words(p)}" for name, p in effect.parameters.items()]
-    said = [f"  {effect.signature}"] if effect.signature else []
-    lines += ["", "signature", *said, f"  covariates: {', '.join(effect.covariates) or 'none'}"]
+    text = [f"  {effect.signature}"] if effect.signature else []
+    lines += ["", "signature", *text, f"  covariates: {', '.join(effect.covariates) or 'none'}"]
     alike = effect.alike if isinstance(effect, OwnEffect) else ()
     shares = {one.name: f" ({one.share:.0%} of it)" for one in alike}
     lines += ["", "look-alikes, and what tells them apart"]

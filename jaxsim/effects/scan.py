@@ -161,7 +161,7 @@ def nearest_glare(
     """
     rows, columns = range_m.shape
     best = np.full((rows, columns), GLARE_REACH_RAD**2)
-    target_m, found = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
+    target_m, glares = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), bool)
     if not bright.any():
         return target_m, np.full((rows, columns), np.pi, np.float32)
     # Squares of angles: that of elevations, then that of azimuths, which is smaller by the cosine of the elevation.
@@ -183,8 +183,8 @@ def nearest_glare(
         nearer = square < best[:, to]
         best[:, to] = np.where(nearer, square, best[:, to])
         target_m[:, to] = np.where(nearer, lit_m[:, inside], target_m[:, to])
-        found[:, to] |= nearer
-    return target_m, np.where(found, np.sqrt(best), np.pi).astype(np.float32)
+        glares[:, to] |= nearer
+    return target_m, np.where(glares, np.sqrt(best), np.pi).astype(np.float32)
 
 
 @jax.jit

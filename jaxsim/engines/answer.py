@@ -135,12 +135,12 @@ def _ends(interval: Any, key: str, count: int) -> list[float]:
 def translate(answer: Answer, name: str, engine: Engine, *, now: Mapping[str, float] | None = None) -> Translation:
     """An answer in the words of an engine, whose settings are `now` what the mapping says, else its defaults."""
     settings = engine.settings(answer, {**engine.defaults, **(now or {})})
-    found = [*answer.effects, *answer.levels]
+    told = [*answer.effects, *answer.levels]
     general = (
         f"{engine.title} has no parameter for it; write its frames without it and add it behind: "
         "`jaxsim simulate --effects sensor.json`, or jaxsim.effects on polar frames"
     )
-    cannot = {what: engine.instead.get(what, general) for what in found if what not in engine.expresses}
+    cannot = {what: engine.instead.get(what, general) for what in told if what not in engine.expresses}
     if answer.learned:
         cannot["learned law"] = general
     return Translation(name, tuple(settings), cannot, engine.text(settings), engine.notes)

@@ -42,28 +42,28 @@ INSTEAD = {
 
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """CARLA's attributes, `now` what they are in the frames that were compared."""
-    found: list[Setting] = []
+    told: list[Setting] = []
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
     if extinction is not None:
         # ln I falls by 2 α r in our law, by a d in CARLA's.
         rate = extinction.mapped(lambda alpha: now["atmosphere_attenuation_rate"] + 2 * alpha)
         why = f"atmospheric_extinction: {now['atmosphere_attenuation_rate']:g} as it was, and 2 α"
-        found.append(Setting("atmosphere_attenuation_rate", rate, "1/m", why))
+        told.append(Setting("atmosphere_attenuation_rate", rate, "1/m", why))
     loss = together(answer.one("random_dropout", "probability"), answer.levels.get("random_loss"), how=any_loss)
     if loss is not None:
         was = now["dropoff_general_rate"]
-        found.append(
+        told.append(
             Setting("dropoff_general_rate", loss.mapped(lambda p: any_loss((was, p))), "", "rays lost, every ray alike")
         )
     noise = answer.range_noise
     if noise is not None:
         was = now["noise_stddev"]
         both = noise.mapped(lambda sd: root_of_squares((was, sd)))
-        found.append(Setting("noise_stddev", both, "m", "noise of the range"))
+        told.append(Setting("noise_stddev", both, "m", "noise of the range"))
     reach = answer.one("range_gate", "maximum_m")
     if reach is not None:
-        found.append(Setting("range", reach, "m", "range_gate: nothing returns from beyond"))
-    return found + mounting(answer)
+        told.append(Setting("range", reach, "m", "range_gate: nothing returns from beyond"))
+    return told + mounting(answer)
 
 
 def mounting(answer: Answer) -> list[Setting]:
@@ -76,13 +76,15 @@ def mounting(answer: Answer) -> list[Setting]:
         ("extrinsic_rotation", "pitch_rad"): ("pitch", -1, "degrees"),
         ("extrinsic_rotation", "yaw_rad"): ("yaw", -1, "degrees"),
     }
-    found = []
+    attributes = []
     for (effect, parameter), (name, sign, unit) in names.items():
         value = answer.one(effect, parameter)
         if value is not None:
             changed = degrees(value, sign) if unit == "degrees" else value.mapped(lambda v, sign=sign: sign * v)
-            found.append(Setting(f"transform.{name}", changed, unit, f"{effect}: add it to the sensor's transform"))
-    return found
+            attributes.append(
+                Setting(f"transform.{name}", changed, unit, f"{effect}: add it to the sensor's transform")
+            )
+    return attributes
 
 
 def text(chosen: Sequence[Setting]) -> str:

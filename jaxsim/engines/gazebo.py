@@ -34,16 +34,16 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
     del now
-    found: list[Setting] = []
+    told: list[Setting] = []
     bias = answer.each("beam_range_bias", "bias_m")
     if bias:
-        found.append(Setting("noise.mean", mean_of(bias), "m", "beam_range_bias, its mean over the beams"))
-    found += noise_of_range(answer, "noise.stddev")
-    found += limits_of_range(answer, minimum="range.min", maximum="range.max")
+        told.append(Setting("noise.mean", mean_of(bias), "m", "beam_range_bias, its mean over the beams"))
+    told += noise_of_range(answer, "noise.stddev")
+    told += limits_of_range(answer, minimum="range.min", maximum="range.max")
     step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
     if step is not None:
-        found.append(Setting("range.resolution", step, "m", "steps of the range"))
-    return found
+        told.append(Setting("range.resolution", step, "m", "steps of the range"))
+    return told
 
 
 def text(chosen: Sequence[Setting]) -> str:
@@ -51,13 +51,13 @@ def text(chosen: Sequence[Setting]) -> str:
     values = {one.name: f"{one.value.value:.6g}" for one in chosen}
     inner: list[str] = []
     for group in ("range", "noise"):
-        own = [name.partition(".")[2] for name in values if name.startswith(f"{group}.")]
-        if not own:
+        members = [name.partition(".")[2] for name in values if name.startswith(f"{group}.")]
+        if not members:
             continue
         inner.append(f"  <{group}>")
         if group == "noise":
             inner.append("    <type>gaussian</type>")
-        inner += [f"    <{name}>{values[f'{group}.{name}']}</{name}>" for name in own]
+        inner += [f"    <{name}>{values[f'{group}.{name}']}</{name}>" for name in members]
         inner.append(f"  </{group}>")
     return "\n".join(["<lidar>", *inner, "</lidar>", ""])
 

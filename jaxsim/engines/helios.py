@@ -37,18 +37,18 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of <scanner>."""
     del now
-    found: list[Setting] = []
-    found += noise_of_range(answer, "accuracy_m")
+    told: list[Setting] = []
+    told += noise_of_range(answer, "accuracy_m")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     if divergence is not None:
-        found.append(Setting("beamDivergence_rad", divergence, "rad", "incidence_range_bias: the beam's divergence"))
+        told.append(Setting("beamDivergence_rad", divergence, "rad", "incidence_range_bias: the beam's divergence"))
     extinction = answer.one("atmospheric_extinction", "coefficient_per_m")
     if extinction is not None and extinction.value > 0:
         visibility = extinction.mapped(lambda alpha: -math.log(_CONTRAST) / max(alpha, 1e-9) / 1000)
         why = "atmospheric_extinction: 3.91 / α at 550 nm; HELIOS++ scales it to the wavelength"
-        found.append(Setting("atmosphericVisibility_km", visibility, "km", why))
-    found += limits_of_range(answer, minimum="rangeMin_m", maximum="rangeMax_m")
-    return found
+        told.append(Setting("atmosphericVisibility_km", visibility, "km", why))
+    told += limits_of_range(answer, minimum="rangeMin_m", maximum="rangeMax_m")
+    return told
 
 
 def text(chosen: Sequence[Setting]) -> str:

@@ -36,31 +36,31 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Attributes of the prim; those of emitters are changes, one an emitter, top beam first."""
     del now
-    found: list[Setting] = []
-    found += noise_of_range(answer, f"{_CORE}rangeAccuracyM")
+    told: list[Setting] = []
+    told += noise_of_range(answer, f"{_CORE}rangeAccuracyM")
     step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")
     if step is not None:
-        found.append(Setting(f"{_CORE}rangeResolutionM", step, "m", "steps of the range"))
-    found += limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM")
+        told.append(Setting(f"{_CORE}rangeResolutionM", step, "m", "steps of the range"))
+    told += limits_of_range(answer, minimum=f"{_CORE}nearRangeM", maximum=f"{_CORE}farRangeM")
     divergence = answer.one("incidence_range_bias", "divergence_rad")
     if divergence is not None:
         for side in ("Hor", "Ver"):
             why = "incidence_range_bias: the beam's divergence, for rayType GAUSSIAN_BEAM"
-            found.append(Setting(f"{_CORE}divergence{side}Deg", degrees(divergence), "degrees", why))
+            told.append(Setting(f"{_CORE}divergence{side}Deg", degrees(divergence), "degrees", why))
     bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         why = "beam_range_bias: taken off again by the emitter's correction, hence its sign"
-        found.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], unit="m", why=why))
+        told.append(_emitters("distanceCorrectionM", [b.mapped(lambda v: -v) for b in bias], unit="m", why=why))
     error = answer.each("beam_elevation_error", "error_rad")
     if error:
         why = "beam_elevation_error: add it"
-        found.append(_emitters("elevationDeg", [degrees(e) for e in error], unit="degrees", why=why))
+        told.append(_emitters("elevationDeg", [degrees(e) for e in error], unit="degrees", why=why))
     gain = answer.each("beam_gain", "gain")
     if gain:
         power = [g.mapped(math.exp) for g in gain]
         why = "beam_gain: multiply the emitter's power by it"
-        found.append(_emitters("emitterPeakPowerW", power, unit="times", why=why))
-    return found
+        told.append(_emitters("emitterPeakPowerW", power, unit="times", why=why))
+    return told
 
 
 def _emitters(name: str, values: Sequence[Estimate], *, unit: str, why: str) -> Setting:

@@ -39,20 +39,20 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
     del now
-    found: list[Setting] = []
+    told: list[Setting] = []
     bias = answer.each("beam_range_bias", "bias_m")
     if bias:
         why = "beam_range_bias, its mean over the beams: the node knows no beams"
-        found.append(Setting("distance.mean", mean_of(bias), "m", why))
+        told.append(Setting("distance.mean", mean_of(bias), "m", why))
     base = answer.levels.get("range_noise")
     if base is not None:
-        found.append(Setting("distance.st_dev_base", base, "m", "noise of the range that is the same for all"))
+        told.append(Setting("distance.st_dev_base", base, "m", "noise of the range that is the same for all"))
     grows = answer.one("range_noise", "sd_m")
     if grows is not None:
         rise = grows.mapped(lambda sd: sd / REFERENCE_M)
         why = "range_noise grows as the echo weakens, so over the range of one surface evenly; at reference power"
-        found.append(Setting("distance.st_dev_rise_per_meter", rise, "1", why))
-    return found
+        told.append(Setting("distance.st_dev_rise_per_meter", rise, "1", why))
+    return told
 
 
 def text(chosen: Sequence[Setting]) -> str:

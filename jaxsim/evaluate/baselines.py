@@ -110,9 +110,9 @@ def _of_table(train: Sequence[Pair], otherwise: Baseline) -> Baseline:
     known = table.count >= ENOUGH
 
     def guess(pair: Pair) -> Guess:
-        place, row = table_of(pair), otherwise(pair)
-        inside = known[place]
-        return Guess(np.where(inside, values[place], row.intensity), np.where(inside, table.drops[place], row.drops))
+        cell, row = table_of(pair), otherwise(pair)
+        inside = known[cell]
+        return Guess(np.where(inside, values[cell], row.intensity), np.where(inside, table.drops[cell], row.drops))
 
     return guess
 

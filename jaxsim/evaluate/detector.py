@@ -199,8 +199,8 @@ def load_detector(path: Path | str, *, step: int | None = None) -> LearnedDetect
         return LearnedDetector(DetectorExperiment(), load_published(path))
     run, checkpoints = load_run(path, DetectorRun), Checkpoints(path)
     if step is not None and step not in checkpoints.steps:
-        kept = ", ".join(map(str, checkpoints.steps)) or "none"
-        raise ValueError(f"run: {path} keeps no checkpoint of step {step}; it keeps {kept}")
+        steps = ", ".join(map(str, checkpoints.steps)) or "none"
+        raise ValueError(f"run: {path} keeps no checkpoint of step {step}; it keeps {steps}")
     return LearnedDetector(run.experiment, checkpoints.restore("network", network_shapes(run.experiment), step=step))
 
 

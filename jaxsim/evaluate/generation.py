@@ -113,10 +113,10 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
     occupied = lidm_occupancy([])
     with Progress(total=len(folder.names), desc=f"seen from above: {folder.path.name}", unit="frame") as bar:
         for names, points, valid in _batches(folder, folder.names):
-            kept = [name in compared for name in names]
+            chosen = [name in compared for name in names]
             for definition, count in COUNTS.items():
                 histograms = np.asarray(count(points[..., :3], valid))
-                each[definition].append(histograms[kept])
+                each[definition].append(histograms[chosen])
                 total[definition] += histograms.sum(0, dtype=np.float64)
             occupied += lidm_occupancy(cloud[real, :3] for cloud, real in zip(points, valid, strict=True))
             bar.update(len(names))
@@ -184,8 +184,8 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
             for first in range(0, len(folder.names), BATCH):
                 images, labels = [], []
                 for name in folder.names[first : first + BATCH]:
-                    image, more = folder.image(name)
-                    semantic = more.get("semantic")
+                    image, columns = folder.image(name)
+                    semantic = columns.get("semantic")
                     if semantic is None and name in shared:
                         semantic = other.image(name)[1].get("semantic")
                     classes = classes and semantic is not None

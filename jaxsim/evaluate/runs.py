@@ -71,14 +71,14 @@ def score_sensor(
     ValueError for frames that are not there, and where there are too few for the extractor's features.
     """
     # Frames: those to judge, the one before each, and those that the baselines average.
-    own = learned.run.experiment.data
+    of_run = learned.run.experiment.data
     prepare = learned.run.experiment.prepare
-    own_dataset = open_dataset(own)
-    dataset = open_dataset(data) if data != own else own_dataset
+    own_dataset = open_dataset(of_run)
+    dataset = open_dataset(data) if data != of_run else own_dataset
     positions = frames_to_judge(frames, dataset, validation=validation)
     judged = prepared(dataset, positions, data, prepare=prepare)
     before = pairs_before(dataset, positions, data, prepare=prepare)
-    train = prepared(own_dataset, select(own.train, own_dataset), own, prepare=prepare)
+    train = prepared(own_dataset, select(of_run.train, own_dataset), of_run, prepare=prepare)
     if extractor:
         require_images(len(judged), extractor)
 
@@ -95,7 +95,7 @@ def score_sensor(
     # Fréchet distance: images of the network's size, every judged frame once.
     frechet = None
     if extractor:
-        settings = {"extractor": extractor, "prepare": prepare, "cache": own.cache / "statistics"}
+        settings = {"extractor": extractor, "prepare": prepare, "cache": of_run.cache / "statistics"}
         frechet = frechet_of_run(learned.generate, learned.params, judged, **settings)
     return SensorScores(
         judged,

@@ -111,9 +111,9 @@ def _opened(path: Path, *, by: str, again: str = "copy it again") -> Iterator[zi
 
 def _members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     """The archive's arrays by name. Raises ValueError for a name that comes twice: one would be passed over."""
-    found = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
-    members = dict(found)
-    if len(members) < len(found):
+    entries = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
+    members = dict(entries)
+    if len(members) < len(entries):
         raise ValueError("it holds two arrays of one name")
     return members
 
@@ -131,9 +131,9 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
         shape, _, dtype = (npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0)(content)
     if dtype.kind not in "biufcU":
         raise ValueError(f"{info.filename} holds {dtype}, not numbers or text")
-    promised, there = math.prod(shape) * dtype.itemsize, info.file_size - content.tell()
-    if promised != there:
-        raise ValueError(f"{info.filename} promises {promised} bytes and has {there}")
+    promised, stored = math.prod(shape) * dtype.itemsize, info.file_size - content.tell()
+    if promised != stored:
+        raise ValueError(f"{info.filename} promises {promised} bytes and has {stored}")
     content.seek(0)
     with _ONE_PARSER:
         return npy.read_array(content, allow_pickle=False)
@@ -141,11 +141,11 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
 
 def _compare(path: Path, arrays: dict[str, np.ndarray], *, by: str, summed: bool) -> None:
     """Takes the digest out of `arrays` and compares it with theirs."""
-    kept = arrays.pop(SUM, None)
-    if kept is None:
+    recorded = arrays.pop(SUM, None)
+    if recorded is None:
         if summed:
             warnings.warn(
                 f"{by}: {path} was written without a SHA-256 by an earlier version; it is not verified", stacklevel=3
             )
-    elif str(kept) != digest(arrays):
+    elif str(recorded) != digest(arrays):
         raise ValueError("its arrays differ from the SHA-256 that they were written with: the file is damaged")

@@ -106,12 +106,12 @@ def _finite(digits: str) -> float:
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    entries = dict(pairs)
+    if len(entries) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"{twice!r} is named twice")
-    return found
+    return entries
 
 
 def read_json(path: Path | str, *, by: str, hint: str = "") -> Any:

@@ -49,8 +49,8 @@ def files_in(folder: Path | str, *suffixes: str) -> list[Path]:
     Hidden files are left out: those that a killed process left half written (`replacing`), and what other programs keep
     of their own (`._000000.bin` of macOS).
     """
-    found = Path(folder).glob("*")
-    return sorted(path for path in found if path.suffix in suffixes and not path.name.startswith("."))
+    paths = Path(folder).glob("*")
+    return sorted(path for path in paths if path.suffix in suffixes and not path.name.startswith("."))
 
 
 def tidy(folder: Path | str) -> int:

@@ -119,12 +119,12 @@ def beams_of_rings(xyz_m: Float[np.ndarray, "n 3"], ring: Int[np.ndarray, " n"],
     middle = _between(numbers, middle, enough)
     origin = np.zeros(count)
     off = np.abs(elevation - middle[ring])
-    kept = enough[ring] & (rho > 0.5)
+    usable = enough[ring] & (rho > 0.5)
     h, slope, miss = fit_cones(
-        rho[kept], z[kept], ring[kept], origin_m=np.zeros(count), slope=np.tan(middle), enough=enough
+        rho[usable], z[usable], ring[usable], origin_m=np.zeros(count), slope=np.tan(middle), enough=enough
     )
-    angular = np.abs(miss) / np.maximum(np.hypot(rho[kept], z[kept]), 1e-3)
-    if np.median(angular) < _WORTH * np.median(off[kept]) and np.abs(h).max() < _LOW_ORIGIN_M:
+    angular = np.abs(miss) / np.maximum(np.hypot(rho[usable], z[usable]), 1e-3)
+    if np.median(angular) < _WORTH * np.median(off[usable]) and np.abs(h).max() < _LOW_ORIGIN_M:
         middle = _between(numbers, np.arctan(slope), enough)
         origin = np.interp(numbers, numbers[enough], h[enough])
         off = np.abs(np.arctan2(z - origin[ring], rho) - middle[ring])
@@ -276,10 +276,10 @@ def assign_columns(
     c, ring = exact[order], row[order]
     starts = np.flatnonzero(np.diff(ring, prepend=ring[:1] - 1))
     ends = np.append(starts[1:], len(c))
-    kept = np.cumsum(np.round(np.diff(c, prepend=c[:1])))
+    steps = np.cumsum(np.round(np.diff(c, prepend=c[:1])))
     result = np.empty(len(c), np.int64)
     for first, last in zip(starts, ends, strict=True):
-        along = kept[first:last] - kept[first]
+        along = steps[first:last] - steps[first]
         drift = c[first:last] - along
         offset = round(float(np.median(drift)))
         if np.abs(drift - offset).max() > _SLIP:

@@ -36,10 +36,10 @@ def fit_mount(
     known = np.flatnonzero(counts >= 30)
     if len(known) < _LEAST_RINGS:
         raise NoBeams(f"{len(known)} rings have 30 points or more; a mounting is fitted to {_LEAST_RINGS}")
-    kept = np.flatnonzero(np.isin(ring, known))
+    chosen = np.flatnonzero(np.isin(ring, known))
     # Evenly over all points: the first ones would see one side of the street alone.
-    kept = kept[np.linspace(0, len(kept) - 1, min(_POINTS, len(kept))).astype(int)]
-    points, group = xyz_m[kept].astype(np.float64), np.searchsorted(known, ring[kept])
+    chosen = chosen[np.linspace(0, len(chosen) - 1, min(_POINTS, len(chosen))).astype(int)]
+    points, group = xyz_m[chosen].astype(np.float64), np.searchsorted(known, ring[chosen])
     size = np.bincount(group, minlength=len(known)).clip(min=1)
 
     def elevations(p: np.ndarray) -> np.ndarray:

@@ -26,10 +26,10 @@ def _tangent(
     wraps: Bool[Array, ""],
 ) -> tuple[Float[Array, "*b r c 3"], Bool[Array, "*b r c"]]:
     size = range_m.shape[axis]
-    place = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
+    index = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
     total, known = jnp.zeros_like(points), jnp.zeros_like(valid)
     for shift, border in ((1, 0), (-1, size - 1)):
-        near = jnp.roll(valid, shift, axis) & valid & ((place != border) | wraps)
+        near = jnp.roll(valid, shift, axis) & valid & ((index != border) | wraps)
         step = (points - jnp.roll(points, shift, axis - 1)) * shift
         jump = jnp.where(near, range_m - jnp.roll(range_m, shift, axis), jnp.zeros_like(range_m))
         # Inverse squares: a step across an edge of 1 m weighs 1e-4 of one on a smooth surface.

@@ -77,18 +77,18 @@ def recover_rows(
     azimuth = _azimuth_deg(xyz)
     starts = _line_starts(azimuth, elevation)
     line = np.cumsum(starts, dtype=np.int32) - 1
-    found = int(line[-1]) + 1
-    if found > lines:
+    count = int(line[-1]) + 1
+    if count > lines:
         raise UnorderedCloud(
-            f"{found} laser lines found in {len(xyz)} points, but the sensor has {lines}: the points are not in "
+            f"{count} laser lines found in {len(xyz)} points, but the sensor has {lines}: the points are not in "
             "the order of the lines (shuffled, merged, or sorted by time), or `lines` is too small"
         )
     _check_elevations(elevation, line)
-    in_order = line + np.int32(lines - found)
+    in_order = line + np.int32(lines - count)
     if spec is None:
         _check_direction(azimuth)
         return in_order
-    row = in_order if found == lines else _rows_by_beams(xyz, starts, spec)
+    row = in_order if count == lines else _rows_by_beams(xyz, starts, spec)
     nearest, miss_deg = nearest_beams(xyz, spec)
     if (miss_deg < _ON_BEAM_DEG).mean() > _ALL_ON_BEAMS:
         return row if (row == nearest).mean() > _AGREE else nearest

@@ -93,10 +93,10 @@ def lidargen_points(
 def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
     """Points in each cell (x, then y) of those between 3 and 70 m."""
     range_m = jnp.sqrt((xyz_m * xyz_m).sum(-1))
-    place = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
-    inside = valid & (range_m > NEAREST_M) & (range_m < FARTHEST_M) & ((place >= 0) & (place < BINS)).all(-1)
+    at = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
+    inside = valid & (range_m > NEAREST_M) & (range_m < FARTHEST_M) & ((at >= 0) & (at < BINS)).all(-1)
     # One cell beyond the table takes what is left out: `drop` loses it.
-    cell = jnp.where(inside, place[..., 0] * BINS + place[..., 1], float(BINS * BINS)).astype(jnp.int32)
+    cell = jnp.where(inside, at[..., 0] * BINS + at[..., 1], float(BINS * BINS)).astype(jnp.int32)
 
     def one(cell: Array) -> Array:
         return jnp.zeros(BINS * BINS, jnp.float32).at[cell].add(1.0, mode="drop")
@@ -216,9 +216,9 @@ def lidm_occupancy(clouds: Iterable[Float[np.ndarray, "_n 3"]]) -> Float[np.ndar
     half = round(LIDM_HALF_M / LIDM_CELL_M)
     total = np.zeros((2 * half) ** 2, np.float32)
     for cloud in clouds:
-        place = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
+        inside = cloud[(np.abs(cloud[:, :2]) < LIDM_HALF_M).all(1), :2]
         # Just below 50 m the quotient may round up, in float32, to a cell that is not there.
-        cells = np.clip(np.floor(place / np.float32(LIDM_CELL_M)).astype(int) + half, 0, 2 * half - 1)
+        cells = np.clip(np.floor(inside / np.float32(LIDM_CELL_M)).astype(int) + half, 0, 2 * half - 1)
         # Occupied or not: of many points in a cell one counts.
         total[np.unique(cells[:, 0] * 2 * half + cells[:, 1])] += 1
     return total.reshape(2 * half, 2 * half)

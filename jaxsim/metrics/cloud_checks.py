@@ -151,8 +151,8 @@ def compare_clouds(real: CloudCounts, others: Mapping[str, CloudCounts], kind: s
     for name, counts in {"real": real, **others}.items():
         row = {"points": counts.points / max(counts.scenes, 1), "objects": float(objects_of(counts, kind))}
         for band in DISTANCES_M:
-            found = counts.on_objects.get(kind, {}).get(band, [])
-            row[band_name(band)] = float(np.median(found)) if found else float("nan")
+            counted = counts.on_objects.get(kind, {}).get(band, [])
+            row[band_name(band)] = float(np.median(counted)) if counted else float("nan")
         row |= {
             "range_m": distribution_distance(real, counts, kind, quantity="range"),
             "height_m": distribution_distance(real, counts, kind, quantity="height"),

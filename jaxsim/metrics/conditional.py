@@ -49,8 +49,8 @@ def intensity_table(
     kind = jnp.clip(semantic, 0, CLASSES - 1).astype(jnp.int32)
     level = jnp.clip(jnp.round(intensity * (LEVELS - 1)), 0, LEVELS - 1).astype(jnp.int32)
     # A ray that did not come back is given a class beyond the table, and dropped.
-    place = (jnp.where(valid, kind, CLASSES), _bin(range_m, RANGE_EDGES_M), angle, level)
-    return jnp.zeros(shape, jnp.int32).at[place].add(1, mode="drop")
+    cell = (jnp.where(valid, kind, CLASSES), _bin(range_m, RANGE_EDGES_M), angle, level)
+    return jnp.zeros(shape, jnp.int32).at[cell].add(1, mode="drop")
 
 
 class Conditional(NamedTuple):
@@ -68,22 +68,22 @@ class Conditional(NamedTuple):
 
 def _compared(a: Float[np.ndarray, "k levels"], b: Float[np.ndarray, "k levels"]) -> Conditional:
     n, m = a.sum(1), b.sum(1)
-    kept = (n >= FEWEST) & (m >= FEWEST)
-    if not kept.any():
+    enough = (n >= FEWEST) & (m >= FEWEST)
+    if not enough.any():
         return Conditional(float("nan"), float("nan"), 0.0, 0)
-    weight = m[kept] / m[kept].sum()
+    weight = m[enough] / m[enough].sum()
     # On a line the Wasserstein-1 distance is the area between both distribution functions.
-    first = np.cumsum(a[kept], 1) / a[kept].sum(1, keepdims=True)
-    second = np.cumsum(b[kept], 1) / b[kept].sum(1, keepdims=True)
+    first = np.cumsum(a[enough], 1) / a[enough].sum(1, keepdims=True)
+    second = np.cumsum(b[enough], 1) / b[enough].sum(1, keepdims=True)
     step = 1 / (LEVELS - 1)
     distance = np.abs(first - second).sum(1) * step
     # Of two draws of one law, the pooled counts are the best guess of that law.
-    both = (a[kept] + b[kept]).cumsum(1) / (n + m)[kept][:, None]
+    both = (a[enough] + b[enough]).cumsum(1) / (n + m)[enough][:, None]
     # Mean absolute value of a Gaussian difference of two empirical distribution functions.
-    spread = np.sqrt(both * (1 - both) * (1 / n[kept] + 1 / m[kept])[:, None])
+    spread = np.sqrt(both * (1 - both) * (1 / n[enough] + 1 / m[enough])[:, None])
     floor = np.sqrt(2 / np.pi) * spread.sum(1) * step
     return Conditional(
-        float(weight @ distance), float(weight @ floor), float(m[kept].sum() / m.sum()), int(m[kept].sum())
+        float(weight @ distance), float(weight @ floor), float(m[enough].sum() / m.sum()), int(m[enough].sum())
     )
 
 

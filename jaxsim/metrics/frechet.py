@@ -59,8 +59,8 @@ def _factor(covariance: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d rank"]
     """A with A A' = C, without the directions in which C is nothing but rounding."""
     values, vectors = scipy.linalg.eigh(covariance)
     # The usual bound of a numerical rank: the largest eigenvalue times d eps.
-    kept = values > values[-1] * len(values) * np.finfo(np.float64).eps
-    return vectors[:, kept] * np.sqrt(values[kept])
+    positive = values > values[-1] * len(values) * np.finfo(np.float64).eps
+    return vectors[:, positive] * np.sqrt(values[positive])
 
 
 def _nuclear(matrix: Float[np.ndarray, "n m"]) -> float:
@@ -172,14 +172,14 @@ def load_halves(path: Path, *, extractor: str, data: str) -> Halves | None:
     """Kept moments; None where there are none. Raises ValueError where the file holds others, or is damaged."""
     if not path.is_file():
         return None
-    kept = read_arrays(path, by="frechet", again="delete it", summed=True)
+    arrays = read_arrays(path, by="frechet", again="delete it", summed=True)
     with placed(f"frechet: {path} is no readable file of statistics", KeyError, TypeError, then="delete it"):
-        found = tuple(str(kept[name]) for name in ("extractor", "data"))
+        made_by = tuple(str(arrays[name]) for name in ("extractor", "data"))
         parts = (
-            Moments(int(kept[f"{name}.count"]), kept[f"{name}.mean"], kept[f"{name}.scatter"])
+            Moments(int(arrays[f"{name}.count"]), arrays[f"{name}.mean"], arrays[f"{name}.scatter"])
             for name in Halves._fields
         )
         statistics = Halves(*parts)
-    if found != (extractor, data):
-        raise ValueError(f"frechet: {path} holds statistics of {found}, not of {(extractor, data)}; delete it")
+    if made_by != (extractor, data):
+        raise ValueError(f"frechet: {path} holds statistics of {made_by}, not of {(extractor, data)}; delete it")
     return statistics

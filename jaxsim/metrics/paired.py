@@ -190,11 +190,11 @@ def group_medians(frames: Iterable[Cells], groups: int) -> GroupMedians:
         places.append(np.asarray(group)[both])
         drops += np.bincount(group[counts & (~returned | (intensity < DROP_BELOW))], minlength=groups)
         seen += np.bincount(group[counts], minlength=groups)
-    value, place = np.concatenate(values), np.concatenate(places)
+    value, index = np.concatenate(values), np.concatenate(places)
     if not len(value):
         raise ValueError("baselines: no training cell is both seen by the camera and returned")
-    order = np.lexsort((value, place))
-    value, count = value[order], np.bincount(place, minlength=groups)
+    order = np.lexsort((value, index))
+    value, count = value[order], np.bincount(index, minlength=groups)
     # Sorted by group and value, a group's median is the mean of its one or two middle values.
     first = np.cumsum(count) - count
     low, high = first + np.maximum(count - 1, 0) // 2, first + count // 2

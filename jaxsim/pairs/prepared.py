@@ -120,10 +120,10 @@ def _read(file: Path) -> PairRecord:
 
 def _entry(file: Path) -> Entry:
     wanted = ("name", "scene", "grid/elevation_rad", "grid/azimuth_rad")
-    kept = _whole(file, read_arrays(file, wanted, by="prepared", again=AGAIN), wanted)
-    name = check_name(str(kept["name"]), by="prepared")
-    window = len(kept["grid/elevation_rad"]), len(kept["grid/azimuth_rad"])
-    return Entry(name, str(kept["scene"]), window, f"{file.parent.name}/{file.stem}")
+    arrays = _whole(file, read_arrays(file, wanted, by="prepared", again=AGAIN), wanted)
+    name = check_name(str(arrays["name"]), by="prepared")
+    window = len(arrays["grid/elevation_rad"]), len(arrays["grid/azimuth_rad"])
+    return Entry(name, str(arrays["scene"]), window, f"{file.parent.name}/{file.stem}")
 
 
 def _whole(file: Path, kept: dict[str, Any], wanted: Collection[str]) -> dict[str, Any]:

@@ -163,12 +163,12 @@ def _about(dataset: Dataset, job: Job, shards: Sequence[Shard], *, making: Path)
         )
     splits: dict[str, SplitPairs] = {}
     for name in dict.fromkeys(shard.split for shard in shards):
-        own = {shard: note for shard, note in notes.items() if shard.split == name and note}
+        of_split = {shard: note for shard, note in notes.items() if shard.split == name and note}
         splits[name] = SplitPairs(
-            positions=tuple(position for shard in own for position in shard.positions),
-            names=tuple(value for note in own.values() for value in note["names"]),
-            scenes=tuple(value for note in own.values() for value in note["scenes"]),
-            windows=tuple((rows, columns) for note in own.values() for rows, columns in note["windows"]),
+            positions=tuple(position for shard in of_split for position in shard.positions),
+            names=tuple(value for note in of_split.values() for value in note["names"]),
+            scenes=tuple(value for note in of_split.values() for value in note["scenes"]),
+            windows=tuple((rows, columns) for note in of_split.values() for rows, columns in note["windows"]),
         )
     return About(
         jaxsim=version("jaxsim-lidar"),

@@ -237,8 +237,8 @@ def make_by_beam(job: Job, shards: Sequence[Shard], folder: Path, *, options: Se
     except ValueError as error:  # of Dask's runner: the worker's own
         raise ValueError(f"{error} (the same command goes on with the files that are made)") from error
     except RuntimeError as error:  # of others a worker's error comes as text, in a traceback of many
-        own = r"^(?:\w+\.)*(?:ValueError|OSError): (.*?)(?: \[while running .*)?$"
-        reasons = re.findall(own, str(error), re.MULTILINE)
+        our_error = r"^(?:\w+\.)*(?:ValueError|OSError): (.*?)(?: \[while running .*)?$"
+        reasons = re.findall(our_error, str(error), re.MULTILINE)
         if not reasons:
             raise
         raise ValueError(f"{reasons[-1]} (the same command goes on with the files that are made)") from error
@@ -262,8 +262,8 @@ def _spelled_out(options: Sequence[str], files: int) -> list[str]:
     if not {"runner=DaskRunner", f"runner={DASK_RUNNER}"} & {*options}:
         return options
     options = [f"runner={DASK_RUNNER}" if option == "runner=DaskRunner" else option for option in options]
-    said = any(option.startswith("dask_npartitions") for option in options)
-    return options if said else [*options, f"dask_npartitions={max(files, 1)}"]
+    given = any(option.startswith("dask_npartitions") for option in options)
+    return options if given else [*options, f"dask_npartitions={max(files, 1)}"]
 
 
 def _make_on_worker(shard: Shard, folder: Path, job: Job) -> int:

@@ -215,8 +215,8 @@ def reflect_pad(x: Array, cells: Pair) -> Array:
     rows, columns = cells
     b, h, w, c = x.shape
     if rows:
-        place = np.arange(b)[:, None] * h + np.pad(np.arange(h), rows, mode="reflect")
-        x = jnp.take(x.reshape(b * h, w, c), place.reshape(-1), axis=0, mode="clip").reshape(b, -1, w, c)
+        index = np.arange(b)[:, None] * h + np.pad(np.arange(h), rows, mode="reflect")
+        x = jnp.take(x.reshape(b * h, w, c), index.reshape(-1), axis=0, mode="clip").reshape(b, -1, w, c)
     if columns:
         before = [x[:, :, i : i + 1] for i in range(columns, 0, -1)]
         after = [x[:, :, i : i + 1] for i in range(w - 2, w - 2 - columns, -1)]

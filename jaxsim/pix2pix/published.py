@@ -72,8 +72,8 @@ def from_published(arrays: Arrays, like: Network, form: Form = "imaginaire") -> 
         place = places[_keys(path)]
         shape = _their_shape(value.shape, place)
         if place.name not in arrays or arrays[place.name].shape != shape:
-            found = arrays[place.name].shape if place.name in arrays else "missing"
-            faults.append(f"{place.name} is {found}, not {shape}")
+            stored = arrays[place.name].shape if place.name in arrays else "missing"
+            faults.append(f"{place.name} is {stored}, not {shape}")
             return np.zeros(value.shape, np.float32)
         return _ours(np.asarray(arrays[place.name], np.float32), place)
 

@@ -124,21 +124,21 @@ def published_discriminator(arrays: Arrays, form: Form) -> tuple[DiscriminatorCo
 
 def _imaginaire(arrays: Arrays) -> dict[str, np.ndarray]:
     """The networks of a checkpoint of Imaginaire's trainer, without what it is wrapped in."""
-    kept = {}
+    renamed = {}
     for name, array in arrays.items():
         prefix = next((p for p in IMAGINAIRE_PREFIXES if name.startswith(p)), None)
         # How many updates an average has seen is no weight.
         if prefix and not name.endswith("num_updates_tracked"):
-            kept[IMAGINAIRE_PREFIXES[prefix] + name[len(prefix) :]] = np.asarray(array, np.float32)
-    _, channels, _ = published_generator(part(kept, GENERATOR), "imaginaire")
-    if averaged := part(kept, AVERAGED):
+            renamed[IMAGINAIRE_PREFIXES[prefix] + name[len(prefix) :]] = np.asarray(array, np.float32)
+    _, channels, _ = published_generator(part(renamed, GENERATOR), "imaginaire")
+    if averaged := part(renamed, AVERAGED):
         published_generator(averaged, "imaginaire", averaged=True)
-    if judges := part(kept, DISCRIMINATOR):
+    if judges := part(renamed, DISCRIMINATOR):
         _, seen, _ = published_discriminator(judges, "imaginaire")
         # A discriminator sees the inputs and, beside them, an image of one channel at least.
         if seen <= channels:
             raise ValueError(f"its discriminator sees {seen} channels, its generator alone {channels}")
-    return kept
+    return renamed
 
 
 def _original(arrays: Arrays, prefix: str, check: Callable[[Arrays, Form], Any]) -> dict[str, np.ndarray]:
@@ -204,12 +204,12 @@ def _on_device(network: Network) -> Network:
 
 def _layers(arrays: Arrays, prefix: str) -> list[tuple[bool, tuple[int, ...]]]:
     """A `Sequential`'s convolutions in their order: whether it is a residual block, and the shape of its kernel."""
-    found: dict[int, tuple[bool, tuple[int, ...]]] = {}
+    layers: dict[int, tuple[bool, tuple[int, ...]]] = {}
     for name, array in arrays.items():
         match = re.fullmatch(re.escape(prefix) + r"(\d+)\.(.*)weight(?:_orig)?", name)
         if match and array.ndim == 4:
-            found[int(match[1])] = ("conv_block" in match[2], array.shape)
-    return [found[i] for i in sorted(found)]
+            layers[int(match[1])] = ("conv_block" in match[2], array.shape)
+    return [layers[i] for i in sorted(layers)]
 
 
 def _cap(widest: int, uncapped: int, usual: int) -> int:

@@ -67,12 +67,12 @@ def surroundings(painted: Painted, incidence_rad: Raster) -> Float[Array, "*b ro
     warm = known(2 * (painted.rgb[..., 0] - painted.rgb[..., 2]))
     green = known(2 * (painted.rgb[..., 1] - painted.rgb.mean(-1)))
 
-    found = [grey, *exposure]
+    channels = [grey, *exposure]
     for size in SIZES:
         count = _over(weight, size)
         mean = lambda value: _over(value, size) / jnp.maximum(count, 1.0)  # noqa: B023, E731
         of_grey, of_range = mean(grey), mean(away)
-        found += [
+        channels += [
             known(grey - of_grey),
             known(of_grey),
             _root(mean(grey**2) - of_grey**2),
@@ -81,11 +81,11 @@ def surroundings(painted: Painted, incidence_rad: Raster) -> Float[Array, "*b ro
             2 * count / size**2 - 1,
         ]
         if size in COLOURED:
-            found += [2 * mean(known(angle)) - 1, 3 * mean(warm), 3 * mean(green)]
+            channels += [2 * mean(known(angle)) - 1, 3 * mean(warm), 3 * mean(green)]
     for step in LINES:
         both = _line(weight, step) * weight
-        found += [both * 2 * (_line(away, step) - away), both * (2 * _line(angle, step) - 1)]
-    return jnp.stack(found, axis=-1)
+        channels += [both * 2 * (_line(away, step) - away), both * (2 * _line(angle, step) - 1)]
+    return jnp.stack(channels, axis=-1)
 
 
 def _exposed(grey: Raster, seen: Bool[Array, "*b rows columns"]) -> tuple[Raster, tuple[Raster, Raster]]:

@@ -198,9 +198,9 @@ def _slope(
     """
     before = jnp.roll(range_m, 1, axis)
     after = jnp.roll(range_m, -1, axis)
-    place = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
-    has_before = jnp.roll(valid, 1, axis) & (place > 0)
-    has_after = jnp.roll(valid, -1, axis) & (place < range_m.shape[axis] - 1)
+    index = jax.lax.broadcasted_iota(jnp.int32, range_m.shape, range_m.ndim + axis)
+    has_before = jnp.roll(valid, 1, axis) & (index > 0)
+    has_after = jnp.roll(valid, -1, axis) & (index < range_m.shape[axis] - 1)
     a, b = jnp.abs(range_m - before), jnp.abs(after - range_m)
     falls_or_rises = (range_m - before) * (after - range_m) > 0
     both = jnp.where(falls_or_rises, jnp.minimum(a, b), jnp.zeros_like(a))

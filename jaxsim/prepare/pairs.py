@@ -68,7 +68,7 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     Raises ValueError where the frame lacks what the config asks for: labels, depth, image size.
     """
     view = dense_view(frame, config)
-    grid, place = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
+    grid, rows = window_of(frame.camera.camera, frame.camera.rgb.shape[-3:-1], spec, config=config)
     painted = paint(view, grid, occlusion_m=config.occlusion_m)
     angle, known = incidence(painted.range_m, painted.valid, grid)
     # To the host: pairs are kept in files.
@@ -77,7 +77,7 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     pair = Pair(
         painted=painted,
         incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
-        row=np.broadcast_to(place[:, None], angle.shape).copy(),
+        row=np.broadcast_to(rows[:, None], angle.shape).copy(),
         target=nothing,
         measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),
     )

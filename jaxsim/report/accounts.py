@@ -196,9 +196,9 @@ def _candidate(one: OwnCandidate) -> Markup:
     if known:
         parts.append(formula(known.formula))
         parts += [paragraph(f"{name}: {in_words(p)}") for name, p in known.parameters.items()]
-    said = f"Not named: {one.why_not}." if one.why_not else "Named."
+    text = f"Not named: {one.why_not}." if one.why_not else "Named."
     gain = f"{number(one.gain)} nats per held-out scene (p {probability(one.p_value)})"
-    parts.append(paragraph(f"At the first step it gains {gain}. {said}"))
+    parts.append(paragraph(f"At the first step it gains {gain}. {text}"))
     if not one.look_alikes:
         return together([*parts, paragraph("Nothing of the catalogue looks like it on these frames.")])
     rows = [

@@ -40,12 +40,12 @@ def _(value: Cloud) -> str:
     """The cloud, to be turned; of a batch the first."""
     first, words = _first(value, np.ndim(value.intensity) - 1)
     points = points_of(first)
-    said = f"{len(points)} points{words}"
+    text = f"{len(points)} points{words}"
     if not len(points):
-        return paragraph(said)
+        return paragraph(text)
     how = "Coloured by intensity, by height or by distance."
     body, scenes = turning([TurnedScene("cloud", (side_of("cloud", points),))], how)
-    return _framed(whole_page(title="cloud", sentence=said, facts=(), sections=[body], scenes=scenes))
+    return _framed(whole_page(title="cloud", sentence=text, facts=(), sections=[body], scenes=scenes))
 
 
 @html_of.register
@@ -58,8 +58,8 @@ def _(value: PolarImage) -> str:
         ("range (0-60 m)", depth_panel(np.asarray(first.range_m), valid)),
     ]
     rows, columns = valid.shape
-    said = f"{rows} rows x {columns} columns, {valid.sum()} returns{words}"
-    return figure(image(strip(panels, width=max(columns, 744)), said), said)
+    text = f"{rows} rows x {columns} columns, {valid.sum()} returns{words}"
+    return figure(image(strip(panels, width=max(columns, 744)), text), text)
 
 
 def _first(value: Any, batch_dims: int) -> tuple[Any, str]:

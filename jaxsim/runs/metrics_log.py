@@ -88,9 +88,9 @@ class MetricsLog:
         self._trackers: list[Track] = []
         if not writes:
             return
-        kept = [line for line in read_metrics(self.path) if line["step"] <= start]
+        lines = [line for line in read_metrics(self.path) if line["step"] <= start]
         if self.path.is_file():
-            write_text(self.path, "".join(json.dumps(line) + "\n" for line in kept))
+            write_text(self.path, "".join(json.dumps(line) + "\n" for line in lines))
         if importlib.util.find_spec("tensorboardX"):
             from tensorboardX import SummaryWriter
 

@@ -194,8 +194,8 @@ class Checkpoints:
         if summed := (self.folder / str(step) / SUMS).exists():
             wanted_items[SUMS] = ocp.args.JsonRestore()
         try:
-            found = self.manager.restore(step, args=ocp.args.Composite(**wanted_items))
-            if summed and found[SUMS][item] != _digest(found[item]):
+            restored = self.manager.restore(step, args=ocp.args.Composite(**wanted_items))
+            if summed and restored[SUMS][item] != _digest(restored[item]):
                 raise ValueError("its arrays differ from the SHA-256 that they were saved with")
         except Exception as error:
             # Orbax, tensorstore and their codecs each have errors of their own for bytes that are not theirs.
@@ -209,7 +209,7 @@ class Checkpoints:
                 "is not verified",
                 stacklevel=2,
             )
-        return jax.tree.map(jnp.asarray, found[item])
+        return jax.tree.map(jnp.asarray, restored[item])
 
 
 @contextmanager

@@ -154,10 +154,10 @@ def attach_rays(
     prepare = run.experiment.prepare
     missing = [name for name in prepare.inputs if name in OF_CAMERA]
     if missing:
-        left = " ".join(name for name in prepare.inputs if name not in OF_CAMERA)
+        unknown = " ".join(name for name in prepare.inputs if name not in OF_CAMERA)
         raise ValueError(
             f"live: the run was trained on {' and '.join(missing)}, which rays do not know; attach it to a camera, or "
-            f"train one with --prepare.inputs {left or 'range incidence row'}"
+            f"train one with --prepare.inputs {unknown or 'range incidence row'}"
         )
     grid, _ = window
     compiled = jax.jit(partial(_cloud_of_rays, generate=generate, prepare=prepare))

@@ -259,10 +259,10 @@ def check_field_of_view(camera: Camera, run: Run) -> None:
     """Raises ValueError where the run's crop of a camera's image is not as wide as that of the run's own camera:
     without projection only the same view fits."""
     half = run.experiment.prepare.image_crop[1] / 2
-    own = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
+    of_run = 2 * np.rad2deg(np.arctan(half / np.asarray(run.camera.intrinsics)[..., 0, 0].max()))
     its = 2 * np.rad2deg(np.arctan(half / np.asarray(camera.intrinsics)[..., 0, 0].max()))
-    if abs(its / own - 1) > VIEW:
+    if abs(its / of_run - 1) > VIEW:
         raise ValueError(
-            f"simulate: the camera sees {its:.1f} degrees, the run's {own:.1f}; without projection its pixels would "
+            f"simulate: the camera sees {its:.1f} degrees, the run's {of_run:.1f}; without projection its pixels would "
             "not be the run's rays: render with that field of view, or project (--projection lidar)"
         )

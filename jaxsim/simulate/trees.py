@@ -267,19 +267,23 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     """Writes ImageSets and prints what was left out. Raises ValueError where no frame is left."""
     out, validation = plan.out, plan.validation
     entries = {position: record.frames[_number(position)] for position in plan.positions}
-    kept = {position for position, entry in entries.items() if not entry["left_out"]}
-    judged_scenes = {entries[position]["scene"] for position in kept & validation}
-    shared = judged_scenes & {entries[position]["scene"] for position in kept - validation}
+    finished = {position for position, entry in entries.items() if not entry["left_out"]}
+    judged_scenes = {entries[position]["scene"] for position in finished & validation}
+    shared = judged_scenes & {entries[position]["scene"] for position in finished - validation}
     if shared:
         _log.warning(
             f"scenes on both sides of the split, {', '.join(sorted(shared)[:3])}: a detector is then "
             "scored on streets that it has seen"
         )
-    sets = {"trainval": kept, "train": kept - validation, "val": validation & kept if validation else kept}
+    sets = {
+        "trainval": finished,
+        "train": finished - validation,
+        "val": validation & finished if validation else finished,
+    }
     write_image_sets(out, {name: [_number(position) for position in positions] for name, positions in sets.items()})
     reasons = Counter(entry["left_out"] for entry in entries.values() if entry["left_out"])
     left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
-    points = sum(entries[position]["points"] for position in kept) / max(len(kept), 1)
-    _log.info(f"{len(kept)} frames of {points:.0f} points on average{left_out}: {out}")
-    if not kept:
+    points = sum(entries[position]["points"] for position in finished) / max(len(finished), 1)
+    _log.info(f"{len(finished)} frames of {points:.0f} points on average{left_out}: {out}")
+    if not finished:
         raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")

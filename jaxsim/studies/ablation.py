@@ -65,8 +65,10 @@ def besides(inputs: Sequence[InputName]) -> tuple[InputName, ...]:
 
 def modality(inputs: Sequence[InputName]) -> str:
     """The name of a network by the paper's inputs that it has: the paper's name, or the inputs themselves."""
-    own = [name for name in inputs if name in MODALITIES["combined"]]
-    return next((name for name, paper in MODALITIES.items() if set(own) == set(paper)), "+".join(own) or "none")
+    of_camera = [name for name in inputs if name in MODALITIES["combined"]]
+    return next(
+        (name for name, paper in MODALITIES.items() if set(of_camera) == set(paper)), "+".join(of_camera) or "none"
+    )
 
 
 def named_sensors(sensors: Mapping[str, LearnedSensor]) -> dict[str, LearnedSensor]:
@@ -164,17 +166,17 @@ def compare_networks(
     rows = []
     for name, sensor in sensors.items():
         scores = score_pairs(predicts[name], sensor.params, judged)
-        own, frechet = sensor.run.experiment.prepare, None
+        settings, frechet = sensor.run.experiment.prepare, None
         if extractor:
             frechet = frechet_of_run(
                 sensor.generate,
                 sensor.params,
                 judged,
                 extractor=extractor,
-                prepare=own,
+                prepare=settings,
                 cache=data.cache / "statistics",
             )
-        rows.append(AblationRow(name, tuple(own.inputs), scores, frechet))
+        rows.append(AblationRow(name, tuple(settings.inputs), scores, frechet))
         _log.info(f"ablation: {name}: mae {scores['mae'].value:.4f}")
 
     # Pictures: evenly spread over the frames.
@@ -189,8 +191,8 @@ def compare_networks(
         save_picture(file_of(out / "pictures", name.replace("/", "_"), ".png", by="ablation"), picture)
 
     about = {"data": data.kind, "training frames": data.train, "judged frames": str(len(judged))}
-    if more := besides(prepare.inputs):
-        about["every network also sees"] = ", ".join(more)
+    if others := besides(prepare.inputs):
+        about["every network also sees"] = ", ".join(others)
     about |= {"updates": str(experiment.optim.steps), "batch": str(experiment.optim.batch)}
     page = write_ablation(out, rows, baselines, pictures=drawn, about=about)
     _log.info(f"\n{ablation_table(rows, baselines)}\n\ntable, page and pictures: {page}")

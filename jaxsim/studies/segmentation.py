@@ -55,9 +55,9 @@ Confusion = Int[np.ndarray, "classes classes"]
 def geometry(image: RangeImage) -> Float[np.ndarray, "rows columns 5"]:
     """What a scan without intensity tells a network: ln range, place, and whether anything came back; 0 where not."""
     logarithm = np.log(np.clip(image.range_m, 1, FARTHEST_M)) / np.log(FARTHEST_M)
-    place = image.xyz_m / np.array([50, 50, 3], np.float32)
+    position = image.xyz_m / np.array([50, 50, 3], np.float32)
     return np.where(
-        image.valid[..., None], np.concatenate([logarithm[..., None], place, image.valid[..., None]], -1), 0
+        image.valid[..., None], np.concatenate([logarithm[..., None], position, image.valid[..., None]], -1), 0
     )
 
 
@@ -161,13 +161,13 @@ def simulate(
     network: TrainedNetwork, inputs: Sequence[np.ndarray], images: Sequence[RangeImage], *, seed: int
 ) -> list[Float[np.ndarray, "rows columns"]]:
     """Intensities of the images, drawn from what the sensor holds possible; 0 where nothing came back."""
-    found = []
+    pictures = []
     for k, (x, image) in enumerate(zip(inputs, images, strict=True)):
         levels = jnp.clip(jnp.sort((network(x)[..., : len(LEVELS)] + 1) / 2, axis=-1), 0, 1)
         lost = jnp.where(image.valid, 0.0, 1.0)
         says = Prediction(levels[..., LEVELS.index(0.5)], ~image.valid, levels, lost)
-        found.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k))))
-    return found
+        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k))))
+    return pictures
 
 
 def classify(network: TrainedNetwork, inputs: Sequence[np.ndarray]) -> list[Int[np.ndarray, "rows columns"]]:
@@ -257,8 +257,8 @@ class Study:
                 seed=0,
                 config=config,
             )
-            own = self.own(part)
-            made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], seed=part)
+            folder = self.own(part)
+            made = simulate(network, [inputs[i] for i in folder], [self.images[i] for i in folder], seed=part)
             write_arrays(path, {"intensity": np.stack(made)})
         again = "delete it, and it is made anew"
         return [*read_arrays(path, by="segmentation", again=again, summed=True)["intensity"]]
@@ -296,18 +296,18 @@ class Study:
         )
         judged = [self.images[i] for i in self.own(part)]
         told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
-        found = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
+        confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps({"confusion": np.asarray(found).tolist()}))
+            temporary.write_text(json.dumps({"confusion": np.asarray(confusions).tolist()}))
 
     def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
         """IoU of each class over all parts; NaN where a class has no cell. Class 0 is left out."""
-        found = []
+        shares = []
         for seed in self.config.seeds:
             paths = [self.path(kind, part, seed) for part in range(self.config.parts)]
             read = [read_entry(path, "confusion", list[list[int]], by="segmentation") for path in paths]
-            found.append(class_iou(np.sum(np.array(read), axis=0)))
-        return np.stack(found)
+            shares.append(class_iou(np.sum(np.array(read), axis=0)))
+        return np.stack(shares)
 
     def plain(self) -> dict[str, object]:
         """All figures for JSON."""

@@ -112,9 +112,9 @@ def depth_training(experiment: DepthExperiment) -> Training:
 
     # Model: the stage's part of it learns, at the epoch's rate.
     def step(state: PyTree, batch: Batch, k: int) -> tuple[PyTree, dict[str, Any]]:
-        number, epoch, place = loader.place(k)
+        number, epoch, index = loader.place(k)
         stage = config.stages[number]
-        if k and epoch == place == 0:  # each stage has an optimiser of its own, and devices that divide its batch
+        if k and epoch == index == 0:  # each stage has an optimiser of its own, and devices that divide its batch
             state = devices.everywhere(meshes[number], devices.nearby(begin_stage(state, config)))
         return train_step(
             state,

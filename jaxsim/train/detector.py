@@ -44,8 +44,8 @@ def detector_training(experiment: DetectorExperiment) -> Training:
 
     def judge(network: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's average precision."""
-        curves, found = score_detector(find, network, validation, experiment=experiment)
-        picture = detection_picture(validation[0], found[0], experiment.voxels.range_m, title=f"step {step}")
+        curves, scored = score_detector(find, network, validation, experiment=experiment)
+        picture = detection_picture(validation[0], scored[0], experiment.voxels.range_m, title=f"step {step}")
         return main_scores(curves), picture
 
     folder = run_folder(settings)

@@ -34,15 +34,15 @@ SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES |
 
 def known_sources() -> dict[str, Source]:
     """The families here and those of installed packages. Raises ValueError where a package's is no Source."""
-    own: dict[str, Source] = {}
+    installed: dict[str, Source] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         source = loaded(point, by="frames", what=f"the source {point.name} ({point.value})")
         if not isinstance(source, Source) or point.name in SOURCES:
             raise ValueError(
                 f"frames: the entry point {point.name} ({point.value}) must be a Source of a name of its own"
             )
-        own[point.name] = source
-    return own | SOURCES
+        installed[point.name] = source
+    return installed | SOURCES
 
 
 def source_for(path: Path, kind: str = "") -> tuple[str, Source]:

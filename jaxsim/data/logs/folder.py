@@ -115,8 +115,12 @@ def _begin(
     """The grid and the sensor: those of a folder that is gone on with, else told from the first scans."""
     if record.is_file() and (record.parent / "grid.json").is_file():
         grid, _ = read_grid(record.parent)
-        kept = read_json(record, by="frames").get("sensor")
-        return grid, None if kept is None else Sensor.from_json(kept, grid, where=f"frames: {record}"), items
+        sensor_before = read_json(record, by="frames").get("sensor")
+        return (
+            grid,
+            None if sensor_before is None else Sensor.from_json(sensor_before, grid, where=f"frames: {record}"),
+            items,
+        )
     with named(by, Path(made["log"])):
         first = [(item, item.read()) for item in islice(items, FIRST)]
         if not first:
@@ -151,9 +155,9 @@ def _of_rings(scan: LogScan, options: LogOptions) -> LogScan:
         raise ValueError(f"frames: --log.rings is {options.rings!r}; give two numbers, as 0-31")
     if scan.ring is None:
         raise ValueError(f"frames: --log.rings was given, and {scan.name} has no rings")
-    kept = (scan.ring >= int(low)) & (scan.ring <= int(high or low))
-    if not kept.any():
+    chosen = (scan.ring >= int(low)) & (scan.ring <= int(high or low))
+    if not chosen.any():
         raise ValueError(
             f"frames: {scan.name} has no point of rings {options.rings}; it has {scan.ring.min()}..{scan.ring.max()}"
         )
-    return replace(scan.only(kept), ring=scan.ring[kept] - int(low))
+    return replace(scan.only(chosen), ring=scan.ring[chosen] - int(low))

@@ -57,15 +57,19 @@ class Sensor:
         with `where`, for what is none."""
         elevation, origin = np.asarray(grid.elevation_rad, np.float64), np.asarray(grid.origin_m, np.float64)
         with placed(f"{where}: what it says of the sensor cannot be read", TypeError, then=_ANEW):
-            kept = parse_settings(_Kept, content)
-        pose, ring = np.asarray(kept.cloud_from_sensor), np.asarray(kept.ring, np.int64)
-        if not (len({*kept.ring}) == len(ring) == len(elevation) and kept.full_scale > 0 and kept.axis in (None, 0, 1)):
+            settings = parse_settings(_Kept, content)
+        pose, ring = np.asarray(settings.cloud_from_sensor), np.asarray(settings.ring, np.int64)
+        if not (
+            len({*settings.ring}) == len(ring) == len(elevation)
+            and settings.full_scale > 0
+            and settings.axis in (None, 0, 1)
+        ):
             raise ValueError(
-                f"{where}: {len(ring)} rings, full scale {kept.full_scale:g} and axis {kept.axis} are no sensor's of "
-                f"{len(elevation)} rows; {_ANEW}"
+                f"{where}: {len(ring)} rings, full scale {settings.full_scale:g} and axis {settings.axis} are no "
+                f"sensor's of {len(elevation)} rows; {_ANEW}"
             )
         check_rigid(pose, f"{where}: cloud_from_sensor")
-        return cls(Beams(elevation, origin, ring, kept.off_deg), grid, kept.full_scale, pose, kept.axis)
+        return cls(Beams(elevation, origin, ring, settings.off_deg), grid, settings.full_scale, pose, settings.axis)
 
 
 _Row = tuple[float, float, float, float]
@@ -134,8 +138,8 @@ def _sensor(scans: Sequence[LogScan], options: LogOptions, *, scale: float, axis
 
 def _missed_deg(xyz_m: Float[np.ndarray, "n 3"], elevation_rad: Float[np.ndarray, " n"]) -> float:
     """By how much points miss beams of these elevations: the median."""
-    own = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
-    return float(np.rad2deg(np.median(np.abs(own - elevation_rad))))
+    elevation = np.arctan2(xyz_m[:, 2], np.hypot(xyz_m[:, 0], xyz_m[:, 1]))
+    return float(np.rad2deg(np.median(np.abs(elevation - elevation_rad))))
 
 
 def _all_rings(parts: Sequence[LogScan], options: LogOptions) -> Int[np.ndarray, " n"]:
@@ -164,8 +168,8 @@ def returned(scan: LogScan, axis: int | None = None) -> LogScan:
     ring = scan.ring
     if ring is None and axis is not None and scan.shape is not None:
         ring = ring_of_shape(scan.shape, axis)
-    kept = np.isfinite(scan.xyz_m).all(axis=1) & (np.abs(scan.xyz_m) > 0).any(axis=1) & np.isfinite(scan.intensity)
-    return replace(scan, ring=ring).only(kept)
+    usable = np.isfinite(scan.xyz_m).all(axis=1) & (np.abs(scan.xyz_m) > 0).any(axis=1) & np.isfinite(scan.intensity)
+    return replace(scan, ring=ring).only(usable)
 
 
 def in_frame(xyz_m: Float[np.ndarray, "n 3"], cloud_from_sensor: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "n 3"]:
@@ -221,9 +225,9 @@ def to_sweep(scan: LogScan, sensor: Sensor, options: LogOptions, *, by: str) -> 
         )
     azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
     inside &= _one_return(azimuth, row, intensity=intensity, range_m=range_m, returns=options.returns)
-    kept = np.flatnonzero(inside)
-    column = assign_columns(azimuth[kept], row[kept], sensor.grid)
-    return _on_grid(scan, sensor, kept, row=row[kept], column=column, range_m=range_m, intensity=intensity)
+    on_grid = np.flatnonzero(inside)
+    column = assign_columns(azimuth[on_grid], row[on_grid], sensor.grid)
+    return _on_grid(scan, sensor, on_grid, row=row[on_grid], column=column, range_m=range_m, intensity=intensity)
 
 
 def _nearest_rows(xyz: Float[np.ndarray, "n 3"], grid: PolarGrid) -> Int[np.ndarray, " n"]:

@@ -85,9 +85,9 @@ def _fired(points: np.ndarray) -> np.ndarray:
     rate = turned / np.maximum(np.diff(time_s), 1e-6)
     same = (np.diff(ring) == 0) & (np.diff(time_s) > 1e-6)
     fast = same & (rate > 3 * np.median(rate[same])) if same.any() else same
-    kept = np.ones(len(points), bool)
-    kept[order[1:][fast]] = False
-    return kept
+    fired = np.ones(len(points), bool)
+    fired[order[1:][fast]] = False
+    return fired
 
 
 def nuscenes_items(path: Path, options: LogOptions) -> Iterator[Item]:
@@ -132,7 +132,7 @@ def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:
     if path.is_file():
         return [(path.stem, path.stem, path, None)]
     folders = sorted({p.parent for p in path.rglob("*.bin") if not p.name.endswith(".pcd.bin")})
-    found = []
+    files = []
     for folder in folders:
         drive = next((p.name for p in folder.parents if p.name.endswith(("_sync", "_extract"))), "")
         if not drive and folder.name == "velodyne" and folder.parent.parent.name == "sequences":
@@ -140,10 +140,10 @@ def kitti_files(path: Path) -> list[tuple[str, str, Path, float | None]]:
         times = _times(folder)
         for number, file in enumerate(files_in(folder, ".bin")):
             name = f"{drive}-{file.stem}" if drive else file.stem
-            found.append((name, drive or file.stem, file, times[number] if number < len(times) else None))
-    if not found:
+            files.append((name, drive or file.stem, file, times[number] if number < len(times) else None))
+    if not files:
         raise ValueError(f"kitti: no .bin under {path}; pass the folder of a drive, of training/velodyne or sequences/")
-    return found
+    return files
 
 
 def _times(folder: Path) -> list[float]:
@@ -207,9 +207,9 @@ def _as_fired(xyz_m: np.ndarray, poses: dict[str, np.ndarray], *, stamp: int, of
     fired = np.clip(offset_ns.astype(np.float64) / 1e9, times.min(), times.max())
     when = np.concatenate([[0.0], fired])
     turn = Slerp(times[order], turns)(when)
-    place = np.stack([np.interp(when, times[order], places[:, k]) for k in range(3)], axis=1)
-    city = turn[0].apply(xyz_m) + place[0]
-    return turn[1:].apply(city - place[1:], inverse=True)
+    origin = np.stack([np.interp(when, times[order], places[:, k]) for k in range(3)], axis=1)
+    city = turn[0].apply(xyz_m) + origin[0]
+    return turn[1:].apply(city - origin[1:], inverse=True)
 
 
 def _feather(file: Path) -> dict[str, np.ndarray]:

@@ -124,7 +124,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
     ground_rgb, ground_nir, ground_class = ground
     things = ~(on_ground | in_sky)
-    own = things & ~marks.glass & ~marks.trim & ~marks.retro
+    painted = things & ~marks.glass & ~marks.trim & ~marks.retro
     metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
     half = look["half"]
     middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
@@ -137,7 +137,7 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
         gloss=jnp.where(things, jnp.where(marks.glass, 0.12, look["gloss"][0]), 0.01),
         glass=things & marks.glass,
         retro=things & marks.retro,
-        absorbing=own & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
+        absorbing=painted & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
         semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
         bend=bend,

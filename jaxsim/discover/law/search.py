@@ -214,12 +214,12 @@ def search(
     # Every formula is fitted to the curve and to each curve without a group, all in one go.
     curves = np.concatenate([curve[None], without])
     # Pseudo-values: what each group alone says of the curve.
-    said = groups * curve - (groups - 1) * without
+    gain = groups * curve - (groups - 1) * without
     # Knots that hang together say no more than the numbers behind them.
     count = min(free / n, 1.0)
 
     def loss(values: Curves) -> float:
-        return count * float((((said - values[1:]) * root) ** 2).sum()) / (2 * groups)
+        return count * float((((gain - values[1:]) * root) ** 2).sum()) / (2 * groups)
 
     loss_of_level = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
     best: tuple[float, Shape, ShapeFits] | None = None

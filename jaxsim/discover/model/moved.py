@@ -63,12 +63,12 @@ def same_surfaces(scan: Scan, measured: Measured) -> tuple[Scan, Measured]:
     """
     hit, valid = np.asarray(scan.hit), np.asarray(measured.valid)
     agree = hit & valid & np.asarray(near_enough(measured.range_m, scan.range_m))
-    kept = hit & _amid(agree) & (agree | ~valid)
-    slopes = np.where(kept[..., None], scan.slopes, 0).astype(np.float32)
-    zeros = {name: np.where(kept, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
-    one = replace(scan, hit=kept, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
+    same = hit & _amid(agree) & (agree | ~valid)
+    slopes = np.where(same[..., None], scan.slopes, 0).astype(np.float32)
+    zeros = {name: np.where(same, getattr(scan, name), 0) for name in ("range_m", "intensity", "incidence_rad")}
+    one = replace(scan, hit=same, slopes=slopes, **{k: v.astype(np.float32) for k, v in zeros.items()})
     # Where neither hits anything there is nothing to be of another moment.
-    return one, replace(measured, valid=valid & kept)
+    return one, replace(measured, valid=valid & same)
 
 
 def _amid(agreed: np.ndarray) -> np.ndarray:

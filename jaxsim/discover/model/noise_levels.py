@@ -230,9 +230,9 @@ def neighbourhoods(scan: Scan) -> tuple[Bool[Array, "f r c"], Bool[Array, "f r c
     q_left, q_right = 1 / jnp.maximum(left.range_m, 0.1), 1 / jnp.maximum(right.range_m, 0.1)
     middle = (q_left + q_right) / 2
     alike = alike & (jnp.abs(q_left - q_right) < 0.1 * middle)
-    own = scan.hit & (scan.semantic == left.semantic) & (scan.instance == left.instance)
-    own = own & (jnp.abs(1 / jnp.maximum(scan.range_m, 0.1) - middle) < 0.03 * middle)
-    return alike & own, alike & ~scan.hit
+    surface = scan.hit & (scan.semantic == left.semantic) & (scan.instance == left.instance)
+    surface = surface & (jnp.abs(1 / jnp.maximum(scan.range_m, 0.1) - middle) < 0.03 * middle)
+    return alike & surface, alike & ~scan.hit
 
 
 def beside(scan: Scan, shift: int) -> Scan:

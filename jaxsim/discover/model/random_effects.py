@@ -95,9 +95,9 @@ def normal_equations(
     # Only classes have a level in each street: gain and angles are the sensor's and the simulator's everywhere.
     kinds = jnp.arange(gram.shape[-1])
     classes = ((kinds > 0) & (kinds < gram.shape[-1] - ev.after_kinds)).astype(gram.dtype)
-    kept = jnp.outer(classes, classes)[None]
+    mask = jnp.outer(classes, classes)[None]
     prior = jnp.diag(jnp.where(classes > 0, 1 / STREET_SD**2, 1.0))
-    street = jnp.linalg.inv(gram * kept + prior[None]) * kept
+    street = jnp.linalg.inv(gram * mask + prior[None]) * mask
     prior = jnp.diag(jnp.asarray(1 / POSE_SD**2, jnp.float32))
     information = jnp.einsum("bcri,bcrj,bcr->bij", ev.pose, ev.pose, weight_r) + prior[None]
     return NormalEquations(weight_i, weight_r, strips, surfaces, gram, street, jnp.linalg.inv(information))
@@ -174,8 +174,8 @@ def levels_of(
 
 def explained_by(ev: Evidence, levels: ReflectanceLevels) -> Float[Array, "b c r"]:
     """Nats by which levels make each compared ray brighter than simulated."""
-    own = (levels.strip + levels.surface[ev.surface])[ev.strip.reshape(-1)].reshape(ev.strip.shape)
-    return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + own
+    of_ray = (levels.strip + levels.surface[ev.surface])[ev.strip.reshape(-1)].reshape(ev.strip.shape)
+    return jnp.einsum("bcrp,bp->bcr", ev.features, levels.features) + of_ray
 
 
 def _sums(

@@ -162,7 +162,7 @@ def at_rays(
     noise = lattices_of(scan) if simulator is None else simulator.noise
     ranges = None if simulator is None else simulator.ranges
     nothing = np.zeros((1, 1, 1), np.float32)
-    own = AtRays(
+    simulated = AtRays(
         detail=None,
         excess=nothing,
         over_trend=nothing,
@@ -175,7 +175,7 @@ def at_rays(
         constant=np.float32(0.0 if simulator is None else simulator.sensor.intensity),
     )
     if simulator is None or simulator.intensities is None:
-        return own
+        return simulated
     intensities = simulator.intensities
     trusted = np.asarray(intensities.trusted)[index]
     level = np.asarray(intensities.level)[index].astype(float)
@@ -200,7 +200,7 @@ def at_rays(
     own_detail = np.asarray(intensities.detail)[index]
     detail = np.stack([own_detail * (1 - dark), own_detail * dark, over_trend], axis=-1)
     return replace(
-        own,
+        simulated,
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
         excess=((1 - trust) * over_trend).astype(np.float32),
         over_trend=still_over.astype(np.float32),

@@ -271,8 +271,8 @@ def _levels(
     variance = (constant + share * expected + 1e-12) / expected
     precision = weight / variance
     gram = _gram(window.design, precision)
-    own = variance[variance.shape[0] // 2]
-    return gram.solve(_moments(window.design, precision, window.level))[0], gram.first_variance() / own
+    spread = variance[variance.shape[0] // 2]
+    return gram.solve(_moments(window.design, precision, window.level))[0], gram.first_variance() / spread
 
 
 @dataclass(frozen=True)
@@ -311,8 +311,8 @@ def _gram(design: list[Array], weight: Float[Array, "k c"]) -> _Factored:
             entry = (weight * p * q).sum(0)
             line.append(entry - sum(line[i] * lower[j][i] for i in range(j)))
         lower.append([entry / d for entry, d in zip(line, diagonal, strict=True)])
-        own = (weight * p**2).sum(0) + (RIDGE if k else 1e-6)
-        diagonal.append(own - sum(a * b for a, b in zip(line, lower[k], strict=True)))
+        pivot = (weight * p**2).sum(0) + (RIDGE if k else 1e-6)
+        diagonal.append(pivot - sum(a * b for a, b in zip(line, lower[k], strict=True)))
     return _Factored(lower, diagonal)
 
 

@@ -47,8 +47,8 @@ def free_curves(
     for channel in [name for name in CURVES if name not in without]:
         strongest = [one for one in dependences if one.channel == channel][: RULES.curves_tried]
         names = {one.covariate for one in strongest}
-        more = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
-        tried += [*strongest, *(one for one in more if _varies(problem, one.covariate))]
+        untried = [Dependence(channel, name, 1.0, 0.0, 0.0) for name in TAKEN_UP.get(channel, ()) if name not in names]
+        tried += [*strongest, *(one for one in untried if _varies(problem, one.covariate))]
     with ThreadPoolExecutor(THREADS) as pool:
         return sorted(pool.map(one, tried), key=lambda pair: -pair[1].total)
 

@@ -73,9 +73,9 @@ def flipped(contrasts: Float[np.ndarray, "k n"], variance: Float[np.ndarray, " k
     # In units of its standard deviation: a wide region does not win by its size alone.
     scaled = contrasts / np.sqrt(variance)[:, None]
     best = int(scaled.sum(1).argmax())
-    held = np.stack([clipped(one) for one in scaled])
-    by_chance = (signs_of(contrasts.shape[1]) @ held.T).max(1)
-    return best, float(np.mean(by_chance >= held[best].sum() - 1e-9))
+    gains = np.stack([clipped(one) for one in scaled])
+    by_chance = (signs_of(contrasts.shape[1]) @ gains.T).max(1)
+    return best, float(np.mean(by_chance >= gains[best].sum() - 1e-9))
 
 
 def dealt(excess: Float[np.ndarray, " n"], whole: Bool[np.ndarray, "k n"]) -> tuple[int, float]:

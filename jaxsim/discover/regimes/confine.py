@@ -91,14 +91,14 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
     whole = cells(effect, problem, z=result.z, noise=result.noise, sector=facts.column, sectors=columns)
     slope = whole.slope.sum(0)
     curvature = whole.curvature.sum(0)
-    held = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
-    size = 1 + slope[held].sum() / curvature[held].sum()
+    inside = np.asarray(region.in_sector(np.asarray(facts.scan.grid.azimuth_rad)))
+    size = 1 + slope[inside].sum() / curvature[inside].sum()
     # From none of the effect to this size: the slope at none of it less half of what bends it.
     gain = (slope + curvature) * size - curvature * size**2 / 2
     reach = max(1, 3 * columns // (2 * facts.sectors))
     # The region's columns in a row, the turn cut open opposite of it.
-    first = int(np.flatnonzero(held & ~np.roll(held, 1))[0])
-    length = int(held.sum())
+    first = int(np.flatnonzero(inside & ~np.roll(inside, 1))[0])
+    length = int(inside.sum())
     turns = bool(spans_turn(facts.scan.grid))
     before = min(reach, columns - length) if turns else min(reach, first)
     after = min(reach, columns - length - before) if turns else min(reach, columns - first - length)

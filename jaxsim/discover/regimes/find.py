@@ -73,7 +73,7 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
     if divides == "azimuth":
         x = azimuth[[(2 * k + 1) * len(azimuth) // (2 * facts.sectors) for k in range(facts.sectors)]]
         size = _size_at(whole.slope.sum(0), whole.curvature.sum(0))
-        held = np.asarray(one.region.in_sector(x))
+        inside = np.asarray(one.region.in_sector(x))
     else:
         # Of a single drive, whose sectors are its scenes, each has all moments: frames are shown instead.
         group = facts.scene if len(set(facts.names)) > 1 else np.unique(facts.frame, return_inverse=True)[1]
@@ -81,7 +81,7 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
         first = np.unique(group, return_index=True)[1]
         time_s = np.asarray(facts.scan.time_s, float)[facts.frame[first]]
         x = time_s if len(np.unique(time_s)) == len(first) else np.arange(len(first), dtype=float)
-        held = one.frames[facts.frame[first]]
+        inside = one.frames[facts.frame[first]]
     return Regime(
         effect=one.plain.plain_name,
         divides=divides,
@@ -91,7 +91,7 @@ def regime_of(one: Confined, divides: str, told: RegimeNumbers, *, facts: Facts)
         applied=one.region.acts,
         x=tuple(map(float, x)),
         sizes=tuple(map(float, size)),
-        held=tuple(map(bool, held)),
+        held=tuple(map(bool, inside)),
     )
 
 
@@ -238,8 +238,8 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
         if effect.name in WHOLE:
             continue
         rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
-        found = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
-        leads += [Lead(one, (step.chosen, *rivals), k, step.fit, named=True) for one in found]
+        divisions = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
+        leads += [Lead(one, (step.chosen, *rivals), k, step.fit, named=True) for one in divisions]
     return leads
 
 

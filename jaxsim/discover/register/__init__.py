@@ -112,7 +112,7 @@ def register(
     # Where the truth is no motion, the climb from there must not be missed for a better-looking beginning.
     ends = [climb(sides, start[k][None], COARSE, free=MOUNTED, pooled=True) for k in sorted({0, best})]
     free = MOUNTED
-    own = OF_FRAME
+    prior = OF_FRAME
     names, scene = np.unique(list(scenes), return_inverse=True)
     common = min(ends, key=lambda one: loss(sides, one, COARSE[-1]).mean())[0]
     # Beams that point higher only where nothing else explains the ranges.
@@ -120,13 +120,13 @@ def register(
     if abs(lifted[0, LIFT]) - sandwich(few, lifted[0], scene, free=LIFTED)[LIFT] > RULES.lifted_rad:
         common = climb(sides, lifted, FINE, free=LIFTED, pooled=True)[0]
         free = LIFTED
-        own = OF_FRAME.with_sd(LIFT, FRAME_LIFT_SD)
+        prior = OF_FRAME.with_sd(LIFT, FRAME_LIFT_SD)
 
     # Each frame for itself, from the best of the places and ways that it may have along its heading.
     frames = np.repeat(common[None], len(scan.range_m), axis=0)
     for number, ways in ((0, AHEAD_M), (TRAVEL, DRIVEN_M)):
         frames = _from_the_best(few, frames, ways, number=number)
-    frames = climb(sides, frames, FINE, free=own, centre=common, pooled=False)
+    frames = climb(sides, frames, FINE, free=prior, centre=common, pooled=False)
 
     half = sandwich(sides, common, scene, free=free)
     if len(names) > 1:
@@ -143,7 +143,7 @@ def register(
         predicted(sides, frames),
         given_m=given,
         measured_m=measured,
-        travel_sd_m=frame_sd(sides, frames, free=own)[:, TRAVEL],
+        travel_sd_m=frame_sd(sides, frames, free=prior)[:, TRAVEL],
     )
 
 
@@ -157,9 +157,9 @@ def _from_the_best(sides: Sides, motion: Motion, ways: Float[np.ndarray, " k"], 
 
 def loss(sides: Sides, motion: Motion, width: float = COARSE[0]) -> Float[np.ndarray, " f"]:
     """How badly each frame's points lie on the planes that they meet, 0..1 (Geman & McClure's)."""
-    place = turned(sides, motion)[0] + origin_of(sides, motion)
-    met = meet(sides, place)
-    square = (_off(met, place) / _width(sides, width)) ** 2
+    points = turned(sides, motion)[0] + origin_of(sides, motion)
+    met = meet(sides, points)
+    square = (_off(met, points) / _width(sides, width)) ** 2
     return np.sum(np.where(met.inside, square / (1 + square), 0), -1) / np.maximum(met.inside.sum(-1), 1)
 
 
@@ -236,9 +236,9 @@ def _linear(
 ) -> tuple[Float[np.ndarray, "f n k"], Float[np.ndarray, "f n"], Float[np.ndarray, "f n"]]:
     """How each point's distance from its plane changes with what is free, its Tukey weight, and the distance, m."""
     ray, lifted = turned(sides, motion)
-    place = ray + origin_of(sides, motion)
-    met = meet(sides, place)
-    off = _off(met, place)
+    points = ray + origin_of(sides, motion)
+    met = meet(sides, points)
+    off = _off(met, points)
     weight = np.where(met.inside, np.maximum(1 - (off / _width(sides, width)) ** 2, 0) ** 2, 0)
     # A point's derivative off its plane: the normal in its place, the moment about the sensor in its rotation.
     driven = met.normal[..., 0] * sides.late

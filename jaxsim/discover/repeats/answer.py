@@ -88,8 +88,8 @@ def examine(
     """What repeats in `division` with the effects of `chain`, which leave `noise`, and the `known` ones in place, each
     pattern with the law that it makes. `scenes` are those of the frames."""
     dense = Dense.of(division, scenes, null, known=known)
-    found = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
-    return dense.learn(found, chain, noise) if found else ()
+    repeats = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
+    return dense.learn(repeats, chain, noise) if repeats else ()
 
 
 def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:

@@ -200,8 +200,8 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
     """All scales of a grid; places are groups of columns, `bins` of them: as many as a frame shows columns."""
     bins = min(bins, columns)
     row, column = np.mgrid[:rows, :columns]
-    place = column * bins // columns
-    group = row // ROWS_OF_CELL * bins + place
+    bin_of = column * bins // columns
+    group = row // ROWS_OF_CELL * bins + bin_of
     # Up to a period over two cells: faster waves alias.
     up = np.arange(PER_PERIOD, PER_PERIOD * rows // 2)
     across = np.arange(PER_PERIOD, PER_PERIOD * columns // 2)
@@ -211,7 +211,7 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
         return total.sum(2)
 
     def beside(k: int) -> str:
-        of = np.flatnonzero(place[0] == k)
+        of = np.flatnonzero(bin_of[0] == k)
         return f"columns {of[0]} to {of[-1]}" if len(of) > 1 else f"column {of[0]}"
 
     def cell(k: int) -> str:
@@ -223,7 +223,7 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
         _parity("column", column, "odd columns against even ones"),
         _parity("row x column", row + column, "a chequerboard of rows and columns"),
         Scale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
-        Scale("column", "column", _sums_of(place), lambda k, _: (place == k) * 1.0, beside),
+        Scale("column", "column", _sums_of(bin_of), lambda k, _: (bin_of == k) * 1.0, beside),
         Scale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
         _waves("row", np.stack([up, 0 * up], 1), rows=rows, columns=columns),
         _waves("column", np.stack([0 * across, across], 1), rows=rows, columns=columns),

@@ -285,9 +285,9 @@ def _thinned(
     """Frame, row and column of at most so many rays of each scene."""
     frame, row, column = np.nonzero(good)
     scene = frame_scene[frame]
-    kept: list[np.ndarray] = []
+    samples: list[np.ndarray] = []
     for s in np.unique(scene):
         rays = np.flatnonzero(scene == s)
-        kept.append(rays if len(rays) <= most else np.sort(rng.choice(rays, most, replace=False)))
-    chosen = np.concatenate(kept)
+        samples.append(rays if len(rays) <= most else np.sort(rng.choice(rays, most, replace=False)))
+    chosen = np.concatenate(samples)
     return frame[chosen], row[chosen], column[chosen]

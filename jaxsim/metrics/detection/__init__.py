@@ -180,8 +180,8 @@ def _count(
     match = (frames.overlap[metric] > minimum) & (of_truth[pairs.truth] >= 0) & (of_detection[pairs.detection] >= 0)
     pairs = pairs.at(match)
     overlap, similarity = frames.overlap[metric][match], frames.similarity[match]
-    found = (of_truth[pairs.truth] == 0) & countable[pairs.detection]
-    if not truths or not found.any():
+    matched = (of_truth[pairs.truth] == 0) & countable[pairs.detection]
+    if not truths or not matched.any():
         none = np.zeros(0, int)
         return _Counted(np.zeros(0), none, none, none, np.zeros(0), truths, int(countable.sum()))
 

@@ -104,8 +104,8 @@ def pairs_of(truth: Objects, detections: Objects, among: Bool[np.ndarray, " n"])
     stop = np.searchsorted(detections.frame, truth.frame, side="right")
     count = np.where(among, stop - first, 0)
     label = np.repeat(np.arange(len(count)), count)
-    place = np.arange(len(label)) - np.repeat(np.cumsum(count) - count, count)
-    return Pairs(label, first[label] + place)
+    within = np.arange(len(label)) - np.repeat(np.cumsum(count) - count, count)
+    return Pairs(label, first[label] + within)
 
 
 def _bbox_shared(a: Float[np.ndarray, "p 4"], b: Float[np.ndarray, "p 4"]) -> Float[np.ndarray, " p"]:
@@ -196,8 +196,8 @@ def candidates(
     frames = frame[label[starts]]
     begins = np.flatnonzero(np.diff(frames, prepend=-1))
     turn = np.arange(len(starts)) - np.repeat(begins, np.diff(begins, append=len(starts)))
-    place = np.arange(len(label)) - np.repeat(starts, length)
-    return Candidates(order, label, detection, np.repeat(turn, length), place)
+    within = np.arange(len(label)) - np.repeat(starts, length)
+    return Candidates(order, label, detection, np.repeat(turn, length), within)
 
 
 def assign(chosen: Candidates, score: Float[np.ndarray, " d"], at: Float[np.ndarray, " t"]) -> Bool[np.ndarray, "p t"]:
@@ -226,10 +226,10 @@ def thresholds(score: Float[np.ndarray, " p"], truths: int) -> Float[np.ndarray,
     recall = 0.0
     scores = []
     for i, value in enumerate(ordered):
-        left = (i + 1) / truths
-        right = (i + 2) / truths if i < last else left
+        next_recall = (i + 1) / truths
+        right = (i + 2) / truths if i < last else next_recall
         # Take this score only if the next one's recall is not nearer to the wanted one.
-        if i < last and right - recall < recall - left:
+        if i < last and right - recall < recall - next_recall:
             continue
         scores.append(value)
         # Added up, as the devkit does: its rounding decides which scores are taken.

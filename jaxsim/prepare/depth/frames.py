@@ -147,10 +147,10 @@ class Batches:
         return number, *divmod(within, self.steps[number])
 
     def __getitem__(self, k: int) -> DepthFrame:
-        number, epoch, place = self.place(k)
+        number, epoch, index = self.place(k)
         stage = self.config.stages[number]
         of_epoch = [self.seed, number, epoch]
         order = np.random.default_rng(of_epoch).permutation(len(self.frames))
-        chosen = [int(i) for i in order[place * stage.batch : (place + 1) * stage.batch]]
+        chosen = [int(i) for i in order[index * stage.batch : (index + 1) * stage.batch]]
         parts = [augment(self.frames[i], stage, self.config, rng=np.random.default_rng([*of_epoch, i])) for i in chosen]
         return jax.tree.map(lambda *column: np.stack(column), *parts)

@@ -93,8 +93,8 @@ class Loop:
 
     def intensity_experiment(self) -> Experiment:
         """The sensor's training, in this folder."""
-        own = self.config.intensity
-        return replace(own, run=replace(own.run, name="intensity", out=self.out))
+        settings = self.config.intensity
+        return replace(settings, run=replace(settings.run, name="intensity", out=self.out))
 
     def data_of(self, kind: str) -> DataConfig:
         """Labelled frames of a kind of cloud."""
@@ -107,9 +107,9 @@ class Loop:
 
     def detector_experiment(self, trained: str, seed: int) -> DetectorExperiment:
         """A detector's training, in this folder."""
-        own, path = self.config.detector, self.detector(trained, seed)
-        run = replace(own.run, name=path.name, out=path.parent, seed=seed)
-        return replace(own, data=self.data_of(trained), run=run)
+        settings, path = self.config.detector, self.detector(trained, seed)
+        run = replace(settings.run, name=path.name, out=path.parent, seed=seed)
+        return replace(settings, data=self.data_of(trained), run=run)
 
 
 def settle_loop(config: LoopConfig) -> Loop:

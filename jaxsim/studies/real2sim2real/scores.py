@@ -111,9 +111,9 @@ def read_average(loop: Loop, trained: str, judged: str, *, column: tuple[str, st
     labels = 0
     for seed in loop.config.seeds:
         checkpoints = read_checkpoints(loop, trained, judged, seed=seed)
-        found = [ap for c in checkpoints if (ap := c.ap_r40.get(key)) is not None]
-        if found:
-            values.append(float(np.mean(found)))
+        averages = [ap for c in checkpoints if (ap := c.ap_r40.get(key)) is not None]
+        if averages:
+            values.append(float(np.mean(averages)))
             labels = checkpoints[-1].labels.get(difficulty, 0)
     if not values:
         return None
@@ -126,7 +126,7 @@ def epochs_on_real(loop: Loop) -> dict[str, list[list[float]]]:
     key = " ".join((*COLUMNS[0], "moderate"))
     curves = {}
     for kind in (REAL, *loop.config.kinds):
-        seeds = [found for seed in loop.config.seeds if (found := read_checkpoints(loop, kind, REAL, seed=seed))]
+        seeds = [of_seed for seed in loop.config.seeds if (of_seed := read_checkpoints(loop, kind, REAL, seed=seed))]
         known = seeds and seeds[0][0].ap_r40.get(key) is not None
         curves[kind] = [[c.ap_r40.get(key) or 0.0 for c in one] for one in seeds] if known else []
     return curves

@@ -174,8 +174,8 @@ class Stages:
         pictures, and the latter as clouds that turn."""
         loop = self.loop
         real, seed = max(self.scenes(REAL, "validation"), key=count_objects), loop.config.seeds[0]
-        find, found = make_find(loop.config.detector), {}
+        find, boxes = make_find(loop.config.detector), {}
         for kind in loop.trained:
-            found[kind], _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
+            boxes[kind], _ = find(load_detector(loop.detector(kind, seed)).network, real.points)
         drawn = draw_kinds(loop, {kind: self.scenes(kind, "validation") for kind in loop.config.kinds})
-        return drawn | draw_detections(loop, real, found), turned_clouds(loop, real, found)
+        return drawn | draw_detections(loop, real, boxes), turned_clouds(loop, real, boxes)

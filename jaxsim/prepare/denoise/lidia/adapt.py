@@ -160,5 +160,5 @@ def _step(
     change, memory = optax.adam(lr).update(gradient, memory)
     trained = optax.apply_updates(values, change)
     # The statistics have no gradient: they are what the batches were.
-    kept = lambda path, new, old: old if path[-1].key in STORED else new  # noqa: E731
-    return jax.tree.map_with_path(kept, trained, seen), memory, loss
+    updated = lambda path, new, old: old if path[-1].key in STORED else new  # noqa: E731
+    return jax.tree.map_with_path(updated, trained, seen), memory, loss

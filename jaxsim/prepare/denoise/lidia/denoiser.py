@@ -141,8 +141,8 @@ def _scale(image: Array, mask: Array | None, p: int, *, d: int) -> Scale:
         distance, index = jax.lax.map(lambda one: search(*one), (grey, known[..., 0] > 0))
     # The table holds the patches of all images: each image's numbers begin where the one before ends.
     index = index + (jnp.arange(b) * (table.shape[1] * table.shape[2]))[:, None, None, None]
-    own = _variance(unfold(image, p, d), None if mask is None else unfold(jnp.repeat(mask, c, -1), p, d))
-    distance = jnp.concatenate([distance[..., 1:], own], -1)
+    variance = _variance(unfold(image, p, d), None if mask is None else unfold(jnp.repeat(mask, c, -1), p, d))
+    distance = jnp.concatenate([distance[..., 1:], variance], -1)
     flat = lambda x: x.reshape(-1, x.shape[-1])  # noqa: E731
     return Scale(flat(table), flat(index).T, flat(distance).T)
 

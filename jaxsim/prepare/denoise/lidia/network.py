@@ -295,10 +295,10 @@ def _by_chunks(
     if n <= chunk:
         return function(arrays, counted)
     # One shape of chunk alone, so that one program is compiled.
-    more = -n % chunk
+    padding = -n % chunk
 
     def cut(x: Array) -> Array:
-        x = jnp.pad(x, [(0, 0), (0, more), *[(0, 0)] * (x.ndim - 2)])
+        x = jnp.pad(x, [(0, 0), (0, padding), *[(0, 0)] * (x.ndim - 2)])
         return jnp.moveaxis(x.reshape(x.shape[0], -1, chunk, *x.shape[2:]), 1, 0)
 
     def joined(x: Array) -> Array:

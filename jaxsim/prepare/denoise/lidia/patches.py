@@ -120,8 +120,8 @@ def nearest_patches(
     # Below all others: an equal patch elsewhere may lie on other unmeasured cells.
     distances = distances.at[middle].set(-1.0)
     negative, shift = jax.lax.top_k(-distances.reshape(side * side, -1).T, NEIGHBOURS)
-    found = (-negative).at[:, 0].set(0.0).reshape(rows, columns, NEIGHBOURS)
+    nearest = (-negative).at[:, 0].set(0.0).reshape(rows, columns, NEIGHBOURS)
     shift = shift.reshape(rows, columns, NEIGHBOURS).astype(jnp.int32)
     row = jnp.arange(rows)[:, None, None] + d * (shift // side)
     column = jnp.arange(columns)[None, :, None] + d * (shift % side)
-    return found, row * (image.shape[1] - d * (p - 1)) + column
+    return nearest, row * (image.shape[1] - d * (p - 1)) + column
