@@ -12,10 +12,10 @@ from typing import Literal, get_type_hints
 import jax
 import numpy as np
 import pytest
-import tyro
 
 import jaxsim.config.ranges
 import jaxsim.data
+from jaxsim.cli import COMMANDS, Command, main
 from jaxsim.config import DataConfig
 from jaxsim.data import DATASETS, Dataset, open_dataset
 from jaxsim.effects import EFFECTS, all_rays
@@ -81,6 +81,7 @@ def test_a_data_set_is_added_by_a_class_and_a_row(monkeypatch, tmp_path):
     assert isinstance(dataset, Dataset)
     assert len(dataset) == 1
     frame = dataset[0]
+    assert not frame.camera.has_image
     assert (frame.name, dataset.name_of(0)) == ("000007", "000007")
     np.testing.assert_array_equal(frame.cloud.xyz_m, points[:, :3])
     np.testing.assert_array_equal(frame.cloud.intensity, points[:, 3])
@@ -88,18 +89,19 @@ def test_a_data_set_is_added_by_a_class_and_a_row(monkeypatch, tmp_path):
         open_dataset("scans")
 
 
-def test_a_command_is_a_dataclass_that_is_called(monkeypatch, capsys):
-    beams = module_of("jaxsim/cli/beams.py", monkeypatch)
-    tyro.cli(beams.Beams, args=["--sensor", "hdl64e"])()
+def test_a_command_is_added_by_a_dataclass_and_a_row(monkeypatch, capsys):
+    module_of("jaxsim/cli/beams.py", monkeypatch)
+    add_row(COMMANDS, "a row of COMMANDS", {"Command": Command}, monkeypatch)
+    main(["beams", "--sensor", "hdl64e"])
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 64
     assert lines[0].endswith("degrees")
 
 
-def test_the_page_answers_five_questions_in_five_lines_each():
+def test_the_page_answers_each_question_in_five_lines():
     text = (ROOT / "CONTRIBUTING.md").read_text()
-    for question in ("Where is the likelihood", "Where are the thresholds", "How do I add an effect",
-                     "How do I add a data set", "How do I add a command"):  # fmt: skip
+    for question in ("Where is the likelihood", "Where are the thresholds", "Where does an effect's parameter",
+                     "How do I add an effect", "How do I add a data set", "How do I add a command"):  # fmt: skip
         [answer] = re.findall(rf"^## {question}[^\n]*\n\n(.*?)\n\n", text, re.DOTALL | re.MULTILINE)
         assert [line[:2] for line in answer.splitlines()] == ["1.", "2.", "3.", "4.", "5."], question
 

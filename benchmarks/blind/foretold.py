@@ -33,8 +33,8 @@ from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
-from jaxsim.discover.sensitivity import LEFT_OUT, could_pass, expected_gains
-from jaxsim.effects import EFFECTS
+from jaxsim.discover.sensitivity import could_pass, expected_gains
+from jaxsim.effects import EFFECTS, get_effect
 
 Row = dict[str, Any]
 
@@ -42,7 +42,7 @@ Row = dict[str, Any]
 def main(argv: list[str] | None = None) -> None:
     args = _arguments(argv)
     rows = [row for row in of_kind(read_rows(args.rows), "single") if row["severity"] in args.severity]
-    rows = [row for row in rows if row["truth"][0] not in LEFT_OUT]
+    rows = [row for row in rows if not get_effect(row["truth"][0]).of_recording]
     rows = [row for row in rows if not args.only or row["truth"][0] in args.only]
     enable_compilation_cache()
     told = []

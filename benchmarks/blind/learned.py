@@ -38,7 +38,6 @@ from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.model.fit import Chain, Problem
-from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.answer import decide
@@ -46,6 +45,7 @@ from jaxsim.discover.name.select import Choice, refitted
 from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
 from jaxsim.discover.repeats import examine, with_repeats
 from jaxsim.effects import Law
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.learned import CHANGE
 from jaxsim.effects.rays import Rays, Scan
 

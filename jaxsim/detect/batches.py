@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Float32
 
 from jaxsim.config import AugmentConfig, VoxelConfig
 from jaxsim.detect.scenes import Scene, View
+from jaxsim.geometry.polar import pad_points
 
 Array = np.ndarray
 Batch = dict[str, Array]
@@ -119,15 +120,15 @@ def pad_scene(
     """Points inside the range in random order, and the objects, each with a mask."""
     points = points[in_range(points, voxels)]
     # In random order, the cap takes a fair sample, and voxels are opened all over the scene.
-    order = rng.permutation(points)[: voxels.max_points]
-    padded, boxes = np.zeros((voxels.max_points, 4), np.float32), np.zeros((room, 7), np.float32)
-    padded[: len(order)], boxes[: len(objects)] = order, objects
+    sample = rng.permutation(points)[: voxels.max_points]
+    padded, valid = pad_points(sample, voxels.max_points)
+    boxes, is_object = pad_points(objects, room)
     return {
         "points": padded,
-        "valid": np.arange(voxels.max_points) < len(order),
+        "valid": valid,
         "objects": boxes,
-        "is_object": np.arange(room) < len(objects),
-        "dropped_points": np.array(len(points) - len(order), np.int32),
+        "is_object": is_object,
+        "dropped_points": np.array(len(points) - len(sample), np.int32),
     }
 
 

@@ -162,7 +162,7 @@ def check_pairs(
     # Of the poorer side's returns: a sensor may see much less than its simulator.
     poorer = np.minimum(hit.sum(1), back.sum(1))
     apart = both.sum(1) < RULES.common_returns * poorer
-    if apart.mean() > 0.5:
+    if apart.mean() > RULES.most_frames:
         k = int(np.argmax(apart))
         raise ValueError(
             f"discover: {names[k]} has {hit[k].sum()} returns simulated and {back[k].sum()} measured of {hit[k].size}, "
@@ -226,7 +226,7 @@ def _check_partners(
         each = agreement(ours[others], np.broadcast_to(theirs[k], ours[others].shape), hit[others] & back[k][None])
         best[k], share[k] = others[np.argmax(each.near)], each.near.max()
     wrong = share > own + RULES.better_partner
-    if wrong.mean() > 0.5:
+    if wrong.mean() > RULES.most_frames:
         k = int(np.argmax(share - own))
         raise ValueError(
             f"discover: names pair the wrong frames: measured {names[k]} agrees with simulated {names[best[k]]} on "

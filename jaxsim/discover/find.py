@@ -21,12 +21,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import rankdata
 
 from jaxsim.discover.covariates import COVARIATES, NAMED, curve_basis, values_of
-from jaxsim.discover.model.fit import CLUTTER, Problem
+from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.null import fit_null, standardised
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import best_of_gains, chance_of_best
 from jaxsim.discover.verdict import Where
+from jaxsim.effects import get_effect
 from jaxsim.effects.chain import SensorModel
 
 FITTED = (("intensity", "class"),)
@@ -269,7 +270,7 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
         law.check(division.scan)
     ev, scene = division.evidence(division.parts.find, known)
     # The null needs the component of false returns as soon as a known effect makes some.
-    clutter = any(name in CLUTTER for name, _ in known.effects)
+    clutter = any(get_effect(name).clutter for name, _ in known.effects)
     null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
     rays, residuals = standardised(null, ev.all_blocks)
     single = localise(rays, residuals, scene)

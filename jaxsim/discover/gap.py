@@ -25,13 +25,14 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.covariates import COVARIATES, curve_basis, values_of
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.likelihood import CHANNELS, DEGREES, log_likelihood, log_lost, rounding_gain
+from jaxsim.discover.model.likelihood import DEGREES, log_likelihood, log_lost, rounding_gain
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import residuals, spread
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval, ratio_interval
 from jaxsim.discover.verdict import Gained, Gap, Interval
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.frame import Array
 
 UNITS = {

@@ -3,8 +3,8 @@
 What the model itself assumes (noise scales, priors of effects, bounds, steps of an optimiser) stands with the model
 (`discover/model`). Here stands what turns its numbers into an answer: how many scenes, how many nats, which
 probability, how much worse. Those of which it says so were set on development cases of `benchmarks/blind` (seeds below
-10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover-rates.md). The others are
-conventions, or follow from another rule.
+10000); the sealed ones, on which nothing was tuned, say how often they err (docs/discover-rates.md). The others follow
+from another rule, as their text says, or are conventions.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ class Rules:
     in_sight: float = 0.7
     """Share of a frame's measured points that must lie within the simulated image as it was registered: those beyond
     it count as apart where fewer do."""
+    most_frames: float = 0.5
+    """Share of frames, or of scenes, above which something holds for the folder."""
     common_returns: float = 0.05
     """Rays that return on both sides, of those of the poorer side, at least."""
     steady: float = 0.05
@@ -124,6 +126,15 @@ class Rules:
     direction_share: float = 0.25
     """Part of the way from the null to a fit at which scenes are asked whether they agree on its direction: they may
     disagree on its length."""
+    pile_within: float = 0.005
+    """Readings within this share of the largest are piled up there ..."""
+    piled_share: float = 0.002
+    """... if they are at least this share of all: a saturation is then tried."""
+    gate_nats: float = 20.0
+    """Nats by which a border in range between lost and returned rays must be likelier than none, for a gate to be
+    tried there."""
+    hidden_share: float = 0.8
+    """Share of rays lost above which a bin of azimuth may be hidden."""
     sudden_nats: float = 12.0
     """Gain of each of `decisive_scenes` with which a rare event (lost packets) passes without the test over
     scenes ..."""
@@ -195,6 +206,11 @@ class Rules:
     testable_share: float = 0.5
     """Size at which effects are asked whether these frames could show them, over a clearly visible one
     (`Parameter.scale`): severity 2 of `benchmarks/blind`, whose unit is a quarter of it or more."""
+    testable_times: float = 4.0
+    """Multiple of a size up to which more scenes of the same kind are advised: sixteen times as many."""
+    taken_share: float = 0.5
+    """Share of an effect that nuisances take up, from which on they are said to hide it; below it too few rays show
+    it."""
     agreeing_scenes: int = 7
     """Scenes that must each gain a nat or so for the test over scenes to pass at `agreement_level`: 2 x 2^-7."""
 

@@ -43,8 +43,6 @@ from jaxsim.effects import Effect
 from jaxsim.effects.rays import Rays
 from jaxsim.frame import Array
 
-LEFT_OUT = ("saturation", "intensity_quantization", "range_quantization")
-"""Effects whose one number is read off the readings."""
 OF_MEAN = (DEGREES + 1) / (DEGREES + 3)
 """Fisher's information of a Student-t in its location, over that of a normal of the same scale ..."""
 OF_SCALE = DEGREES / (DEGREES + 3)
@@ -63,10 +61,6 @@ TAKERS = {
     "drop": "usual rates of loss",
 }
 """Nuisances by the channel in which they take up what an effect does."""
-MUCH = 0.5
-"""Share that is much."""
-MOST_TIMES = 4.0
-"""Multiple of a size up to which more scenes of the same kind are advised: sixteen times as many."""
 NEED = {
     "class": "scenes that hold its surfaces, many and at different angles and ranges",
     "step": "scenes with more depth steps",
@@ -97,7 +91,7 @@ UNRELATED = (
 
 def sensitivities(problem: Problem, effects: Iterable[Effect]) -> tuple[Sensitivity, ...]:
     """What the frames of a fitted null could show of each effect; least first."""
-    answers = [sensitivity(problem, effect) for effect in effects if effect.plain_name not in LEFT_OUT]
+    answers = [sensitivity(problem, effect) for effect in effects if not effect.of_recording]
     return tuple(sorted(answers, key=lambda one: -(np.inf if one.times is None else one.times)))
 
 
@@ -194,7 +188,7 @@ def _times(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
 def _why(effect: Effect, held: Float[np.ndarray, " s"], *, taken: float) -> str:
     if held.sum() < RULES.bar_nats:
         return "hardly a ray that was compared changes by it"
-    if taken < MUCH:
+    if taken < RULES.taken_share:
         return "too few rays show it"
     takers = [words for channel, words in TAKERS.items() if channel in effect.channels]
     return f"{' and '.join(takers)} take up {taken:.0%} of what it does"
@@ -203,7 +197,7 @@ def _why(effect: Effect, held: Float[np.ndarray, " s"], *, taken: float) -> str:
 def _record(effect: Effect, scenes: int, *, times: float | None) -> str:
     advice = next((NEED[name] for name in effect.covariates if name in NEED), "other scenes")
     # What every scene adds is the same, so that gains grow with their number; hundreds of times as many are no advice.
-    if times is None or times > MOST_TIMES:
+    if times is None or times > RULES.testable_times:
         return advice
     return f"{advice}; or about {int(np.ceil(times**2 * scenes))} scenes like these to find with, in place of {scenes}"
 

@@ -23,7 +23,7 @@ from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of
 from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
 from jaxsim.effects.recast import recast
-from jaxsim.effects.region import WHOLE, Region, kept
+from jaxsim.effects.region import Region, kept
 from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 
@@ -155,10 +155,9 @@ class SensorModel:
             if not 0 <= value <= LEVELS[name]:
                 raise ValueError(f"levels: {name} is {value:g}; it must lie within 0 and {LEVELS[name]:g}")
         for name in self.regions:
-            if name not in {effect for effect, _ in checked} or name in WHOLE:
-                raise ValueError(
-                    f"where: {name} has no part; it may be given for effects of the model but {', '.join(WHOLE)}"
-                )
+            if name not in {effect for effect, _ in checked} or get_effect(name).of_recording:
+                whole = ", ".join(name for name, effect in EFFECTS.items() if effect.of_recording)
+                raise ValueError(f"where: {name} has no part; it may be given for effects of the model but {whole}")
         object.__setattr__(self, "effects", tuple(sorted(checked, key=lambda entry: order.index(entry[0]))))
 
     def values(self, rows: int) -> tuple[dict[str, Array], ...]:

@@ -34,7 +34,8 @@ class Parameter:
     unit: str
     meaning: str
     scale: float
-    """A typical, clearly visible distance from `neutral`: the prior's standard deviation."""
+    """A typical, clearly visible distance from `neutral`. The prior's standard deviation is `scale` for each entry of a
+    vector and three times it for a number (`discover.model.parameters`)."""
     shape: Literal["scalar", "row", "class"] = "scalar"
     """row: one a beam, top first. class: one a Cityscapes id."""
     fitted: bool = True
@@ -63,6 +64,13 @@ class Law:
     ray."""
     covariates: tuple[str, ...] = ()
     """The covariates, of `COVARIATES`, that residuals depend on where it acts."""
+    clutter: bool = False
+    """Whether it puts false returns before surfaces; the likelihood has that component only where one law does."""
+    of_recording: bool = False
+    """Whether it has one number for all rays of a recording (a step, a top), which is read off them: it acts in no part
+    alone."""
+    needs: Literal["", "time", "speed", "heading"] = ""
+    """What frames must say of themselves for it to act."""
     starts: tuple[dict[str, Any], ...] = ()
     """Parameters where fits begin if nothing can be learned at neutral; what is not named starts at neutral. Numbers
     stand for every beam or class."""

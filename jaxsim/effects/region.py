@@ -17,8 +17,6 @@ from jaxsim.effects.effect import Law
 from jaxsim.effects.rays import Array, Rays, Scan
 from jaxsim.files import parse_settings, placed
 
-WHOLE = ("intensity_quantization", "range_quantization", "saturation")
-"""Effects that have one number for all rays of a recording (steps, a top), and so no part."""
 TURN = 2 * math.pi
 FAR = 1e9
 """Seconds that no recording lasts."""

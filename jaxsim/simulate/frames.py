@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
-from jaxsim.effects import scan_of
+from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed
 from jaxsim.frame import Array, Frame, Painted, PolarGrid, PolarImage
@@ -23,15 +23,11 @@ from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
-from jaxsim.simulate.predict import check_image
-from jaxsim.simulate.sensor import LearnedSensor, Projection, Window
+from jaxsim.simulate.predict import Window, check_image
+from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 BATCH = 8
 """Frames that a comparison simulates together."""
-NEEDS = {"emitter_drift": "time", "ambient_light": "heading", "motion_distortion": "speed"}
-"""Effects that act by what a frame says of itself."""
-DIRECTED = ("ambient_light",)
-"""Effects that act elsewhere where it does not; the others then do nothing."""
 
 
 def take(tree: Any, k: int) -> Any:
@@ -142,10 +138,10 @@ def check_motion(
                 stacklevel=1,
             )
     for name, _ in model.effects:
-        what = NEEDS.get(name)
-        if what is None or known[what] is not None:
+        what = get_effect(name).needs
+        if not what or known[what] is not None:
             continue
-        if name in DIRECTED:
+        if what == "heading":
             raise ValueError(
                 f"simulate: {name} of the sensor model acts in a direction of the world, and these frames do not say "
                 "where the car heads; take frames that do (kitti_raw with its oxts/, synthetic), or take the effect "

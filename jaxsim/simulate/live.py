@@ -26,15 +26,13 @@ from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid
 from jaxsim.geometry import directions, incidence, polar_to_points
 from jaxsim.prepare import check_view, crop_image, window_of
 from jaxsim.runs.kinds import Run
-from jaxsim.simulate.predict import Generate, check_image, simulate_frame, simulate_painted
+from jaxsim.simulate.predict import Generate, Window, check_image, simulate_frame, simulate_painted
 
 OF_CAMERA = ("rgb", "surroundings")
 """Inputs that a camera alone knows."""
 CALLS = 5
 log = logging.getLogger(__name__)
 Raster = Float[Array, "*b rows columns"]
-Place = tuple[PolarGrid, Float[Array, " rows"]]
-"""The grid, and each of its rows as a fraction of the sensor's lines."""
 
 
 @dataclass(frozen=True)
@@ -136,17 +134,15 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     check_view(cropped, prepare)
     grid, row = window_of(view.camera, size, run.spec, config=prepare)
     compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
-    weights, place = jax.device_put((params, (grid, row)))
-    call = lambda seen: compiled(weights, with_cameras(seen), place)  # noqa: E731
+    weights, window = jax.device_put((params, (grid, row)))
+    call = lambda seen: compiled(weights, with_cameras(seen), window)  # noqa: E731
     latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
     log.info("live: %s views, %.0f ms a call", _times(view.rgb.shape[:-1]), 1000 * latency)
     check = lambda seen: check_view(seen, prepare)  # noqa: E731
     return Live(call, view.rgb.shape[:-1], prepare.image_crop, check, latency)
 
 
-def attach_rays(
-    run: Run, params: Any, window: tuple[PolarGrid, Float[Array, " rows"]], *, generate: Generate
-) -> LiveRays:
+def attach_rays(run: Run, params: Any, window: Window, *, generate: Generate) -> LiveRays:
     """Compiles the sensor for a ray caster that casts its own rays; tells the latency.
 
     Raises ValueError where the run was trained on what only a camera knows.
@@ -161,8 +157,8 @@ def attach_rays(
         )
     grid, _ = window
     compiled = jax.jit(partial(_cloud_of_rays, generate=generate, prepare=prepare))
-    weights, place = jax.device_put((params, window))
-    call = lambda painted, angle: compiled(weights, (painted, angle), place)  # noqa: E731
+    weights, window = jax.device_put((params, window))
+    call = lambda painted, angle: compiled(weights, (painted, angle), window)  # noqa: E731
     needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
     live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)
     far = np.full(live.directions.shape[:2], 10, np.float32)
@@ -185,12 +181,12 @@ def _times(shape: tuple[int, ...]) -> str:
 def _cloud_of_view(
     params: Any,
     view: CameraFrame,
-    place: Place,
+    window: Window,
     *,
     generate: Generate,
     prepare: PrepareConfig,
 ) -> Cloud:
-    grid, row = place
+    grid, row = window
     image, _ = simulate_frame(params, view, grid, row=row, generate=generate, prepare=prepare)
     return polar_to_points(image, grid)
 
@@ -198,12 +194,12 @@ def _cloud_of_view(
 def _cloud_of_rays(
     params: Any,
     met: tuple[Painted, Raster | None],
-    place: Place,
+    window: Window,
     *,
     generate: Generate,
     prepare: PrepareConfig,
 ) -> Cloud:
-    (painted, incidence_rad), (grid, row) = met, place
+    (painted, incidence_rad), (grid, row) = met, window
     angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
     rows = jnp.broadcast_to(row[:, None], angle.shape)
     seen = {"incidence_rad": angle, "row": rows}

@@ -27,6 +27,8 @@ Generate = Callable[[Any, Array], Array]
 """(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or LEVELS so, and the logit of a drop."""
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 Rays = Float[Array, "*b rows columns"]
+Window = tuple[PolarGrid, Float[Array, " rows"]]
+"""A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
 ASPECT = 0.02
 SIZE = 0.03
 VIEW = 0.05

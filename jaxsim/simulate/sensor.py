@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 
 from jaxsim.cloud import place_intensity
 from jaxsim.files import digest_of_values
-from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarGrid, PolarImage
+from jaxsim.frame import Array, Camera, CameraFrame, Cloud, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.pix2pix import make_generate
 from jaxsim.prepare import check_view, crop_image, input_channels, window_of
@@ -21,6 +21,7 @@ from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
 from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
 from jaxsim.simulate.predict import (
+    Window,
     camera_intensity,
     check_field_of_view,
     check_image,
@@ -30,8 +31,6 @@ from jaxsim.simulate.predict import (
 
 Projection = Literal["lidar", "none"]
 """What the network sees: the camera's rasters carried to the LiDAR's grid, or only scaled down, as in the paper."""
-Window = tuple[PolarGrid, Float[Array, " rows"]]
-"""A polar grid, and each beam's place in the sensor: 0 top, 1 bottom."""
 
 
 class LearnedSensor:

@@ -8,8 +8,9 @@ import pytest
 from scipy import stats
 
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps, log_odds, robust
-from jaxsim.discover.model.likelihood import CHANNELS, DEGREES
+from jaxsim.discover.model.likelihood import DEGREES
 from jaxsim.discover.model.null import residuals
+from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy
 
 NOTHING = np.zeros((5, 3))

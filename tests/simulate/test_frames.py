@@ -9,7 +9,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Painted, PolarImage
 from jaxsim.geometry import preset, window_grid
 from jaxsim.simulate.folder import claim_effects
-from jaxsim.simulate.frames import NEEDS, with_effects
+from jaxsim.simulate.frames import with_effects
 
 GRID = window_grid(preset("vlp16"), 0.5, -0.5, columns=40)
 SHAPE = (16, 40)
@@ -102,10 +102,10 @@ def test_effects_whose_frames_do_not_say_what_they_need_are_told():
         np.testing.assert_allclose(after.range_m[image.valid], 12.0, rtol=1e-5)
 
 
-def test_every_effect_by_speed_or_heading_is_in_the_list_of_needs():
+def test_every_effect_by_speed_or_heading_says_that_it_needs_it():
     for effect in EFFECTS.values():
         needs = {"speed", "heading"} & {*effect.covariates}
-        assert needs <= {NEEDS.get(effect.name)}, effect.name
+        assert needs <= {effect.needs}, effect.name
 
 
 def test_a_folder_holds_frames_of_one_sensor_model(tmp_path):

@@ -26,6 +26,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.cast import Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
 from jaxsim.discover.model.noise_levels import FINEST, STEEPEST_COSINE, lattice_step
 from jaxsim.discover.model.simulator import OF_DETAIL, AtRays, Meant, at_rays
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.catalogue.edge_dropout import at_edge
 from jaxsim.effects.learned import hats
 from jaxsim.effects.rays import FLOOR, Rays, Scan
@@ -200,7 +201,7 @@ class Evidence:
 
 def near_enough(measured_m: Float[Array, "*n"], predicted_m: Float[Array, "*n"]) -> Bool[Array, "*n"]:
     """Whether a reading is of the predicted surface, or close by."""
-    return jnp.abs(measured_m - predicted_m) < jnp.maximum(0.5, 0.05 * predicted_m)
+    return jnp.abs(measured_m - predicted_m) < jnp.maximum(RULES.near_m, RULES.near_share * predicted_m)
 
 
 def gather(

@@ -27,12 +27,12 @@ from jaxsim.discover.model.gradients import (
     value_and_gradient,
     with_effect,
 )
-from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.noise import LEAST, MOST, NOISE_SD, Noise
 from jaxsim.discover.model.parameters import prior, ravel, restorer, to_z
 from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.discover.scenes import folds
 from jaxsim.effects import Law
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 
@@ -46,8 +46,6 @@ CORRECTIONS = 12
 """Pairs of steps and gradients from which L-BFGS knows the curvature: about as many as there are noise scales."""
 NO_LOSS = 1e12
 """Loss where a fit has gone to no number: the line search turns back."""
-CLUTTER = ("fog_backscatter", "precipitation_clutter", "interference")
-"""Effects that put false returns before surfaces: the mixture has that component for them alone."""
 Chain = Sequence[tuple[Law, dict[str, Any]]]
 """Effects and their z, in the order in which they act."""
 NOTHING = Law(name="nothing", parameters={}, channels=CHANNELS, apply=lambda p, rays: rays)
@@ -110,7 +108,7 @@ class Objective:
         self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
         self.fitted = jnp.asarray(fitted, jnp.float32)
-        self.channels, self.clutter = channels_of(effect), problem.clutter or effect.plain_name in CLUTTER
+        self.channels, self.clutter = channels_of(effect), problem.clutter or effect.clutter
         neutral = (to_z(effect, {}, self.rows), problem.noise)
         self.first, self.restore = ravel(neutral), restorer(neutral)
         self.own = len(self.first) - len(jax.tree.leaves(problem.noise))
@@ -258,7 +256,7 @@ def on_top(effect: Law, problem: Problem, z: dict[str, np.ndarray], *, simulated
     # Reported intensities served the law alone: the likelihood keeps the predicted ones.
     if given is not ev.rays:
         rays = replace(rays, log_intensity=ev.rays.log_intensity)
-    return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.plain_name in CLUTTER)
+    return replace(problem, ev=replace(ev, rays=rays), clutter=problem.clutter or effect.clutter)
 
 
 def all_on_top(effects: Chain, problem: Problem, *, simulated: bool = False) -> Problem:

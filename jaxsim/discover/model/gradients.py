@@ -21,11 +21,12 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from jaxsim.discover.model.evidence import Evidence
-from jaxsim.discover.model.likelihood import CHANNELS, intensity_by_block, returns_by_block
+from jaxsim.discover.model.likelihood import intensity_by_block, returns_by_block
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.parameters import to_values
 from jaxsim.discover.model.random_effects import NormalEquations
 from jaxsim.effects import Law
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array

@@ -23,10 +23,10 @@ from jaxsim.discover.model.noise_levels import FINEST, lattice_step, log_roundin
 from jaxsim.discover.model.random_effects import NormalEquations, pose_shift, reflectance
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import get_effect
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, NEVER, Rays
 from jaxsim.frame import Array
 
-CHANNELS = ("intensity", "range", "drop")
 MOST_LIKELY = 0.999
 """Probabilities that effects give rays are held below this, so that what they rule out keeps a finite logarithm."""
 _STUDENT_AT_0 = math.log(3 / 8)

@@ -16,9 +16,10 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Fit, Problem, fit_noise
-from jaxsim.discover.model.likelihood import CHANNELS, MOST_LIKELY, log_lost
+from jaxsim.discover.model.likelihood import MOST_LIKELY, log_lost
 from jaxsim.discover.model.noise import START, Noise, intensity_variance, reading_variance
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals, normal_equations
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Rays, Scan
 from jaxsim.frame import Array
 

@@ -25,7 +25,7 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.find import Dependence, localise
 from jaxsim.discover.model.evidence import Evidence, near_enough
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.model.likelihood import CHANNELS, DEGREES, log_reported, log_stray, near_sd
+from jaxsim.discover.model.likelihood import DEGREES, log_reported, log_stray, near_sd
 from jaxsim.discover.model.noise import range_variance
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, standardised
@@ -38,6 +38,7 @@ from jaxsim.discover.scenes import clipped, p_value
 from jaxsim.discover.verdict import Nulls, Unexplained
 from jaxsim.effects import Effect
 from jaxsim.effects.chain import sample
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import CLUTTER_REACH_M, FLOOR, Rays
 from jaxsim.frame import Array
 

@@ -28,18 +28,10 @@ from jaxsim.discover.scenes import clipped, folds, p_value
 from jaxsim.effects import Law
 from jaxsim.progress import Progress
 
-PILE = 0.005
-"""Readings within this share of the largest are piled up there ..."""
-PILED = 0.002
-"""... if they are at least this share of all."""
-GATED = 20.0
-"""Nats by which a border between lost and returned must be likelier than none."""
 PAST_M = (0.02, 0.05, 0.1)
-"""How far past such a border a gate may lie."""
+"""How far past a border between lost and returned rays a gate may lie."""
 BIN_RAD = np.deg2rad(1.0)
 """Width of the bins of azimuth in which a hidden sector is looked for."""
-HIDDEN = 0.8
-"""Share lost above which a bin of azimuth counts as hidden."""
 
 Start = dict[str, float]
 THREADS = 2
@@ -58,7 +50,7 @@ def _ceiling(ev: Evidence) -> tuple[Start, ...]:
         return ()
     top = float(values.max())
     # A ceiling clips: readings pile up right below it.
-    piled = np.mean(values > (1 - PILE) * top) >= PILED
+    piled = np.mean(values > (1 - RULES.pile_within) * top) >= RULES.piled_share
     return ({"ceiling": top},) if piled and top < 1 else ()
 
 
@@ -73,8 +65,8 @@ def _gate(ev: Evidence) -> tuple[Start, ...]:
         order = np.argsort(sign * r)
         # Nine of ten lost on one side, as against one of a hundred.
         score = np.cumsum(np.where(lost[order], np.log(90.0), np.log(0.1)))
-        score = score[: int(np.argmax(score < -GATED)) or None]  # returns have begun
-        if len(score) and score.max() > GATED:
+        score = score[: int(np.argmax(score < -RULES.gate_nats)) or None]  # returns have begun
+        if len(score) and score.max() > RULES.gate_nats:
             border = float(r[order][int(score.argmax())])
             starts += [{name: border + sign * past} for past in PAST_M]
     return tuple(starts)
@@ -87,7 +79,7 @@ def _sector(ev: Evidence) -> tuple[Start, ...]:
     count = np.bincount(azimuth_bin)
     lost = np.bincount(azimuth_bin, ~ev.returned[hit])
     seen = np.flatnonzero(count)
-    hidden = np.flatnonzero(lost[seen] > HIDDEN * count[seen])
+    hidden = np.flatnonzero(lost[seen] > RULES.hidden_share * count[seen])
     if not len(hidden):
         return ()
     run = max(np.split(hidden, np.flatnonzero(np.diff(hidden) > 1) + 1), key=len)

@@ -25,7 +25,7 @@ from jaxsim.discover.name.candidates import Candidate
 from jaxsim.discover.regimes.questions import Cells, Facts, Question
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, clipped, orders_of, signs_of
-from jaxsim.effects.region import WHOLE, Region
+from jaxsim.effects.region import Region
 
 
 class FoundRegion(NamedTuple):
@@ -148,7 +148,7 @@ class Disputed(NamedTuple):
 
 def disputed(candidates: Sequence[Candidate], asked: Sequence[Question], facts: Facts) -> list[Disputed]:
     """Gives the best region over all candidates, for each question whose regions are made of whole scenes."""
-    tried = [one for one in candidates if one.effect.plain_name not in WHOLE and one.slope.any()]
+    tried = [one for one in candidates if not one.effect.of_recording and one.slope.any()]
     if not tried:
         return []
     rates = np.stack([clipped(one.slope) for one in tried])

@@ -23,7 +23,7 @@ from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.rays import spans_turn
-from jaxsim.effects.region import WHOLE, Region, within
+from jaxsim.effects.region import Region, within
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def confine(
     """The best of `candidates`, the one whose region it is first, fitted in the region on top of `problem`; None where
     the region gains too little over the effect everywhere. `ranking` is that of the step."""
     frames = frames_in(region, facts)
-    plain = {one.effect.plain_name: one for one in candidates if one.effect.plain_name not in WHOLE}
+    plain = {one.effect.plain_name: one for one in candidates if not one.effect.of_recording}
     laws = []
     for one in plain.values():
         # Fits begin where those to all scenes ended, too: there borders between all and nothing were found already.

@@ -24,7 +24,7 @@ from jaxsim.discover.scenes import ratio_interval
 from jaxsim.discover.verdict import Interval, Regime
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.region import WHOLE, Region, within
+from jaxsim.effects.region import Region, within
 
 OF_FIT = "of the fit inside"
 """Unit of sizes."""
@@ -235,7 +235,7 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
     leads: list[Lead] = []
     for k, step in enumerate(choice.steps):
         effect = step.chosen.effect
-        if effect.name in WHOLE:
+        if effect.of_recording:
             continue
         rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
         divisions = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
@@ -247,7 +247,7 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
     divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
     scenes' dispute kept it from being named, the scenes themselves."""
-    tried = [one for one in choice.first_ranking if one.effect.plain_name not in WHOLE]
+    tried = [one for one in choice.first_ranking if not one.effect.of_recording]
     if len(choice.steps) > 1 or not tried:
         return []
     few = 1 + RULES.regime_rivals

@@ -7,7 +7,6 @@ the noise itself would look like an effect of the angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.discover.checks import check_one_grid, plausible
+from jaxsim.discover.checks import all_or_none, check_one_grid, plausible
+from jaxsim.discover.model.cast import BEND
+from jaxsim.discover.model.evidence import STEEPEST_RAD
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
@@ -27,13 +28,9 @@ from jaxsim.geometry.polar import directions
 
 PER_SCENE = 4000
 """Rays of a scene that are looked at."""
-STEEPEST_RAD = np.deg2rad(80.0)
-"""Intensity is compared below this incidence."""
 FLAT_RISE = 0.9
 """Vertical part of the normal above which a surface is level; the median height of those under the sensor is the
 ground's."""
-BEND = 0.03
-"""A ray whose neighbours' mean of 1 / range is off by more than this share does not lie on one smooth surface."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +115,9 @@ def read_folder(frames: PolarFrames, word: str) -> SideFrames:
         image, rasters = frames.read(name)
         plausible(name, image, word)
         images.append(image)
-        labels.append(rasters.get("semantic"))
-    semantic = _all_or_none(frames.folder, "semantic", labels)
+        labels.append({key: value for key, value in rasters.items() if key == "semantic"})
+    all_or_none(frames.folder, frames.names, labels)
+    semantic = np.stack([one["semantic"] for one in labels]).astype(np.int32) if labels and all(labels) else None
     scenes = tuple(f"{word}/{frames.about.get(name, {}).get('scene', name)}" for name in frames.names)
     return SideFrames(frames.names, scenes, tuple(images), semantic)
 
@@ -128,13 +126,6 @@ def _noisy(image: PolarImage, noise_m: float, rng: np.random.Generator) -> Float
     range_m, valid = np.asarray(image.range_m), np.asarray(image.valid)
     noisy = np.maximum(range_m + rng.normal(0, noise_m, range_m.shape), 0.01)
     return np.where(valid, noisy if noise_m else range_m, 0).astype(np.float32)
-
-
-def _all_or_none(folder: Path, what: str, rasters: Sequence[np.ndarray | None]) -> np.ndarray | None:
-    given = [one for one in rasters if one is not None]
-    if len(given) not in (0, len(rasters)):
-        raise ValueError(f"discover: some frames of {folder} have {what} and others have not; give it for all or none")
-    return np.stack(given).astype(np.int32) if given else None
 
 
 def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE) -> UnpairedComparison:

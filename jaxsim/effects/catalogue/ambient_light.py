@@ -28,6 +28,7 @@ EFFECT = Effect(
     channels=("drop",),
     signature="Returns are missing in a sector that stays in the world as the car turns; intensities are as they were.",
     covariates=("heading", "azimuth"),
+    needs="heading",
     look_alikes={
         "window_contamination": "dirt turns with the car and dims; needs frames of several headings",
         "sector_occlusion": "a bracket turns with the car and blocks all",

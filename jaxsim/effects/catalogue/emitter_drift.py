@@ -21,6 +21,7 @@ EFFECT = Effect(
     channels=("intensity",),
     signature="The intensity falls from frame to frame, alike for all ranges, angles and classes.",
     covariates=("frame",),
+    needs="time",
     look_alikes={
         "atmospheric_extinction": "thickening fog takes far surfaces first",
         "window_contamination": "dirt is fixed to an azimuth",

@@ -29,6 +29,7 @@ EFFECT = Effect(
     channels=("range", "intensity"),
     signature="Weak returns in a ring of a few metres around the sensor, in front of whatever is there.",
     covariates=("range", "intensity"),
+    clutter=True,
     look_alikes={
         "precipitation_clutter": "rain is densest at the sensor and thins out; fog has a ring",
         "interference": "interference is uniform in range",

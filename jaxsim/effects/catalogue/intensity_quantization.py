@@ -24,6 +24,7 @@ EFFECT = Effect(
     channels=("intensity",),
     signature="Intensities lie on a lattice.",
     covariates=("intensity",),
+    of_recording=True,
     look_alikes={
         "saturation": "a ceiling is one value, a lattice many",
         "intensity_offset": "look for gaps between the values that occur",

@@ -30,6 +30,7 @@ EFFECT = Effect(
     channels=("range", "intensity"),
     signature="Scattered returns in front of surfaces and in the sky, as many at long as at short range.",
     covariates=("range", "intensity"),
+    clutter=True,
     look_alikes={
         "precipitation_clutter": "rain is densest at the sensor and weak",
         "fog_backscatter": "fog has a ring at some metres",

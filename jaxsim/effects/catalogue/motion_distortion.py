@@ -31,6 +31,7 @@ EFFECT = Effect(
     signature="A range residual proportional to speed, to the place within the scan and to the cosine of the azimuth; "
     "it jumps where the scan begins and ends, and is nothing at standstill.",
     covariates=("speed", "time", "azimuth", "column", "range"),
+    needs="speed",
     look_alikes={
         "extrinsic_translation": "a wrong mounting stays at standstill; compare speeds",
         "extrinsic_rotation": "compare speeds",

@@ -28,6 +28,7 @@ EFFECT = Effect(
     channels=("range", "intensity"),
     signature="Scattered weak returns in front of surfaces, most of them at the shortest ranges.",
     covariates=("range", "intensity"),
+    clutter=True,
     look_alikes={
         "fog_backscatter": "fog has a ring at some metres, rain is densest at the sensor",
         "interference": "interference is uniform in range and not always weak",

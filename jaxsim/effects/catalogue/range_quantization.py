@@ -24,6 +24,7 @@ EFFECT = Effect(
     channels=("range",),
     signature="Ranges lie on a lattice.",
     covariates=("range",),
+    of_recording=True,
     look_alikes={"range_noise": "look for gaps between the ranges that occur"},
     source="Velodyne HDL-64E S3 User's Manual and Programming Guide (63-HDL64ES3 rev. K, 2019), appendix E (2 mm); "
     "Hesai PandarQT user manual (4 mm)",

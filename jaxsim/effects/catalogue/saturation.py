@@ -29,6 +29,7 @@ EFFECT = Effect(
     channels=("intensity",),
     signature="Intensities pile up at one value; bright classes alone lose their contrast.",
     covariates=("intensity",),
+    of_recording=True,
     look_alikes={
         "gamma_response": "gamma bends dark surfaces too and piles nothing up",
         "retroreflection": "compare white paint with signs",

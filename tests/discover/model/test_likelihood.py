@@ -9,9 +9,10 @@ from scipy.stats import t as student
 
 from jaxsim.discover.gap import distance
 from jaxsim.discover.model.gradients import CONSTANT, DIFFERENTIATED, value_and_gradient
-from jaxsim.discover.model.likelihood import CHANNELS, intensity_terms, log_below, return_terms, rounded, rounding_gain
+from jaxsim.discover.model.likelihood import intensity_terms, log_below, return_terms, rounded, rounding_gain
 from jaxsim.discover.model.noise import START
 from jaxsim.discover.model.random_effects import normal_equations
+from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy
 
 BROAD = START.replace(range_=jnp.float32(np.log(0.2)))

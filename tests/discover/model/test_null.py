@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.null import as_implied, implied_level, residuals, spread, standardised
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.effect import CHANNELS
 from tests.discover.toy import judged_toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
