@@ -12,7 +12,7 @@ from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.random_effects import gain_and_classes
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, Selection, Step, padded
+from jaxsim.discover.name.select import Choice, Selection, Step, too_rich
 from jaxsim.discover.read import Comparison
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import Split, clipped, mean_interval
@@ -93,7 +93,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         if candidate.total < RULES.weak_share * strongest.total:
             return f"it is weak beside {strongest.effect.name}, on which the scenes disagree"
         return "a free curve explains clearly more"
-    if padded(candidate, steps[0].chosen):
+    if too_rich(candidate, steps[0].chosen):
         return "it has more numbers to fit than the one that is named, and gains no more"
     return "it explains clearly less than the one that is named"
 

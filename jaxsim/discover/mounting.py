@@ -56,7 +56,7 @@ class Mounting:
     """What was known besides."""
 
 
-def brought(comparison: Comparison, candidates: Collection[str], known: SensorModel = NOTHING_YET) -> Mounting:
+def place_mounting(comparison: Comparison, candidates: Collection[str], known: SensorModel = NOTHING_YET) -> Mounting:
     """The comparison with simulated frames as seen from where the sensor stood, if that is surely elsewhere: from each
     frame's own place where they are of other moments, else from the mounting that all share. That is told by effects
     among the `candidates` alone, or by those that are `known`, as they stand."""
@@ -81,7 +81,7 @@ def brought(comparison: Comparison, candidates: Collection[str], known: SensorMo
     return Mounting(named, replace(comparison, scan=seen_from(scan, motion), cast_again=True), rest)
 
 
-def settled(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
+def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
     """The mounting with the lift of its beams fitted to the likelihood of the null in which it is in place.
 
     A frame's own pose takes up what the registration left of a turn or a shift; a lift of all beams it cannot, and on
@@ -94,7 +94,7 @@ def settled(comparison: Comparison, mounting: Mounting, null: Problem, *, known:
     by = np.zeros(len(registered.motion))
     by[LIFT] = float(to_values(LIFTED, refit.z)["error_rad"])
     finer = replace(registered, motion=registered.motion + by, frames=registered.frames + by)
-    return brought(replace(comparison, registration=finer), mounting.effects, known)
+    return place_mounting(replace(comparison, registration=finer), mounting.effects, known)
 
 
 def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> Values:

@@ -110,9 +110,9 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     about = [{**recorded.about.get(name, {}), **predicted.about.get(name, {})} for name in names]
     scenes = [scene_of(name, predicted, recorded) for name in names]
     scan = scan_of(grid, images, extra, about=about)
-    heard = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
+    recording = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
-    registration = register(scan, heard.range_m, heard.valid, scenes=scenes)
+    registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
     check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
     notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
@@ -135,7 +135,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         scan = replace(scan, speed_mps=np.array([speeds[scene] for scene in scenes], np.float32))
     return Comparison(
         scan=scan,
-        measured=heard,
+        measured=recording,
         names=tuple(names),
         scenes=tuple(scenes),
         notes=(*notes, *sceneless(names, about)),

@@ -152,7 +152,7 @@ def judged_nats(effect: Named, gap: Mapping[str, Gap]) -> float:
     return sum(one.value for one in told if one is not None)
 
 
-def confirmed(verdict: Verdict) -> Verdict:
+def without_unconfirmed(verdict: Verdict) -> Verdict:
     """The verdict without the effects by which its judge scenes do not gain: these are kept as `unconfirmed`. The gap
     still shows what all of them do.
 

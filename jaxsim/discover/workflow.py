@@ -17,7 +17,7 @@ from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import brought, named_mounting, registered_of, settled
+from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.objects import compare_objects
@@ -26,7 +26,7 @@ from jaxsim.discover.regimes import Divided, find_regimes
 from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
-from jaxsim.discover.show import confirmed, sensor_of, show_gap, with_mounting
+from jaxsim.discover.show import sensor_of, show_gap, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import Result, Verdict, Where
 from jaxsim.effects import EFFECTS, get_effect
 from jaxsim.effects.chain import SensorModel
@@ -56,7 +56,7 @@ def discover(
 ) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
 
-    `effects` are the candidates, by default the whole catalogue and the effects of one's own that are known
+    `effects` are the candidates, by default the whole catalogue and the effects of one's own that were loaded
     (`jaxsim.effects.own.known_effects`). `known` is what the sensor model already has and the
     simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
     back. `nulls` asks to set the bar on so many measurements drawn from these very data, in which nothing is missing:
@@ -71,7 +71,7 @@ def discover(
     catalogue = [get_effect(name) for name in (EFFECTS if effects is None else effects) if name not in modelled]
 
     # Register: a mounting that is clearly off is put in place first, for nothing else can be asked across it.
-    mounting = brought(comparison, [effect.name for effect in catalogue], known)
+    mounting = place_mounting(comparison, [effect.name for effect in catalogue], known)
     catalogue = [effect for effect in catalogue if effect.name not in mounting.effects]
     division = Division.of(mounting.comparison)
     parts = division.parts
@@ -79,19 +79,19 @@ def discover(
 
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, mounting.known)
-    finer = settled(comparison, mounting, dependences.null, known=known)
+    finer = refine_lift(comparison, mounting, dependences.null, known=known)
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
         dependences = find_dependences(division, mounting.known)
     comparison, null = mounting.comparison, dependences.null
-    stranger = unrelated(correlations(null.ev, dependences.scene))
-    if stranger:
+    unrelated_note = unrelated(correlations(null.ev, dependences.scene))
+    if unrelated_note:
         catalogue = [effect for effect in catalogue if of_ranges(effect)]
 
     # Name: the catalogue, one effect after another; then free curves for what is not in it.
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
-    without = ("intensity",) if stranger else ()
+    without = ("intensity",) if unrelated_note else ()
     answer = name_effects(
         null, catalogue, dependences.single, scene=dependences.scene, nulls=nulls, without=without, log=log
     )
@@ -119,17 +119,17 @@ def discover(
         objects=compare_objects(comparison),
         regimes=divided.regimes,
         registered=registered_of(comparison),
-        unrelated=stranger is not None,
+        unrelated=unrelated_note is not None,
         sensitivity=sensitivities(null, catalogue),
         notes=(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
-            *([stranger] if stranger else []),
+            *([unrelated_note] if unrelated_note else []),
         ),
         seconds=time.monotonic() - begun,
         **verdict_fields(null, model, known=mounting.known),
     )
-    verdict = with_mounting(confirmed(verdict), *named_mounting(mounting, parts, rows=rows))
+    verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
     sensor = replace(sensor_of(verdict, model.added.sensor, known), levels=missing(levels))
     ranked = model.choice.first_ranking
     maps = shown.maps_before, shown.maps_after
@@ -137,8 +137,8 @@ def discover(
 
 
 @dataclass(frozen=True)
-class Model:
-    """The sensor model that an answer makes."""
+class FittedAnswer:
+    """What was named, with all of it fitted together."""
 
     answer: Answer
     """The answer, with what repeats."""
@@ -156,7 +156,7 @@ def sensor_model_of(
     divided: Divided,
     known: SensorModel,
     log: Log,
-) -> Model:
+) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
     and columns in every scene with these in place. `scenes` are those of the frames."""
     log("fitting what was named together")
@@ -177,10 +177,10 @@ def sensor_model_of(
         added = with_repeats(added, [one.learned for one in repeats])
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
         answer = with_what_repeats(answer, repeats[0])
-    return Model(answer, choice, added, repeats)
+    return FittedAnswer(answer, choice, added, repeats)
 
 
-def verdict_fields(null: Problem, model: Model, *, known: SensorModel) -> dict[str, Any]:
+def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) -> dict[str, Any]:
     """What a verdict says of the sensor model, by its fields' names."""
     choice, added = model.choice, model.added
     return {
@@ -201,5 +201,5 @@ def verdict_fields(null: Problem, model: Model, *, known: SensorModel) -> dict[s
 def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
-    mounting = brought(comparison, {*EFFECTS}, known)
+    mounting = place_mounting(comparison, {*EFFECTS}, known)
     return find_dependences(Division.of(mounting.comparison), mounting.known).where

@@ -36,7 +36,7 @@ def take(tree: Any, k: int) -> Any:
 
 
 def simulate_batch(
-    learned: LearnedSensor,
+    sensor: LearnedSensor,
     frames: Sequence[Frame],
     size: int,
     *,
@@ -48,13 +48,13 @@ def simulate_batch(
     frame's images are not like those of the run."""
     for frame in frames:
         with placed(frame.name):
-            check_image(frame.camera.rgb.shape[-3:-1], learned.run)
-    views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
+            check_image(frame.camera.rgb.shape[-3:-1], sensor.run)
+    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
     key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
-    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))
+    image, painted = jax.device_get(sensor.simulate_view(batch, projection=projection, key=key))
     return image, painted, time.monotonic() - begun
 
 
@@ -174,7 +174,7 @@ def comparable(measured: PolarImage, seen: Array) -> PolarImage:
 
 
 def write_pairs(
-    learned: LearnedSensor,
+    sensor: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
     *,
@@ -198,11 +198,11 @@ def write_pairs(
             raise ValueError(
                 f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
             )
-    window, lines = learned.window, learned.run.spec.rows
+    window, lines = sensor.window, sensor.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
     for first in range(0, len(positions), BATCH):
         frames = [dataset[p] for p in positions[first : first + BATCH]]
-        images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
+        images, painted, _ = simulate_batch(sensor, frames, min(BATCH, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.discover import mounting
 from jaxsim.discover.model.evidence import POSE_SD
 from jaxsim.discover.model.fit import Problem
-from jaxsim.discover.mounting import LIFTED, brought, gains, named_mounting, registered_of, settled
+from jaxsim.discover.mounting import LIFTED, gains, named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.read import NOTHING_YET, Comparison
 from jaxsim.discover.register.registration import LIFT, PARTS
 from jaxsim.discover.scenes import split
@@ -39,7 +39,7 @@ def off_m(one: Comparison) -> float:
 
 
 def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_there():
-    one = brought(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    one = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
     assert one.effects == ("extrinsic_rotation",)
     assert off_m(one.comparison) < 0.02
     (turn,), unsure = named_mounting(one, split(NAMES), rows=24)
@@ -57,7 +57,7 @@ def test_a_turned_sensor_is_named_with_its_interval_and_its_frames_are_brought_t
 
 
 def test_beams_that_all_point_higher_are_named_for_each_beam():
-    one = brought(comparison(np.zeros(6), lift=0.0087), PARTS)
+    one = place_mounting(comparison(np.zeros(6), lift=0.0087), PARTS)
     assert one.effects == ("beam_elevation_error",)
     assert off_m(one.comparison) < 0.02
     (lift,), _ = named_mounting(one, split(NAMES), rows=24)
@@ -72,7 +72,7 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     given = comparison(np.zeros(6), lift=0.0087)
     coarse = replace(given.registration, motion=given.registration.motion + np.eye(8)[LIFT] * 3e-4)
     given = replace(given, registration=coarse)
-    one = brought(given, PARTS)
+    one = place_mounting(given, PARTS)
     asked = []
 
     def fit(law, null, fitted):
@@ -82,13 +82,13 @@ def test_a_lift_is_fitted_to_what_the_registration_left(monkeypatch):
     monkeypatch.setattr(mounting, "fit", fit)
     null = object.__new__(Problem)
     object.__setattr__(null, "ev", SimpleNamespace(all_blocks=np.ones(12, np.float32)))
-    finer = settled(given, one, null, known=NOTHING_YET)
+    finer = refine_lift(given, one, null, known=NOTHING_YET)
     assert asked == ["lift"]
     assert finer.effects == one.effects
     assert finer.comparison.registration.motion[LIFT] == pytest.approx(coarse.motion[LIFT] - 3e-4, abs=1e-7)
     assert finer.comparison.cast_again
-    turned = brought(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
-    assert settled(given, turned, null, known=NOTHING_YET) is turned
+    turned = place_mounting(comparison([0, 0, 0, 0, 0.0087, 0]), PARTS)
+    assert refine_lift(given, turned, null, known=NOTHING_YET) is turned
 
 
 def test_all_beams_are_lifted_alike():
@@ -102,13 +102,13 @@ def test_all_beams_are_lifted_alike():
 @pytest.mark.parametrize("candidates", [(), ("extrinsic_translation", "beam_gain")])
 def test_what_is_no_candidate_is_left(candidates):
     given = comparison([0, 0, 0, 0, 0, 0.02])
-    assert brought(given, candidates).comparison is given
+    assert place_mounting(given, candidates).comparison is given
 
 
 def test_a_known_mounting_is_put_in_place_as_it_stands():
     given = comparison([0, 0, 0, 0, 0, 0.02])
     known = SensorModel((("extrinsic_rotation", {"yaw_rad": 0.02}), ("random_dropout", {"probability": 0.1})))
-    one = brought(given, ("beam_gain",), known)
+    one = place_mounting(given, ("beam_gain",), known)
     assert one.effects == ()
     assert [name for name, _ in one.known.effects] == ["random_dropout"]
     assert off_m(one.comparison) < 0.02
@@ -116,7 +116,7 @@ def test_a_known_mounting_is_put_in_place_as_it_stands():
 
 def test_a_sensor_in_its_place_changes_nothing():
     given = comparison(np.zeros(6))
-    one = brought(given, PARTS)
+    one = place_mounting(given, PARTS)
     assert one.comparison is given
     assert named_mounting(one, split(NAMES), rows=24) == ((), ())
     assert registered_of(replace(given, registration=None)) is None
@@ -125,7 +125,7 @@ def test_a_sensor_in_its_place_changes_nothing():
 def test_frames_of_other_moments_are_each_brought_to_their_place():
     poses = np.zeros((12, 6))
     poses[:, 0] = np.linspace(0, 4, 12)
-    one = brought(comparison(poses), PARTS)
+    one = place_mounting(comparison(poses), PARTS)
     assert one.effects == ()
     assert off_m(one.comparison) < 0.03
     told = registered_of(one.comparison)

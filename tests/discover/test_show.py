@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.read import Comparison, Division
-from jaxsim.discover.show import WHY_NOT, confirmed, judge, sensor_of, with_mounting
+from jaxsim.discover.show import WHY_NOT, judge, sensor_of, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Verdict
 from jaxsim.effects.chain import SensorModel
 from tests.discover.toy import toy
@@ -88,12 +88,12 @@ GAIN = effect("beam_gain", "intensity")
 @pytest.mark.parametrize("low", [0.5, -0.5])
 def test_what_judge_scenes_gain_by_in_the_mean_stays_named(low):
     one = verdict(low, GAIN)
-    assert confirmed(one) is one
+    assert without_unconfirmed(one) is one
 
 
 @pytest.mark.parametrize("low", [-1.0, -1.5])
 def test_what_they_do_not_gain_by_is_kept_and_not_named(low):
-    one = confirmed(verdict(low, GAIN))
+    one = without_unconfirmed(verdict(low, GAIN))
     assert (one.verdict, one.effects, one.unconfirmed) == ("none", (), (GAIN,))
     assert "not confirmed on unseen scenes: beam_gain" in one.notes[-1]
     assert [rank.why_not for rank in one.ranking] == [WHY_NOT, "weak"]
@@ -101,12 +101,12 @@ def test_what_they_do_not_gain_by_is_kept_and_not_named(low):
 
 
 def test_a_gain_in_a_channel_that_no_named_effect_has_does_not_count():
-    assert confirmed(verdict(0.5, effect("range_noise", "range"))).verdict == "none"
+    assert without_unconfirmed(verdict(0.5, effect("range_noise", "range"))).verdict == "none"
 
 
 def test_nothing_named_needs_no_confirmation():
     one = verdict(-1.0)
-    assert confirmed(one) is one
+    assert without_unconfirmed(one) is one
 
 
 def test_a_mounting_is_named_before_what_was_found_with_it_in_place():
@@ -116,7 +116,7 @@ def test_a_mounting_is_named_before_what_was_found_with_it_in_place():
     assert [e.name for e in one.effects] == ["extrinsic_rotation", "beam_gain"]
     model = sensor_of(one, added, SensorModel())
     assert model.effects == (("extrinsic_rotation", {"yaw_rad": 0.02}), ("beam_gain", {"gain": (0.1,)}))
-    alone = with_mounting(confirmed(verdict(-1, GAIN)), (turn,), ())
+    alone = with_mounting(without_unconfirmed(verdict(-1, GAIN)), (turn,), ())
     assert (alone.verdict, len(alone.effects), alone.unconfirmed) == ("named", 1, (GAIN,))
     assert [name for name, _ in sensor_of(alone, added, SensorModel()).effects] == ["extrinsic_rotation"]
     unsure = with_mounting(replace(verdict(-1), ranking=()), (), (turn,))

@@ -127,7 +127,7 @@ class Choice(Selection[Candidate]):
     bars: Bars = Bars()
 
 
-def padded(candidate: Candidate, best: Candidate) -> bool:
+def too_rich(candidate: Candidate, best: Candidate) -> bool:
     """Whether `candidate` has more numbers to fit and still gains no more: the simpler one says it all."""
     return candidate.numbers > best.numbers and candidate.total <= best.total + RULES.alike_nats
 
@@ -153,7 +153,7 @@ def choose(
             problem = problem if len(needed) == len(steps) else with_steps(null, needed)
             return Choice(needed, tuple(ranking), problem, bars)
         best = good[0]
-        alike = tuple(c for c in good[1:] if not worse(c, best) and not padded(c, best))
+        alike = tuple(c for c in good[1:] if not worse(c, best) and not too_rich(c, best))
         # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
         starts = tuple(to_values(best.effect, one.z) for one in best.fits)
         result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)

@@ -7,14 +7,14 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
-from jaxsim.discover.name.select import Bars, choose, look_back, padded, runner_up, worse
+from jaxsim.discover.name.select import Bars, choose, look_back, runner_up, too_rich, worse
 from tests.discover.name.made import candidate, problem, step
 
 
 def test_more_numbers_must_gain_more():
-    assert padded(candidate("random_dropout", 20.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
-    assert not padded(candidate("random_dropout", 22.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
-    assert not padded(candidate("random_dropout", 20.0, numbers=1), candidate("random_dropout", 20.0, numbers=4))
+    assert too_rich(candidate("random_dropout", 20.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
+    assert not too_rich(candidate("random_dropout", 22.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
+    assert not too_rich(candidate("random_dropout", 20.0, numbers=1), candidate("random_dropout", 20.0, numbers=4))
 
 
 def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
