@@ -6,7 +6,7 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.data.polar_frames import open_polar_frames
 from tests.data.logs.conftest import room
-from tests.data.logs.test_files import pcd
+from tests.data.logs.made_logs import pcd
 
 
 def test_the_families_are_listed_with_their_extras(capsys):

@@ -17,36 +17,12 @@ from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud
 from jaxsim.geometry import scan_on_window
 from jaxsim.prepare import prepare_frame
-from tests.data.fixtures import P2, R0, VELO_R, VELO_T
-from tests.data.round_room import scan, write_image, write_scan
 
 LABELLED = PrepareConfig(inputs=("depth", "semantic", "row"), depth="ip_basic_fast", columns=64, network_size=(44, 64))
-ROAD, BUILDING = 40, 50
 
 
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    """Sequence 00 with two labelled scans, the first of them with an image; 08 with one labelled, 11 with one bare."""
-    rectify = np.array(R0.split(), float).reshape(3, 3)
-    place = rectify @ np.column_stack([np.array(VELO_R.split(), float).reshape(3, 3), np.array(VELO_T.split(), float)])
-    calibration = "".join(f"P{k}: {P2}\n" for k in range(4)) + f"Tr: {' '.join(map(str, place.ravel()))}\n"
-    points = scan()
-    labels = np.where(points[:, 2] < -1.7, ROAD, BUILDING | 3 << 16).astype("<u4")
-    for name, count in (("00", 2), ("08", 1), ("11", 1)):
-        folder = tmp_path / "kitti/sequences" / name
-        for k in range(count):
-            write_scan(folder / f"velodyne/{k:06d}.bin", points)
-            if name != "11":
-                (folder / "labels").mkdir(exist_ok=True)
-                labels.tofile(folder / f"labels/{k:06d}.label")
-        (folder / "calib.txt").write_text(calibration)
-    write_image(tmp_path / "kitti/sequences/00/image_2/000000.png")
-    (tmp_path / "kitti/sequences/00/times.txt").write_text("0.000000e+00\n1.039e-01\n")
-    return tmp_path / "kitti"
-
-
-def test_scans_come_by_sequence_with_classes_and_objects_of_what_the_camera_sees(root):
-    dataset = open_dataset(DataConfig(kind="kitti_odometry", root=root))
+def test_scans_come_by_sequence_with_classes_and_objects_of_what_the_camera_sees(odometry_root):
+    dataset = open_dataset(DataConfig(kind="kitti_odometry", root=odometry_root))
     assert [dataset.name_of(i) for i in range(4)] == [
         *("sequence_00-000000", "sequence_00-000001", "sequence_08-000000", "sequence_11-000000")
     ]
@@ -62,8 +38,8 @@ def test_scans_come_by_sequence_with_classes_and_objects_of_what_the_camera_sees
     assert dataset[3].camera.semantic is None
 
 
-def test_parts_are_told_by_sequence_labels_and_images(root):
-    dataset = KittiOdometry(root)
+def test_parts_are_told_by_sequence_labels_and_images(odometry_root):
+    dataset = KittiOdometry(odometry_root)
     assert {name: select(name, dataset) for name in dataset.splits} == {
         "sequence_00": [0, 1],
         "sequence_08": [2],
@@ -73,20 +49,20 @@ def test_parts_are_told_by_sequence_labels_and_images(root):
         "training": [0, 1],
         "evaluation": [2],
     }
-    assert len(KittiOdometry(root, sequences=("08",))) == 1
+    assert len(KittiOdometry(odometry_root, sequences=("08",))) == 1
     with pytest.raises(ValueError, match=r"no sequence 07 with velodyne/NUMBER.bin .* it has 00, 08, 11"):
-        KittiOdometry(root, sequences=("07",))
+        KittiOdometry(odometry_root, sequences=("07",))
 
 
-def test_labels_become_the_semantic_input_and_the_baseline_of_classes(root):
-    dataset = KittiOdometry(root)
+def test_labels_become_the_semantic_input_and_the_baseline_of_classes(odometry_root):
+    dataset = KittiOdometry(odometry_root)
     pairs = [prepare_frame(dataset[i], dataset.spec, LABELLED)[0] for i in (1, 2)]
     assert {*np.unique(pairs[0].painted.semantic)} <= {0, IDS["road"], IDS["building"]}
     assert "per-class mean" in fit_baselines(pairs[:1], pairs[1:])
 
 
-def test_what_a_frame_lacks_is_told_where_it_is_needed(root):
-    dataset = KittiOdometry(root)
+def test_what_a_frame_lacks_is_told_where_it_is_needed(odometry_root):
+    dataset = KittiOdometry(odometry_root)
     with pytest.raises(ValueError, match=r"sequence_11-000000: .*semantic need class labels.*or choose frames that"):
         prepare_frame(dataset[3], dataset.spec, LABELLED)
     coloured = PrepareConfig(inputs=("rgb", "depth"), depth="ip_basic_fast", columns=64)
@@ -96,11 +72,11 @@ def test_what_a_frame_lacks_is_told_where_it_is_needed(root):
     assert pair.painted.rgb.max() > 0
 
 
-def test_an_image_of_a_camera_that_is_not_kittis_has_to_be_there(root):
-    path = root / "sequences/00/calib.txt"
+def test_an_image_of_a_camera_that_is_not_kittis_has_to_be_there(odometry_root):
+    path = odometry_root / "sequences/00/calib.txt"
     path.write_text(path.read_text().replace("721.5377", "900"))
     with pytest.raises(ValueError, match=r"calib.txt: P2 has the focal length 900, none of KITTI's .*copy image_2"):
-        KittiOdometry(root)[1]
+        KittiOdometry(odometry_root)[1]
 
 
 @pytest.mark.parametrize(
@@ -111,25 +87,25 @@ def test_an_image_of_a_camera_that_is_not_kittis_has_to_be_there(root):
         (lambda values: values[:0], r"000000.label has 0 bytes"),
     ],
 )
-def test_labels_of_another_scan_or_set_are_refused(root, change, message):
-    path = root / "sequences/00/labels/000000.label"
+def test_labels_of_another_scan_or_set_are_refused(odometry_root, change, message):
+    path = odometry_root / "sequences/00/labels/000000.label"
     change(np.fromfile(path, "<u4")).astype("<u4").tofile(path)
     with pytest.raises(ValueError, match=message):
-        KittiOdometry(root)[0]
+        KittiOdometry(odometry_root)[0]
 
 
-def test_a_folder_of_another_level_is_told(root):
+def test_a_folder_of_another_level_is_told(odometry_root):
     with pytest.raises(ValueError, match="the folder of one sequence; pass the one that holds sequences/"):
-        KittiOdometry(root / "sequences/00")
-    (root / "sequences/08/calib.txt").unlink()
+        KittiOdometry(odometry_root / "sequences/00")
+    (odometry_root / "sequences/08/calib.txt").unlink()
     with pytest.raises(ValueError, match=r"no sequences/: .* holds labels/, velodyne/"):
-        KittiOdometry(root / "sequences/08")
+        KittiOdometry(odometry_root / "sequences/08")
 
 
-def test_frames_of_a_log_have_the_labels_of_their_points(root, tmp_path):
-    kind, source = source_for(root / "sequences/00")
+def test_frames_of_a_log_have_the_labels_of_their_points(odometry_root, tmp_path):
+    kind, source = source_for(odometry_root / "sequences/00")
     assert kind == "kitti"
-    write_log(root / "sequences/00", kind, source, out=tmp_path / "out", options=LogOptions(columns=360))
+    write_log(odometry_root / "sequences/00", kind, source, out=tmp_path / "out", options=LogOptions(columns=360))
     frames = open_polar_frames(tmp_path / "out")
     image, more = frames.read(frames.names[0])
     semantic, instance = more["semantic"], more["instance"]
@@ -138,9 +114,9 @@ def test_frames_of_a_log_have_the_labels_of_their_points(root, tmp_path):
     assert semantic[~image.valid].max(initial=0) == 0
 
 
-def test_discover_asks_about_the_classes_of_a_log(root, tmp_path, monkeypatch):
-    kind, source = source_for(root / "sequences/00")
-    write_log(root / "sequences/00", kind, source, out=tmp_path / "measured", options=LogOptions(columns=360))
+def test_discover_asks_about_the_classes_of_a_log(odometry_root, tmp_path, monkeypatch):
+    kind, source = source_for(odometry_root / "sequences/00")
+    write_log(odometry_root / "sequences/00", kind, source, out=tmp_path / "measured", options=LogOptions(columns=360))
     monkeypatch.setattr("sys.argv", ["lambert.py", str(tmp_path / "measured"), str(tmp_path / "simulated")])
     runpy.run_path(str(Path(__file__).parents[2] / "docs/lambert.py"), run_name="__main__")
     comparison = read_comparison(simulated=tmp_path / "simulated", measured=tmp_path / "measured")

@@ -8,7 +8,6 @@ import pytest
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import KittiObject, open_dataset, select
 from jaxsim.pairs.prepared import prepared
-from tests.data.test_kitti_odometry import root as odometry_root  # noqa: F401  (a fixture)
 
 SMALL = PrepareConfig(inputs=("rgb", "depth", "row"), depth="ip_basic_fast", columns=64, network_size=(44, 64))
 
@@ -67,7 +66,7 @@ def test_raw_and_object_frames_are_learned_from_together(raw_root, with_testing,
     assert all(np.isfinite(pair.target).all() for pair in pairs)
 
 
-def test_names_that_two_parts_have_are_left_out(odometry_root, object_root):  # noqa: F811
+def test_names_that_two_parts_have_are_left_out(odometry_root, object_root):
     (object_root / "sequences").symlink_to(odometry_root / "sequences")
     dataset = open_dataset("kitti", object_root)
     assert [*dataset.parts] == ["object", "odometry"]

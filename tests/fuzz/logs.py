@@ -13,13 +13,15 @@ import numpy as np
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
 from tests.data.logs.conftest import RINGS, room
-from tests.data.logs.test_files import carla_buffer, las, pcd
-from tests.data.logs.test_messages import (
+from tests.data.logs.made_logs import (
+    carla_buffer,
     detections,
+    las,
     mcap,
     message,
     osi_mcap,
     osi_trace,
+    pcd,
     ros1_bag,
     ros2_bag,
     sensor_view,

@@ -7,12 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jaxsim.config import PrepareConfig
 from jaxsim.frame import Painted
 from jaxsim.prepare import CHANNELS, edge_map, input_channels, network_inputs
 from jaxsim.prepare.channels import ROW_OCTAVES
+from tests.prepare.made_config import SHAPE, config
 
-SHAPE = (2, 4, 6)
 ALL = ("rgb", "depth", "semantic", "edges", "incidence", "range", "row")
 
 
@@ -30,10 +29,6 @@ def scene(rng=None):
     angle = rng.uniform(0, np.pi / 2, SHAPE).astype(np.float32)
     row = np.broadcast_to(np.linspace(0, 0.7, 4, dtype=np.float32)[:, None], SHAPE)
     return painted, angle, row
-
-
-def config(*inputs, size=SHAPE[1:]):
-    return PrepareConfig(inputs=inputs, network_size=size)
 
 
 def test_every_channel_equals_its_definition():

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.frame import Painted
 from jaxsim.prepare import input_channels, network_inputs
 from jaxsim.prepare.channels import AROUND, COLOURED, LINES, SIZES, surroundings
-from tests.prepare.test_channels import config
+from tests.prepare.made_config import config
 
 SHAPE = (9, 12)
 

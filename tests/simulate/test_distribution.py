@@ -11,7 +11,7 @@ from jaxsim.config import LEVELS, PrepareConfig
 from jaxsim.evaluate.intensity import coverage
 from jaxsim.frame import Painted
 from jaxsim.simulate.predict import STEP, Prediction, drawn, make_batch, predict_cells
-from tests.evaluate.test_baselines import SHAPE, street
+from tests.evaluate.made import SHAPE, street
 
 PREPARE = PrepareConfig(inputs=("rgb",), network_size=SHAPE)
 

@@ -5,31 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from jaxsim.data.logs import LogOptions, source_for, write_log
-from jaxsim.data.polar_frames import open_polar_frames
 from tests.data.logs.conftest import ELEVATION, FIRINGS, RINGS, expected
-
-
-def frames_of(path, out, **options):
-    kind, source = source_for(path)
-    write_log(path, kind, source, out=out, options=LogOptions(**options))
-    return kind, open_polar_frames(out)
-
-
-def check(frames, fields, rtol=1e-5):
-    image, _ = frames.read(frames.names[0])
-    range_m, intensity = expected(fields)
-    assert image.valid.all()
-    np.testing.assert_allclose(image.range_m, range_m, rtol=rtol)
-    np.testing.assert_allclose(image.intensity, intensity, atol=1e-6)
-
-
-def pcd(path, fields, encoding, **more):
-    pypcd4 = pytest.importorskip("pypcd4", reason="pypcd4 is not installed")
-    values = [fields[name] for name in fields]
-    cloud = pypcd4.PointCloud.from_points(values, tuple(fields), tuple(v.dtype.type for v in values))
-    cloud.save(path, encoding=pypcd4.Encoding(encoding))
-    return path
+from tests.data.logs.made_logs import ATTRIBUTES, carla_buffer, check, frames_of, las, pcd
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
@@ -66,22 +43,6 @@ def test_ply_of_every_byte_order(tmp_path, fields, order):
     kind, frames = frames_of(tmp_path / "scan.ply", tmp_path / "out")
     assert kind == "ply"
     check(frames, fields)
-
-
-def las(path, fields, *, ring=True):
-    laspy = pytest.importorskip("laspy", reason="laspy is not installed")
-    header = laspy.LasHeader(point_format=3, version="1.4")
-    header.scales = np.full(3, 1e-4)
-    if ring:
-        header.add_extra_dim(laspy.ExtraBytesParams(name="ring", type=np.uint16))
-    data = laspy.LasData(header)
-    data.x, data.y, data.z = fields["x"], fields["y"], fields["z"]
-    data.intensity = fields["intensity"]
-    data.gps_time = fields["t"] * 1e-9
-    if ring:
-        data.ring = fields["ring"]
-    data.write(str(path))
-    return path
 
 
 @pytest.mark.parametrize(("ring", "suffix"), [(True, ".las"), (False, ".las"), (True, ".laz")])
@@ -151,32 +112,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
         frames_of(tmp_path / "scan.ply", tmp_path / "out")
 
 
-ATTRIBUTES = {
-    "channels": str(RINGS),
-    "upper_fov": "12",
-    "lower_fov": "-18",
-    "range": "100",
-    "points_per_second": str(RINGS * FIRINGS * 10),
-    "rotation_frequency": "10",
-}
 """As `dict(lidar.attributes)` has them: all are texts."""
-
-
-def carla_buffer(folder, fields, *, semantic):
-    """Points by channel, the upper first, y to the right; 24 or 16 bytes each, as the server sends them."""
-    order = np.lexsort((np.arange(len(fields["x"])), -fields["ring"].astype(int)))
-    names = ("x", "y", "z", "cos", "idx", "tag") if semantic else ("x", "y", "z", "intensity")
-    points = np.zeros(len(order), [(n, "<u4" if n in ("idx", "tag") else "<f4") for n in names])
-    for axis, sign in (("x", 1), ("y", -1), ("z", 1)):
-        points[axis] = sign * fields[axis][order]
-    if semantic:
-        points["cos"], points["idx"], points["tag"] = 0.5, 77, 14
-    else:
-        points["intensity"] = fields["intensity"][order] / 255
-    (folder / "000010.raw").write_bytes(points.tobytes())
-    name = "sensor.lidar.ray_cast_semantic" if semantic else "sensor.lidar.ray_cast"
-    (folder / "attributes.json").write_text(json.dumps(ATTRIBUTES | {"type": name}))
-    return folder
 
 
 def test_carlas_ray_cast(tmp_path, fields):

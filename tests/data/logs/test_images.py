@@ -7,22 +7,7 @@ from jaxsim.data import open_dataset
 from jaxsim.data.cityscapes import IDS
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.geometry import preset
-
-SPEC = preset("hdl32e")
-
-
-def write_image(path, lift_deg=0.0, label=1.0):
-    """A range image of the corridor's sensor: 16 of its lines, lifted as motion compensation lifts near points."""
-    azimuth = np.deg2rad(179.5 - np.arange(360))
-    lift = np.random.default_rng(0).uniform(-lift_deg, lift_deg, (16, 360))
-    elevation = SPEC.elevation_rad[8:24, None] + np.deg2rad(lift)
-    flat = 10 * np.cos(elevation)
-    cells = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), 10 * np.sin(elevation)], -1)
-    scan = np.concatenate([cells, np.broadcast_to([51.0, 10.0, label], (16, 360, 3))], -1).astype(np.float32)
-    scan[3, 7, 4] = 0
-    path.parent.mkdir(exist_ok=True)
-    np.savez(path, scan=scan)
+from tests.data.logs.made_logs import write_image
 
 
 def test_range_images_become_polar_frames_on_the_named_sensors_lines(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.data.logs import known_sources, source_for
 from tests.data.logs.conftest import RINGS, room
-from tests.data.logs.test_files import frames_of
+from tests.data.logs.made_logs import frames_of
 
 
 def test_what_is_no_log_is_told_with_all_that_are(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.data.logs import LogOptions, source_for, write_log
 from jaxsim.data.polar_frames import open_polar_frames
-from tests.data.logs.test_files import frames_of
+from tests.data.logs.made_logs import frames_of
 
 
 def test_velodynes_packets(samples, tmp_path):

@@ -17,7 +17,7 @@ from jaxsim.discover.verdict import Verdict
 from jaxsim.effects import all_rays
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.rays import READ
-from tests.discover.law.test_search import learned
+from tests.discover.law.made_laws import learned
 from tests.effects.streets import clutter_of_everything
 
 KNOTS = tuple(np.linspace(np.log(2), np.log(90), 20).tolist())
