@@ -13,9 +13,9 @@ RUN python -m venv /opt/jaxsim && \
 
 FROM python:3.12-slim
 COPY --from=build /opt/jaxsim /opt/jaxsim
-# Compiled programs and results belong to whoever runs it, not to root.
-RUN useradd --create-home jaxsim
-USER jaxsim
+# Compiled programs and results belong to whoever runs it, not to root; by number, which hosts know without its name.
+RUN useradd --create-home --uid 1000 jaxsim
+USER 1000
 WORKDIR /data
 ENTRYPOINT ["/opt/jaxsim/bin/jaxsim"]
 CMD ["--help"]

@@ -10,6 +10,7 @@ import site
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 import zipfile
 from email import message_from_bytes
@@ -17,6 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from jinja2 import Template
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
@@ -99,6 +102,28 @@ def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_i
     assert any(name.endswith("LICENSE") for name in names)
     assert about["Name"] == "jaxsim-lidar"
     assert about["License-Expression"] == "Apache-2.0"
+
+
+def test_the_conda_recipe_asks_for_what_the_package_needs():
+    """Of the same versions; OpenCV has another name there."""
+    text = Template((ROOT / "conda/meta.yaml").read_text()).render(PYTHON="python")
+    recipe = yaml.safe_load(text)
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert (recipe["package"]["name"], recipe["package"]["version"]) == (about["name"], about["version"])
+    wanted = [re.sub("^opencv-python-headless", "py-opencv", one) for one in about["dependencies"]]
+    wanted.append(f"python{about['requires-python']}")
+    assert {one.replace(" ", "") for one in recipe["requirements"]["run"]} == set(wanted)
+    assert recipe["build"]["entry_points"] == [f"jaxsim = {about['scripts']['jaxsim']}"]
+
+
+def test_the_container_is_given_all_that_the_wheel_is_built_of():
+    steps = (ROOT / "Dockerfile").read_text()
+    copied = {one for line in re.findall(r"^COPY (?!--)(.+) \S+$", steps, re.MULTILINE) for one in line.split()}
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wheel = package["tool"]["hatch"]["build"]["targets"]["wheel"]
+    needed = {package["project"]["readme"], *package["project"]["license-files"], "pyproject.toml", "constraints.txt"}
+    assert needed | {*wheel["packages"], *wheel["force-include"]} == copied
+    assert all((ROOT / name).exists() for name in copied)
 
 
 def test_the_installed_package_is_tried_and_not_the_checkout(installed, work):
