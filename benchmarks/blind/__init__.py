@@ -7,6 +7,7 @@
     python -m benchmarks.blind.where OUT                   where disagreement is found on the same cases
     python -m benchmarks.blind.repeats OUT                 what repeats in sensor coordinates: nulls, planted patterns
     python -m benchmarks.blind.learned OUT                 what learned laws gain, of what the hidden ones do
+    python -m benchmarks.blind.carla_round_trip OUT        hidden attributes of CARLA, found, written, simulated again
     python -m benchmarks.blind.unpaired OUT                the same where the sides show different streets
     python -m benchmarks.blind.planted_on_kitti OUT        effects planted on real scans
     python -m benchmarks.blind.real_discovery OUT          real sensors, with a known part of the answer

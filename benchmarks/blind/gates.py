@@ -1,6 +1,6 @@
 """How often a gate turns red: on nulls, where it should not, and on hidden effects, where it should.
 
-    python -m benchmarks.blind.gates OUT [--nulls 60] [--severity 4] [--effects beam_gain ...]
+    python -m benchmarks.blind.gates OUT [--nulls 60] [--first 50000] [--severity 4] [--effects beam_gain ...]
         [--scenes 12] [--rows 24] [--columns 192]
     python -m benchmarks.blind.gates --answered benchmarks/blind/measured/hidden_sealed/cases.jsonl ...
 
@@ -27,7 +27,7 @@ from tqdm import tqdm
 from benchmarks.blind import hidden
 from benchmarks.blind.tables import rate
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.discover.gate import CHANNELS, Gate, colour_of, distance_of, frame_distances, judge_quickly
+from jaxsim.discover.gate import CHANNELS, Gate, colour_of, distance_of, frame_distances, judge_quickly, thresholds_of
 from jaxsim.discover.verdict import Interval
 from jaxsim.report.results import markdown_table
 
@@ -37,7 +37,7 @@ FIRST = 50_000
 RULES: dict[str, Callable[[Interval], float]] = {
     "the mean before": lambda before: before.value,
     "the upper end of its interval": lambda before: before.high,
-    "a tenth above that": lambda before: 1.1 * before.high,
+    "--write-gate, a tenth above that": lambda before: thresholds_of({"": before})[""],
 }
 """Where a threshold is set, by what the streets before show."""
 EFFECTS = (
@@ -47,10 +47,10 @@ EFFECTS = (
 Row = dict[str, Any]
 
 
-def jobs(nulls: int, effects: Sequence[str], severity: float) -> list[Row]:
+def jobs(nulls: int, effects: Sequence[str], severity: float, first: int = FIRST) -> list[Row]:
     """What is asked: each sensor once as it is, the first of them once more with an effect each."""
     sensors = [
-        {"seed": FIRST + k, "simulator": simulator, "nuisance": ("exact", "misspecified")[k % 2]}
+        {"seed": first + k, "simulator": simulator, "nuisance": ("exact", "misspecified")[k % 2]}
         for k in range(nulls)
         for simulator in SIMULATORS
     ]
@@ -125,6 +125,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, nargs="?")
     parser.add_argument("--nulls", type=int, default=60)
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first sensor")
     parser.add_argument("--severity", type=float, default=4.0)
     parser.add_argument("--effects", nargs="*", default=list(EFFECTS))
     parser.add_argument("--scenes", type=int, default=12)
@@ -141,7 +142,7 @@ def main() -> None:
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
     keys = ("effect", "seed", "simulator", "severity")
     done = {tuple(row[key] for key in keys) for row in rows}
-    planned = jobs(given.nulls, given.effects, given.severity)
+    planned = jobs(given.nulls, given.effects, given.severity, given.first)
     missing = [job for job in planned if tuple(job[key] for key in keys) not in done]
     with path.open("a") as file:
         for job in tqdm(missing, unit="case"):

@@ -17,8 +17,19 @@ from jaxsim.cli.source import SAME, Source
 from jaxsim.config.ranges import Checked, Whole
 from jaxsim.data.polar_frames import read_grid
 from jaxsim.discover import discover_folders, discover_unpaired
-from jaxsim.discover.gate import Check, Colour, Gate, colour_of, judge, judge_quickly, quick_distances, read_gate
-from jaxsim.discover.verdict import Verdict
+from jaxsim.discover.gate import (
+    Check,
+    Colour,
+    Gate,
+    colour_of,
+    judge,
+    judge_quickly,
+    quick_distances,
+    read_gate,
+    save_gate,
+    thresholds_of,
+)
+from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report import verdict_sentence, write_report
@@ -84,8 +95,12 @@ class Discover(Checked):
     """A gate.json with thresholds a channel, effects that may be missing, and a verdict of before: the command ends
     with 0 where the answer passes, 1 where there is a gap, 2 where it cannot be judged; junit.xml and gate.md say
     it."""
+    write_gate: Path | None = None
+    """Writes that gate.json from these frames, which you hold to be right, instead of asking one: with --fast
+    thresholds a tenth above what they show; without it the whole answer as the baseline, whose effects may be missing
+    and whose distances may grow by a tenth."""
     fast: bool = False
-    """With --gate: compare distances alone, in seconds, and name nothing."""
+    """With --gate or --write-gate: compare distances alone, in seconds, and name nothing."""
 
     @property
     def writes_to(self) -> Path:
@@ -93,17 +108,31 @@ class Discover(Checked):
         return self.out
 
     def __call__(self) -> None:
-        if self.fast and not self.gate:
-            raise ValueError("discover: --fast is for a gate; give --gate gate.json")
+        if self.fast and not (self.gate or self.write_gate):
+            raise ValueError("discover: --fast is for a gate; give --gate gate.json, or --write-gate gate.json first")
+        if self.gate and self.write_gate:
+            raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
         if self.gate:
             sys.exit(self.judged(read_gate(self.gate)))
+        if self.write_gate:
+            self.make_gate(self.write_gate)
+            return
         self.answer()
+
+    def make_gate(self, path: Path) -> None:
+        """Writes a gate of these frames."""
+        if self.fast:
+            save_gate(path, thresholds=thresholds_of(self.distances()))
+        else:
+            self.answer()
+            save_gate(path, baseline=self.out / "verdict.json")
+        print(f"{path}: {' '.join(path.read_text().split())}")
 
     def judged(self, gate: Gate) -> int:
         """The exit code of a gate, whose checks are written; where frames cannot be compared, that of "unsure"."""
         begun = time.monotonic()
         try:
-            checks = self.quickly(gate) if self.fast else judge(gate, self.answer())
+            checks = judge_quickly(gate, self.distances()) if self.fast else judge(gate, self.answer())
         except ValueError as error:
             checks = (Check("comparison", "unsure", str(error)),)
         colour = colour_of(checks)
@@ -112,11 +141,11 @@ class Discover(Checked):
         print(markdown(checks, title=title))
         return EXIT[colour]
 
-    def quickly(self, gate: Gate) -> tuple[Check, ...]:
-        """The checks of distances alone."""
+    def distances(self) -> dict[str, Interval]:
+        """Distances of the two sides, frame by frame."""
         given = {"simulated": self.simulated, "measured": self.measured}
         simulated, measured = sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
-        return judge_quickly(gate, quick_distances(simulated, measured))
+        return quick_distances(simulated, measured)
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""

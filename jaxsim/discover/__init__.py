@@ -18,6 +18,7 @@ Files in the order in which the data meets them:
     add                          what was named, fitted together
     regimes, repeats             what acts in a part alone; what comes back at the same rows and columns
     gap, drawn, show             how far the sides are apart on unseen scenes, and what a report draws of them
+    every_frame                  the same of all frames that were not read, block by block
     sensitivity, levels, objects what the frames could show; noise, and targets, of both sides
     explain, verdict, workflow   the answer in plain values, and the whole way
     unpaired                     the whole way where the streets differ

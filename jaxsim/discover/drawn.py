@@ -130,16 +130,39 @@ class Bins:
 
 def residual_maps(problem: Problem, *, fitted: Float[np.ndarray, " b"]) -> dict[str, Float[np.ndarray, "r c"]]:
     """Mean residual of the blocks that are not fitted, on the grid, by channel."""
-    judged = np.asarray(fitted) == 0
-    columns = len(np.asarray(problem.scan.grid.azimuth_rad))
-    row = np.asarray(problem.ev.rays.row)[judged]
-    column = np.asarray(problem.ev.rays.column)[judged]
-    shape = (int(row.max()) + 1, columns)
-    maps = {}
+    return {name: sums.mean() for name, sums in map_sums(problem, fitted, where=np.asarray(fitted) == 0).items()}
+
+
+def map_sums(
+    problem: Problem, fitted: Float[np.ndarray, " b"], *, where: Bool[np.ndarray, " b"]
+) -> dict[str, GridSums]:
+    """Sums of the residuals of some blocks on the grid, by channel."""
+    row = np.asarray(problem.ev.rays.row)[where]
+    column = np.asarray(problem.ev.rays.column)[where]
+    shape = (len(np.asarray(problem.scan.grid.elevation_rad)), len(np.asarray(problem.scan.grid.azimuth_rad)))
+    sums = {}
     for name, (off, _, counts) in residuals(problem, fitted).items():
-        keep = counts[judged]
-        maps[name] = mean_on_grid(off[judged][keep], row[keep], column[keep], shape=shape)
-    return maps
+        keep = counts[where]
+        sums[name] = sums_on_grid(off[where][keep], row[keep], column[keep], shape=shape)
+    return sums
+
+
+@dataclass(frozen=True)
+class GridSums:
+    """Rays of each row and of each of at most MAP_COLUMNS groups of columns."""
+
+    total: Float[np.ndarray, "r g"]
+    count: Int[np.ndarray, "r g"]
+    columns: int
+    """Of the grid."""
+
+    def __add__(self, other: GridSums) -> GridSums:
+        return GridSums(self.total + other.total, self.count + other.count, self.columns)
+
+    def mean(self) -> Float[np.ndarray, "r c"]:
+        """Means, spread over the grid; NaN where there is no ray."""
+        mean = np.where(self.count > 0, self.total / np.maximum(self.count, 1), np.nan)
+        return mean[:, np.arange(self.columns) * mean.shape[1] // self.columns]
 
 
 def mean_on_grid(
@@ -151,13 +174,23 @@ def mean_on_grid(
 ) -> Float[np.ndarray, "r c"]:
     """Mean of the rays of each row and of each of MAP_COLUMNS groups of columns, spread over the grid of `shape`; NaN
     where there are none."""
+    return sums_on_grid(values, row, column, shape=shape).mean()
+
+
+def sums_on_grid(
+    values: Float[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    column: Int[np.ndarray, " n"],
+    *,
+    shape: tuple[int, int],
+) -> GridSums:
+    """What `mean_on_grid` is the mean of."""
     rows, columns = shape
     bins = min(columns, MAP_COLUMNS)
     cell = row * bins + column * bins // columns
-    count = np.bincount(cell, minlength=rows * bins)
-    total = np.bincount(cell, values, minlength=rows * bins)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(rows, bins)
-    return mean[:, np.arange(columns) * bins // columns]
+    count = np.bincount(cell, minlength=rows * bins).reshape(rows, bins)
+    total = np.bincount(cell, values, minlength=rows * bins).reshape(rows, bins)
+    return GridSums(total, count, columns)
 
 
 @dataclass(frozen=True)

@@ -58,12 +58,19 @@ class Distance:
     """Nats."""
 
 
-def distance(
-    problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations, *, scene: Int[np.ndarray, " b"]
-) -> Distance:
-    """The distance of the scenes of those blocks that are not fitted. Likelihoods are to be held against each other at
-    the same weights `eq`, as in naming: a problem's own would price reflectances and poses differently."""
-    judged = np.asarray(fitted) == 0
+@dataclass(frozen=True)
+class BlockDistances:
+    """What each block (b) adds to its scene's distance."""
+
+    error: Float[np.ndarray, "b 3 2"]
+    """Sums of errors in UNITS, and counts of rays."""
+    log_likelihood: Float[np.ndarray, "b 3"]
+    """Nats."""
+
+
+def block_distances(problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations) -> BlockDistances:
+    """What each block adds, with what scenes share from the fitted ones. Likelihoods are to be held against each other
+    at the same weights `eq`, as in naming: a problem's own would price reflectances and poses differently."""
     shared = np.asarray(fitted, np.float32)
     off_i, off_r = conditional_residuals(problem.ev, problem.equations, shared)
     errors = np.asarray(_errors(problem.ev, problem.noise, off_i=off_i, off_r=off_r))
@@ -71,12 +78,20 @@ def distance(
     rays = problem.ev.rays
     steps = {"intensity_quantization": float(rays.intensity_step), "range_quantization": float(rays.range_step_m)}
     # The likelihood is of continuous readings; what a lattice tells is counted apart.
-    score = score + rounding_gain(problem.ev, steps)
+    return BlockDistances(errors, score + rounding_gain(problem.ev, steps))
+
+
+def distance(
+    problem: Problem, fitted: Float[np.ndarray, " b"], eq: NormalEquations, *, scene: Int[np.ndarray, " b"]
+) -> Distance:
+    """The distance of the scenes of those blocks that are not fitted, as `block_distances` has them."""
+    judged = np.asarray(fitted) == 0
+    of_blocks = block_distances(problem, fitted, eq)
     scenes, index = np.unique(scene[judged], return_inverse=True)
     total = np.zeros((len(scenes), 3, 2))
     scores = np.zeros((len(scenes), 3))
-    np.add.at(total, index, errors[judged])
-    np.add.at(scores, index, score[judged])
+    np.add.at(total, index, of_blocks.error[judged])
+    np.add.at(scores, index, of_blocks.log_likelihood[judged])
     with np.errstate(invalid="ignore"):
         return Distance(np.where(total[..., 1] > 0, total[..., 0] / np.maximum(total[..., 1], 1), np.nan), scores)
 

@@ -6,6 +6,8 @@ gate.json, all of it optional but one thing at least:
      "allowed": ["random_dropout"],
      "baseline": "verdict.json"}
 
+`save_gate` makes one from frames that are held to be right, so that nobody has to invent numbers.
+
 Asked of a whole answer (`judge`), or at every commit in seconds and without a model, of distances alone
 (`quick_distances`, `judge_quickly`): a frame after the other is read and forgotten, so that any number of them takes
 the memory of one.
@@ -13,6 +15,8 @@ the memory of one.
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +30,7 @@ from jaxsim.discover.checks import check_one_grid
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects import EFFECTS
-from jaxsim.files import check_keys, read_json, real
+from jaxsim.files import check_keys, read_json, real, write_text
 from jaxsim.frame import PolarImage
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.intervals import mean_interval
@@ -85,6 +89,36 @@ def read_gate(path: Path) -> Gate:
         raise ValueError(f"gate: {path}: allowed must be a list of effects' names")
     check_keys(dict.fromkeys(allowed), (*EFFECTS, NOT_NAMED), where=f"gate: {path}: allowed")
     return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")))
+
+
+def thresholds_of(distances: Mapping[str, Interval]) -> dict[str, float]:
+    """Thresholds of --fast from frames that are held to be right: a share of `Rules.gate_worse_share` above the upper
+    end of each distance's interval, and at least `Rules.gate_least`, for frames on the measured ranges differ by
+    nothing. Channels that no ray shows have none.
+
+    Of simulators as right as these few turn red: docs/discover-rates.md#gates counts them.
+    """
+    return {
+        name: max(one.high * (1 + RULES.gate_worse_share), RULES.gate_least)
+        for name, one in distances.items()
+        if np.isfinite(one.high)
+    }
+
+
+def save_gate(path: Path, *, thresholds: Mapping[str, float] | None = None, baseline: Path | None = None) -> Path:
+    """Writes a gate.json that asks for these thresholds (of --fast), or for a verdict that is no worse than a
+    baseline's, which is named by its place beside the gate.
+
+    Raises ValueError where there would be nothing to ask.
+    """
+    content: dict[str, Any] = {}
+    if thresholds:
+        content["thresholds"] = {name: float(f"{value:.4g}") for name, value in thresholds.items()}
+    if baseline:
+        content["baseline"] = os.path.relpath(baseline, path.parent)
+    if not content:
+        raise ValueError("gate: no ray of these frames shows a distance, so there is nothing to ask")
+    return write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def _baseline(path: Path, name: Any) -> Mapping[str, Any] | None:

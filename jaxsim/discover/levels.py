@@ -7,6 +7,7 @@ Differences are of variances: noise that both sides have is not missing.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import fields, replace
 
 import jax
@@ -57,9 +58,18 @@ def compare_levels(comparison: Comparison) -> tuple[Level, ...]:
     )
 
 
-def missing(levels: tuple[Level, ...]) -> dict[str, float]:
-    """What a sensor model adds to a simulation, by name: the levels that the simulator lacks for certain."""
-    return {one.name: one.missing.value for one in levels if one.missing.low > 0}
+MADE_BY = {
+    "random_loss": ("random_dropout", "material_dropout", "snr_dropout", "edge_dropout"),
+    "range_noise": ("range_noise",),
+}
+"""Effects that make a level of their own: with one of them in a sensor model the level on top would count twice."""
+
+
+def missing(levels: tuple[Level, ...], effects: Collection[str] = ()) -> dict[str, float]:
+    """What a sensor model of these effects adds to a simulation besides, by name: the levels that the simulator lacks
+    for certain and no effect makes."""
+    lacking = [one for one in levels if one.missing.low > 0]
+    return {one.name: one.missing.value for one in lacking if not {*MADE_BY.get(one.name, ())} & {*effects}}
 
 
 def _as_measured(scan: Scan, measured: Measured) -> Scan:

@@ -81,6 +81,11 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
     return Mounting(named, replace(comparison, scan=seen_from(scan, motion), cast_again=True), rest)
 
 
+def place_alike(comparison: Comparison, mounting: Mounting, known: SensorModel = NOTHING_YET) -> Comparison:
+    """Further frames of the same recording, brought as those of `mounting` were; its registration is theirs."""
+    return place_mounting(comparison, mounting.effects, known).comparison
+
+
 def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, known: SensorModel) -> Mounting:
     """The mounting with the lift of its beams fitted to the likelihood of the null in which it is in place.
 

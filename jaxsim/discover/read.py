@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.data.polar_frames import open_polar_frames, scene_of
+from jaxsim.data.polar_frames import PolarFrames, open_polar_frames, scene_of
 from jaxsim.discover.checks import (
     all_or_none,
     check_one_grid,
@@ -68,6 +69,20 @@ class Comparison:
     other_moments: bool = False
     """Whether frames of one name are of different moments: rays whose ranges are of different surfaces count on neither
     side."""
+    rest: Rest | None = None
+    """The frames that were not read, because so many do not fit into memory."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Frames of two folders that are yet to be read."""
+
+    simulated: PolarFrames
+    measured: PolarFrames
+    names: tuple[str, ...]
+
+    def scene_of(self, name: str) -> str:
+        return scene_of(name, self.measured, self.simulated)
 
 
 def read_comparison(simulated: Path, measured: Path) -> Comparison:
@@ -87,18 +102,11 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
             f"discover: no frame of {simulated} ({', '.join(predicted.names[:3])} ...) has the name of one of "
             f"{measured} ({', '.join(recorded.names[:3])} ...); frames of the same name are compared"
         )
-    shared = len(names)
+    shared = names
     names = thinned(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
-    images: list[PolarImage] = []
-    sensed: list[PolarImage] = []
-    extra: list[Mapping[str, np.ndarray]] = []
-    for name in names:
-        image, rasters = predicted.read(name)
-        images.append(image)
-        extra.append(rasters)
-        sensed.append(recorded.read(name)[0])
-        plausible(name, image, "simulated")
-        plausible(name, sensed[-1], "measured")
+    read = {*names}
+    rest = Rest(predicted, recorded, tuple(name for name in shared if name not in read))
+    images, sensed, extra = _read(names, predicted, recorded)
     if all(
         np.array_equal(a.range_m, b.range_m) and np.array_equal(a.intensity, b.intensity)
         for a, b in zip(images, sensed, strict=True)
@@ -106,18 +114,19 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         raise ValueError(
             f"discover: {simulated} and {measured} hold the same readings; compare a simulation with a sensor"
         )
-    # The simulator's own facts win: its frames were made with them.
-    about = [{**recorded.about.get(name, {}), **predicted.about.get(name, {})} for name in names]
+    about = _about(names, predicted, recorded)
     scenes = [scene_of(name, predicted, recorded) for name in names]
     scan = scan_of(grid, images, extra, about=about)
-    recording = Measured(*(np.stack([getattr(m, part) for m in sensed]) for part in ("range_m", "intensity", "valid")))
+    recording = _measured(sensed)
     # Before anything is compared: sides that stand apart would fail every check for other reasons.
     registration = register(scan, recording.range_m, recording.valid, scenes=scenes)
     check_pairs(names, images, sensed, registered=registration)
     all_or_none(simulated, names, extra)
     notes = [*unpartnered(predicted.names, recorded.names), *constant_intensity(images, sensed)]
-    if len(names) < shared:
-        notes.append(f"{len(names)} of {shared} frames were compared, spread evenly over {len(set(scenes))} scenes")
+    if rest.names:
+        notes.append(
+            f"{len(names)} of {len(shared)} frames were compared, spread evenly over {len(set(scenes))} scenes"
+        )
     for name in names:
         ours = predicted.about.get(name, {})
         theirs = recorded.about.get(name, {})
@@ -141,7 +150,50 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
         notes=(*notes, *sceneless(names, about)),
         registration=registration,
         speeds=speeds,
+        rest=rest if rest.names else None,
     )
+
+
+def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
+    """Some of the frames that were not read, as those of `like` were: with its registration and speeds.
+
+    Raises ValueError for frames that are empty or in wrong units.
+    """
+    images, sensed, extra = _read(names, rest.simulated, rest.measured)
+    all_or_none(rest.simulated.folder, names, extra)
+    scenes = tuple(rest.scene_of(name) for name in names)
+    scan = scan_of(rest.simulated.grid, images, extra, about=_about(names, rest.simulated, rest.measured))
+    if like.speeds:
+        # A scene of which no frame was read tells no speed; the others' mean is nearest.
+        usual = float(np.mean([*like.speeds.values()]))
+        scan = replace(scan, speed_mps=np.array([like.speeds.get(scene, usual) for scene in scenes], np.float32))
+    return replace(like, scan=scan, measured=_measured(sensed), names=tuple(names), scenes=scenes, rest=None)
+
+
+def _read(
+    names: Sequence[str], simulated: PolarFrames, measured: PolarFrames
+) -> tuple[list[PolarImage], list[PolarImage], list[Mapping[str, np.ndarray]]]:
+    """Both sides of frames, and the simulated ones' further rasters. Raises ValueError for what cannot be a frame."""
+    images: list[PolarImage] = []
+    sensed: list[PolarImage] = []
+    extra: list[Mapping[str, np.ndarray]] = []
+    for name in names:
+        image, rasters = simulated.read(name)
+        images.append(image)
+        extra.append(rasters)
+        sensed.append(measured.read(name)[0])
+        plausible(name, image, "simulated")
+        plausible(name, sensed[-1], "measured")
+    return images, sensed, extra
+
+
+def _about(names: Sequence[str], simulated: PolarFrames, measured: PolarFrames) -> list[dict[str, Any]]:
+    """What grid.json says of frames. The simulator's own facts win: its frames were made with them."""
+    return [{**measured.about.get(name, {}), **simulated.about.get(name, {})} for name in names]
+
+
+def _measured(images: Sequence[PolarImage]) -> Measured:
+    return Measured(*(np.stack([getattr(m, part) for m in images]) for part in ("range_m", "intensity", "valid")))
 
 
 def thinned(names: Sequence[str], scenes: Sequence[str], *, grid: PolarGrid) -> list[str]:
@@ -189,8 +241,10 @@ class Division:
     """Of the frames."""
 
     @classmethod
-    def of(cls, comparison: Comparison) -> Division:
-        """Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
+    def of(cls, comparison: Comparison, *, chosen: Blocks | None = None, parts: Split | None = None) -> Division:
+        """A comparison divided, or with blocks that were `chosen` and `parts` that are known.
+
+        Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
         measured = jax.tree.map(jnp.asarray, comparison.measured)
         simulator = meant(
             jax.tree.map(jnp.asarray, comparison.scan),
@@ -203,10 +257,10 @@ class Division:
             same_scan, measured = jax.tree.map(jnp.asarray, same_surfaces(simulator.scan, measured))
             simulator = replace(simulator, scan=same_scan)
         given, ranges = simulator.scan, simulator.ranges
-        chosen = blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
+        chosen = chosen or blocks(comparison.scenes, *comparison.scan.range_m.shape[1:])
         scan = with_planes(given) if ranges is None else replace(given, incidence_rad=ranges.planes_rad)
         rays = cast(scan, chosen.frame, chosen.column)
-        parts = split(chosen.scene)
+        parts = parts or split(chosen.scene)
         return cls(scan, given, simulator, measured, chosen, rays, parts, comparison.cast_again, comparison.names)
 
     def evidence(

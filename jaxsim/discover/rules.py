@@ -150,6 +150,9 @@ class Rules:
     """Share of one effect's expectation that another reproduces from which no frames like these tell them apart."""
     alike_nats: float = 2.0
     """Gain that is no difference between two candidates."""
+    nearly_share: float = 0.9
+    """Share of the best candidate's gain from which on a simpler one of its channels is tried in its place, where
+    others were named after it."""
     weak_share: float = 0.5
     """Share of the largest gain that a candidate must reach, accepted or not as that one may be: a weak one is not the
     answer to a strong disagreement that the scenes dispute."""
@@ -302,8 +305,12 @@ class Rules:
     # Gate, watch and targets: whether a simulation passes, and whether a sensor is as it was.
     fewest_for_scatter: int = 4
     """Scenes below which the scatter between them says nothing of a distance, of a day, or of a kind of targets."""
+    odd_frames: int = 5
+    """Frames that are listed as those which an answer serves worst, of folders that do not fit into memory."""
     gate_worse_share: float = 0.10
     """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
+    gate_least: float = 1e-3
+    """Least threshold of a distance: a millimetre, a thousandth of the full scale, or of the rays; finer than files."""
     watch_chance: float = 0.05
     """Probability that a day without any change shows one, all rows and sectors together (Bonferroni)."""
 

@@ -56,7 +56,7 @@ def judge(
     fitted = (~judged).astype(np.float32)
 
     def with_effects(effects: Chain, noise: Noise) -> Problem:
-        return _on(division, ev, null, effects=effects, noise=noise, fitted=fitted)
+        return on_evidence(division, ev, null, effects=effects, noise=noise, fitted=fitted)
 
     # Effects leave less noise than the null has: each side is judged with its own.
     before = with_effects([], null.noise)
@@ -86,7 +86,7 @@ def judge(
     )
 
 
-def _on(
+def on_evidence(
     division: Division, ev: Evidence, null: Problem, *, effects: Chain, noise: Noise, fitted: Float[np.ndarray, " b"]
 ) -> Problem:
     """The null model's problem on other evidence, with effects in place and the noise that they leave."""
@@ -108,8 +108,8 @@ def _frames(
     for chunk in whole_frames(division):
         ev, scene = chunk.division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)
-        before = _on(division, ev, null, effects=[], noise=null.noise, fitted=fitted)
-        after = _on(division, ev, null, effects=chain, noise=noise, fitted=fitted)
+        before = on_evidence(division, ev, null, effects=[], noise=null.noise, fitted=fitted)
+        after = on_evidence(division, ev, null, effects=chain, noise=noise, fitted=fitted)
         for part in rays_of(before, after, fitted=fitted, chunk=chunk, curves=curves):
             parts.setdefault(part.name, []).append(part)
     return tuple(map(joined, parts.values()))

@@ -10,6 +10,7 @@ from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects, in_place
+from jaxsim.discover.every_frame import Judge, in_words, judge_rest
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, simulator_noise, why_not
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import form_of
@@ -105,6 +106,12 @@ def discover(
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
     shown = show_gap(division, null, model.choice, added=model.added, known=mounting.known)
+    maps = shown.maps_before, shown.maps_after
+    every = None
+    if comparison.rest:
+        log(f"judging the other {len(comparison.rest.names)} frames")
+        judge = Judge(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
+        every, maps = judge_rest(comparison, mounting, judge) or (None, maps)
     levels = compare_levels(comparison)
     rows = len(null.scan.grid.elevation_rad)
     verdict = Verdict(
@@ -117,6 +124,7 @@ def discover(
         sha256=parts.sha256,
         levels=levels,
         objects=compare_objects(comparison),
+        every_frame=every,
         regimes=divided.regimes,
         registered=registered_of(comparison),
         unrelated=unrelated_note is not None,
@@ -124,15 +132,16 @@ def discover(
         notes=(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
+            *([in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),
         seconds=time.monotonic() - begun,
         **verdict_fields(null, model, known=mounting.known),
     )
     verdict = with_mounting(without_unconfirmed(verdict), *named_mounting(mounting, parts, rows=rows))
-    sensor = replace(sensor_of(verdict, model.added.sensor, known), levels=missing(levels))
+    sensor = sensor_of(verdict, model.added.sensor, known)
+    sensor = replace(sensor, levels=missing(levels, [name for name, _ in sensor.effects]))
     ranked = model.choice.first_ranking
-    maps = shown.maps_before, shown.maps_after
     return Result(verdict, sensor, comparison.scan.grid, *maps, shown.curves, ranked, shown.frames)
 
 

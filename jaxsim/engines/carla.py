@@ -13,7 +13,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.effects.rays import REFERENCE_M
 from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
 
 _SURFACE = (
@@ -25,12 +30,8 @@ INSTEAD = {
     "oren_nayar": _SURFACE,
     "specular_lobe": _SURFACE,
     "retroreflection": _SURFACE,
-    "material_dropout": "drop-off knows intensity alone, and that knows distance alone; drop by class behind "
-    "sensor.lidar.ray_cast_semantic",
     "range_falloff": "it has no power law of range; an attenuation rate follows one only over a short stretch: apply "
     "it behind the sensor",
-    "snr_dropout": "dropoff_intensity_limit and dropoff_zero_intensity make losses that grow evenly with distance, for "
-    "dark and bright surfaces alike; a threshold on the echo's power needs the surface: apply it behind the sensor",
     "beam_gain": "all channels are alike; apply a gain by channel (points come channel by channel) behind the sensor",
     "motion_distortion": "all rays of a tick start from one place: let fixed_delta_seconds be a fraction of a turn, so "
     "that each tick casts a sector from where the sensor then is",
@@ -49,21 +50,93 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
         rate = extinction.mapped(lambda alpha: now["atmosphere_attenuation_rate"] + 2 * alpha)
         why = f"atmospheric_extinction: {now['atmosphere_attenuation_rate']:g} as it was, and 2 α"
         told.append(Setting("atmosphere_attenuation_rate", rate, "1/m", why))
-    loss = together(answer.one("random_dropout", "probability"), answer.levels.get("random_loss"), how=any_loss)
-    if loss is not None:
-        was = now["dropoff_general_rate"]
-        told.append(
-            Setting("dropoff_general_rate", loss.mapped(lambda p: any_loss((was, p))), "", "rays lost, every ray alike")
-        )
+    rate_now = told[0].value.value if told else now["atmosphere_attenuation_rate"]
+    told += losses(answer, now, rate=rate_now)
     noise = answer.range_noise
     if noise is not None:
         was = now["noise_stddev"]
         both = noise.mapped(lambda sd: root_of_squares((was, sd)))
         told.append(Setting("noise_stddev", both, "m", "noise of the range"))
-    reach = answer.one("range_gate", "maximum_m")
-    if reach is not None:
-        told.append(Setting("range", reach, "m", "range_gate: nothing returns from beyond"))
     return told + mounting(answer)
+
+
+REACH_M = np.geomspace(2.0, 120.0, 80)
+"""Distances at which losses are held against CARLA's: as many in each stretch as rays of a street are, about."""
+
+
+def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Setting]:
+    """Drop-off and reach that lose as many rays at each distance as the answer, with an attenuation of `rate`.
+
+    CARLA loses every class alike: of `material_dropout` it takes the mean over classes. And its echoes know distance
+    alone, so a threshold on their power (`snr_dropout`) is one on distance: a cut, or losses by intensity, whichever
+    comes nearer over REACH_M (least squares).
+    """
+    of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
+    even = together(
+        answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
+    )
+    threshold, width = answer.one("snr_dropout", "threshold"), answer.one("snr_dropout", "width")
+    reach = answer.one("range_gate", "maximum_m")
+    why_reach = "range_gate: nothing returns from beyond"
+    found: list[Setting] = []
+    if threshold is not None and width is not None:
+        # ln of the power that the effect sees: the reported intensity over the square of the distance.
+        log_power = -rate * REACH_M - 2 * np.log(REACH_M / REFERENCE_M)
+        kept = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
+        cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
+        faint = nearest_drop_off(1 - kept, np.exp(-rate * REACH_M))
+        if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < faint.off:
+            if reach is None or cut.value < reach.value:
+                reach, why_reach = cut, "snr_dropout: of CARLA's echoes, whose power is one of distance, this cut"
+        else:
+            why = "snr_dropout: CARLA's own losses that come nearest to it over 2 to 120 m"
+            found += [
+                Setting("dropoff_intensity_limit", Estimate(faint.limit), "", why),
+                Setting("dropoff_zero_intensity", Estimate(faint.zero), "", why),
+            ]
+            even = together(even, Estimate(faint.general, faint.general, faint.general), how=any_loss)
+    if even is not None:
+        value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
+        found.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
+    if reach is not None:
+        found.append(Setting("range", reach, "m", why_reach))
+    return found
+
+
+class DropOff(NamedTuple):
+    """CARLA's losses: 1 - (1 - general)(1 - zero max(1 - I / limit, 0))."""
+
+    off: float
+    """Sum of squares by which they miss what was asked for."""
+    general: float
+    limit: float
+    zero: float
+
+
+def mean_by_certainty(values: Sequence[Estimate]) -> Estimate | None:
+    """The mean of numbers that are surely above 0 (classes that no ray showed are not), each weighted by the inverse
+    square of its interval's width; of all alike where none is. None where there is no number."""
+    if not values:
+        return None
+    values = [value for value in values if value.low > 0] or values
+    widths = np.array([value.high - value.low for value in values])
+    weight = 1 / np.maximum(np.where(np.isfinite(widths), widths, 1.0), 1e-6) ** 2
+    return Estimate(*(float(np.average([value[k] for value in values], weights=weight)) for k in range(3)))
+
+
+def nearest_drop_off(lost: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"]) -> DropOff:
+    """The losses that are nearest to `lost` at these intensities, by least squares."""
+    tried = []
+    for limit in np.linspace(0.02, 1.0, 50):
+        faint = np.maximum(1 - intensity / limit, 0.0)
+        # What is kept, a - b faint, is linear in a = 1 - general and b = a zero.
+        design = np.stack([np.ones_like(faint), -faint], axis=1)
+        a, b = np.linalg.lstsq(design, 1 - lost, rcond=None)[0]
+        a = float(np.clip(a, 1e-3, 1.0))
+        zero = float(np.clip(b / a, 0.0, 1.0))
+        off = float(np.sum((a * (1 - zero * faint) - (1 - lost)) ** 2))
+        tried.append(DropOff(off, 1 - a, float(limit), zero))
+    return min(tried)
 
 
 def mounting(answer: Answer) -> list[Setting]:
@@ -111,6 +184,8 @@ ENGINE = Engine(
             "atmospheric_extinction",
             "random_dropout",
             "random_loss",
+            "material_dropout",
+            "snr_dropout",
             "range_noise",
             "range_gate",
             "extrinsic_rotation",

@@ -2,13 +2,24 @@
 
 import json
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from jaxsim.cli import discover, main
 from jaxsim.data.polar_frames import write_frame, write_grid
-from jaxsim.discover.gate import colour_of, distance_of, judge, judge_quickly, quick_distances, read_gate
+from jaxsim.discover.gate import (
+    colour_of,
+    distance_of,
+    judge,
+    judge_quickly,
+    quick_distances,
+    read_gate,
+    save_gate,
+    thresholds_of,
+)
+from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.report.results import junit
 from tests.report import results
@@ -156,6 +167,59 @@ def test_the_command_ends_with_the_colour_and_writes_it_down(tmp_path, gain, cod
     suite = ET.parse(out / "junit.xml").getroot()
     assert suite.get("failures") == str(code)
     assert ("**gap**" in (out / "gate.md").read_text()) == bool(code)
+
+
+def test_a_gate_is_written_from_frames_that_are_right_and_asked_of_others(tmp_path):
+    """As a user does: two commands, no number of his own."""
+    words = ["--gate", str(tmp_path / "gate.json"), "--fast", "--out", str(tmp_path / "out")]
+
+    def both(name, **changes):
+        simulated, measured = sides(tmp_path / name, **changes)
+        return ["--simulated", str(simulated), "--measured", str(measured)]
+
+    main(["discover", *both("right"), "--write-gate", *words[1:]])
+    shown = quick_distances(tmp_path / "right/simulated", tmp_path / "right/measured")
+    asked = read_gate(tmp_path / "gate.json")
+    for name, one in shown.items():
+        assert asked.thresholds[name] == pytest.approx(1.1 * one.high, rel=1e-3)
+    for name, changes, code in (("later", {"seed": 1}, 0), ("bright", {"seed": 1, "gain": 1.3}, 1)):
+        with pytest.raises(SystemExit) as stop:
+            main(["discover", *both(name, **changes), *words])
+        assert stop.value.code == code
+
+
+def test_a_gate_of_frames_that_differ_by_nothing_asks_for_no_less_than_files_hold(tmp_path):
+    nothing = Interval(0.0, 0.0, 0.0, "m")
+    unseen = Interval(float("nan"), float("nan"), float("nan"), "m")
+    assert thresholds_of({"range": nothing, "drop": unseen}) == {"range": 0.001}
+    with pytest.raises(ValueError, match="nothing to ask"):
+        save_gate(tmp_path / "gate.json", thresholds=thresholds_of({"drop": unseen}))
+
+
+def test_a_whole_answer_becomes_the_baseline_of_the_gate_that_is_written(tmp_path, monkeypatch):
+    def answered(self):
+        verdict = results.named().verdict
+        verdict.save(self.out)
+        return verdict
+
+    monkeypatch.setattr(discover.Discover, "answer", answered)
+    (tmp_path / "gates").mkdir()
+    asked = discover.Discover(out=tmp_path / "out", write_gate=tmp_path / "gates/gate.json")
+    asked()
+    assert json.loads((tmp_path / "gates/gate.json").read_text()) == {"baseline": "../out/verdict.json"}
+    assert colour_of(judge(read_gate(tmp_path / "gates/gate.json"), results.named().verdict)) == "pass"
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        ({"fast": True}, "--fast is for a gate"),
+        ({"gate": Path("g.json"), "write_gate": Path("g.json")}, "give one of them"),
+    ],
+)
+def test_flags_of_gates_that_do_not_go_together(tmp_path, flags, message):
+    with pytest.raises(ValueError, match=message):
+        discover.Discover(out=tmp_path, **flags)()
 
 
 def test_frames_that_cannot_be_compared_end_with_two(tmp_path):

@@ -31,6 +31,12 @@ def test_what_is_missing_goes_into_the_sensor_model(by_name):
     assert lacking["intensity_noise"] == pytest.approx(0.08, rel=0.3)
 
 
+def test_what_a_named_effect_makes_is_not_counted_twice(by_name):
+    lacking = missing(tuple(by_name.values()), ("random_dropout", "beam_gain"))
+    assert "random_loss" not in lacking
+    assert {"range_noise", "intensity_noise"} <= set(lacking)
+
+
 def test_both_sides_alike_lack_nothing():
     noise = {"range_m": 0.015, "share": 0.06, "step": 1 / 255}
     lacking = missing(compare_levels(comparison(noise, noise)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from os import SEEK_END
 from pathlib import Path
 from typing import Any
@@ -244,14 +245,40 @@ def _has(*suffixes: str) -> Callable[[Path], bool]:
 
 
 def _is_carla(path: Path) -> bool:
-    folder = path if path.is_dir() else path.parent
-    about = folder / "attributes.json"
-    return about.is_file() and "sensor.lidar" in json.dumps(read_json(about, by="carla", hint="write it again"))
+    return any("sensor.lidar" in json.dumps(read_json(one, by="carla", hint="write it again")) for one in _about(path))
+
+
+def _about(path: Path) -> list[Path]:
+    """attributes.json of a CARLA recording: its own, or of a folder of recordings those of all."""
+    own = (path if path.is_dir() else path.parent) / "attributes.json"
+    return [own] if own.is_file() else sorted(path.glob("*/attributes.json"))
+
+
+def _carla_items(path: Path, options: LogOptions) -> Iterator[Item]:
+    """Buffers of one recording; or of a folder of recordings, each a scene, whose frames are named SCENE_FRAME.
+
+    Raises ValueError where recordings are not of one sensor: their frames could not lie on one grid.
+    """
+    places = _about(path)
+    if options.meta or len(places) < 2 or (path / "attributes.json").is_file():
+        yield from _items(_RAW, read_carla, "carla")(places[0].parent if places and path.is_dir() else path, options)
+        return
+    first, *others = [(place, _carla_spec(_attributes(place), place)) for place in places]
+    for place, spec in others:
+        if spec != first[1]:
+            raise ValueError(
+                f"carla: {first[0]} and {place} are of different sensors (channels, field of view, points a turn, "
+                "range); write each sensor to a folder of its own"
+            )
+    for place in places:
+        for file in files_in(place.parent, *_RAW):
+            name = f"{place.parent.name}_{file.stem}"
+            yield Item(name, lambda file=file, name=name: replace(read_carla(file, options), name=name))
 
 
 _RAW = (".raw", ".bin")
 SOURCES: dict[str, Source] = {
-    "carla": Source("CARLA: raw_data of ray_cast and ray_cast_semantic", _is_carla, _items(_RAW, read_carla, "carla")),
+    "carla": Source("CARLA: raw_data of ray_cast and ray_cast_semantic", _is_carla, _carla_items),
     "pcd": Source("PCD: ascii, binary, compressed", _has(".pcd"), _items((".pcd",), read_pcd, "pcd"), "pcd"),
     "ply": Source("PLY", _has(".ply"), _items((".ply",), read_ply, "ply"), "ply"),
     "las": Source("LAS, LAZ", _has(".las", ".laz"), _items((".las", ".laz"), read_las, "las"), "las"),

@@ -204,7 +204,9 @@ def at_rays(
         detail=np.where(trusted[..., None], detail, 0).astype(np.float32),
         excess=((1 - trust) * over_trend).astype(np.float32),
         over_trend=still_over.astype(np.float32),
-        variance=(np.asarray(intensities.detail_variance)[index] + variance * trust).astype(np.float32),
+        # What is not trusted is compared nowhere, and its variance may be without bound.
+        variance=np.asarray(intensities.detail_variance)[index]
+        + np.multiply(variance, trust, where=trusted, out=np.zeros(variance.shape, np.float32), casting="same_kind"),
         trusted=trusted,
     )
 

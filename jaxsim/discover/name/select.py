@@ -139,10 +139,60 @@ def choose(
     bars: Bars = Bars(),
     log: Log = lambda line: None,
 ) -> Choice:
-    """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back."""
-    steps: list[FittedStep] = []
-    null = problem
-    rest = list(effects)
+    """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back.
+
+    The first may have stood in for two that act together (a number a class for losses at random and a longest range),
+    and what comes after it then only mends it. So where a simpler candidate gained nearly as much, a second choice
+    begins with that, and holds where it says as much with fewer numbers.
+    """
+    catalogue = list(effects)
+    first = add_steps(problem, catalogue, (), bars=bars, log=log)
+    begun = simpler_beginning(first)
+    if begun is None:
+        return first
+    step, rival = begun
+    log(f"{rival.effect.name} is simpler than {first.steps[step].chosen.effect.name}: once more, beginning with it")
+    kept = first.steps[:step]
+    place = with_steps(problem, kept) if kept else problem
+    ranking = first.steps[step].ranking
+    # What gained more only stood in for several, or the second choice will not hold.
+    fitted = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
+    second = add_steps(problem, catalogue, (*kept, fitted), bars=bars, log=log)
+    return second if says_as_much(second, first) else first
+
+
+def simpler_beginning(choice: Choice) -> tuple[int, Candidate] | None:
+    """The earliest step of a choice of several in which an accepted candidate of the same channels with fewer numbers
+    gained nearly as much (`Rules.nearly_share`), and that candidate, the best of such; None where there is none."""
+    if len(choice.steps) < 2:
+        return None
+    named = {step.chosen.effect.name for step in choice.steps}
+    for k, step in enumerate(choice.steps[:-1]):
+        best = step.chosen
+        for one in step.ranking:
+            near = one.total >= RULES.nearly_share * best.total and one.accepted(choice.bars.effect)
+            simpler = one.numbers < best.numbers and one.effect.channels == best.effect.channels
+            if near and simpler and one.effect.name not in named:
+                return k, one
+    return None
+
+
+def says_as_much(second: Choice, first: Choice) -> bool:
+    """Whether a choice gains no less than another, with fewer numbers."""
+    gained = [sum(step.chosen.total for step in choice.steps) for choice in (second, first)]
+    numbers = [sum(step.chosen.numbers for step in choice.steps) for choice in (second, first)]
+    return numbers[0] < numbers[1] and gained[0] > gained[1] - RULES.alike_nats
+
+
+def add_steps(
+    null: Problem, catalogue: Sequence[Effect], begun: Sequence[FittedStep], *, bars: Bars, log: Log
+) -> Choice:
+    """Effects added one after the other to those of `begun`, until none is accepted, without those that are not needed
+    in the end."""
+    steps = list(begun)
+    problem = with_steps(null, steps) if steps else null
+    taken = {step.chosen.effect.name for step in steps}
+    rest = [effect for effect in catalogue if effect.name not in taken]
     while True:
         ranking = rank_effects(problem, rest)
         # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
@@ -153,14 +203,22 @@ def choose(
             problem = problem if len(needed) == len(steps) else with_steps(null, needed)
             return Choice(needed, tuple(ranking), problem, bars)
         best = good[0]
-        alike = tuple(c for c in good[1:] if not worse(c, best) and not too_rich(c, best))
-        # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
-        starts = tuple(to_values(best.effect, one.z) for one in best.fits)
-        result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)
         log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
-        steps.append(FittedStep(best, alike, tuple(ranking), result))
-        problem = refitted(on_top(best.effect, problem, result.z))
+        steps.append(fitted_step(problem, best, ranking=ranking, good=good))
+        problem = refitted(on_top(best.effect, problem, steps[-1].fit.z))
         rest = [effect for effect in rest if effect.name != best.effect.name]
+
+
+def fitted_step(
+    problem: Problem, best: Candidate, *, ranking: Sequence[Candidate], good: Sequence[Candidate]
+) -> FittedStep:
+    """A candidate fitted to all find scenes, and its look-alikes among the `good` ones that gain no more."""
+    others = [one for one in good if one is not best and one.total <= best.total]
+    alike = tuple(c for c in others if not worse(c, best) and not too_rich(c, best))
+    # The fits of the folds lie near that to all scenes: it need not search the catalogue's starts again.
+    starts = tuple(to_values(best.effect, one.z) for one in best.fits)
+    result = fit(best.effect, problem, problem.ev.all_blocks, starts=starts, fixed=best.effect.name in FINEST)
+    return FittedStep(best, alike, tuple(ranking), result)
 
 
 def look_back(

@@ -1,7 +1,7 @@
 """The answer, as plain values: what verdict.json holds and the report draws.
 
 Nothing is computed here; the rooms fill these in, and the report reads nothing else. `Verdict` and `Result` hold all;
-their parts are `parts`, in the order in which they are found.
+their parts are `parts`, in the order in which they are found, and `every_frame`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.discover.verdict.every_frame import EveryFrame, OddFrame
 from jaxsim.discover.verdict.parts import (
     ClosedLaw,
     CurveLine,
@@ -44,6 +45,7 @@ from jaxsim.frame import PolarGrid, in_notebook
 __all__ = [
     "ClosedLaw",
     "CurveLine",
+    "EveryFrame",
     "Fidelity",
     "Gained",
     "Gap",
@@ -53,6 +55,7 @@ __all__ = [
     "Level",
     "Named",
     "Nulls",
+    "OddFrame",
     "OwnCandidate",
     "Rank",
     "Regime",
@@ -105,6 +108,8 @@ class Verdict:
     """Effects that were found and by which the judge scenes do not gain: they are not named."""
     registered: Registered | None = None
     """None where frames are not compared one by one (unpaired)."""
+    every_frame: EveryFrame | None = None
+    """The answer on the frames that were not read; None where all were, and unpaired."""
     unrelated: bool = False
     """Whether the sides' intensities have no relation beyond chance, so that no effect on them was asked."""
     regimes: tuple[Regime, ...] = ()

@@ -7,7 +7,17 @@ import pytest
 
 from jaxsim.discover.explain import ranking, why_not
 from jaxsim.discover.name import select
-from jaxsim.discover.name.select import Bars, choose, look_back, runner_up, too_rich, worse
+from jaxsim.discover.name.select import (
+    Bars,
+    Choice,
+    choose,
+    look_back,
+    runner_up,
+    says_as_much,
+    simpler_beginning,
+    too_rich,
+    worse,
+)
 from tests.discover.name.made import candidate, problem, step
 
 
@@ -61,3 +71,41 @@ def test_the_placebo_is_named_nowhere():
     first = step(gain, ranking=(gain, fall, haze, gamma))
     assert runner_up((first, step(fall, haze))) is gamma
     assert runner_up(()) is None
+
+
+def chosen_of(*steps, ranking=()):
+    return Choice(tuple(steps), tuple(ranking), problem(), Bars())
+
+
+RANDOM = candidate("random_dropout", 95.0, "drop", numbers=1)
+BY_CLASS = candidate("material_dropout", 100.0, "drop", numbers=34)
+GATE = candidate("range_gate", 20.0, "drop", numbers=2)
+
+
+def test_a_simpler_candidate_that_gained_nearly_as_much_is_a_second_beginning():
+    found = simpler_beginning(chosen_of(step(BY_CLASS, ranking=(BY_CLASS, RANDOM)), step(GATE)))
+    assert found is not None
+    assert (found[0], found[1].effect.name) == (0, "random_dropout")
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        # It is named alone: nothing came after it that it could have stood in for.
+        (step(BY_CLASS, ranking=(BY_CLASS, RANDOM)),),
+        (step(BY_CLASS, ranking=(BY_CLASS, candidate("random_dropout", 80.0, "drop", numbers=1))), step(GATE)),
+        (step(RANDOM, ranking=(RANDOM, candidate("material_dropout", 94.0, "drop", numbers=34))), step(GATE)),
+        (step(BY_CLASS, ranking=(BY_CLASS, RANDOM)), step(RANDOM)),
+        (step(BY_CLASS, ranking=(BY_CLASS, candidate("range_scale", 99.0, "range", numbers=1))), step(GATE)),
+    ],
+    ids=["alone", "less", "not simpler", "named too", "another channel"],
+)
+def test_else_the_first_choice_stands(steps):
+    assert simpler_beginning(chosen_of(*steps)) is None
+
+
+def test_a_second_choice_holds_where_it_says_as_much_with_fewer_numbers():
+    first = chosen_of(step(BY_CLASS), step(GATE))
+    assert says_as_much(chosen_of(step(RANDOM), step(candidate("range_gate", 26.0, "drop", numbers=2))), first)
+    assert not says_as_much(chosen_of(step(RANDOM), step(GATE)), first)
+    assert not says_as_much(first, first)

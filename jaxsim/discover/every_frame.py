@@ -1,0 +1,234 @@
+"""Every frame of folders that do not fit into memory: what an answer gains on all that it was not found on.
+
+`read.thinned` reads as many frames as fit, and effects are named on these. Here all others are judged, a block of
+frames at a time: memory is that of one block, and time is linear in frames. Only sums are kept: each scene's errors and
+nats, each frame's gain, and each cell's residuals.
+
+Nuisances that frames share (gain, classes, angles) follow from the find scenes' rays, which are in every block; a
+frame's own levels and pose are fitted to it alone, so sums do not depend on how frames are dealt to blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from jaxsim.devices import one_blas_thread
+from jaxsim.discover.drawn import GridSums, map_sums
+from jaxsim.discover.gap import UNITS, block_distances
+from jaxsim.discover.model.cast import Blocks, blocks
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.fit import Chain, Problem
+from jaxsim.discover.model.likelihood import CHANNELS
+from jaxsim.discover.model.noise import Noise
+from jaxsim.discover.mounting import Mounting, place_alike
+from jaxsim.discover.read import Comparison, Division, Rest, read_part
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import mean_interval
+from jaxsim.discover.show import on_evidence
+from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
+from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.rays import Scan
+from jaxsim.progress import Progress
+
+Maps = dict[str, Float[np.ndarray, "r c"]]
+
+
+@dataclass
+class Sums:
+    """What is kept of frames that were judged."""
+
+    error: dict[str, Float[np.ndarray, "2 3 2"]] = field(default_factory=dict)
+    """Of each scene, before and after: sums of errors and counts of rays by channel."""
+    gain: dict[str, Float[np.ndarray, " 3"]] = field(default_factory=dict)
+    """Nats of each scene, by channel."""
+    of_frame: dict[str, float] = field(default_factory=dict)
+    """Nats of each frame, all channels together."""
+    frames_of: dict[str, set[str]] = field(default_factory=dict)
+    """Names of each scene's frames."""
+    maps: dict[str, tuple[GridSums, GridSums]] = field(default_factory=dict)
+    """Residuals on the grid before and after, by channel."""
+
+
+class Judge(NamedTuple):
+    """What frames are judged by: an answer, as `show.judge` takes it."""
+
+    division: Division
+    """Of the frames that were read, whose find scenes stay in every block."""
+    null: Problem
+    chain: Chain
+    noise: Noise
+    known: SensorModel
+
+
+@one_blas_thread
+def judge_rest(
+    comparison: Comparison, mounting: Mounting, by: Judge, *, size: int = 0
+) -> tuple[EveryFrame, tuple[Maps, Maps]] | None:
+    """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
+    and the maps of their residuals before and after; None where there are none, or each frame is of a moment of its
+    own.
+
+    Raises ValueError for frames that are no pair's, as `read_comparison` does.
+    """
+    rest = comparison.rest
+    if rest is None or mounting.comparison.other_moments:
+        return None
+    size = max(size or len(set(_judged_frames(by.division))), 2)
+    sums = Sums()
+    bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
+    with bar:
+        for number, first in enumerate(range(0, len(rest.names), size)):
+            names = rest.names[first : first + size]
+            add(sums, block_of(comparison, mounting, rest, names=names, by=by, size=size, number=number), by)
+            bar.update(len(names))
+    maps = tuple({name: pair[side].mean() for name, pair in sums.maps.items()} for side in (0, 1))
+    return told(sums, by), (maps[0], maps[1])
+
+
+class Block(NamedTuple):
+    """The find scenes' blocks and those of further frames."""
+
+    division: Division
+    fitted: Float[np.ndarray, " b"]
+    """1 for the find scenes' blocks."""
+    frame: tuple[str, ...]
+    """Name of each block's frame; empty for the find scenes', and where it only fills up."""
+
+
+def block_of(
+    comparison: Comparison, mounting: Mounting, rest: Rest, *, names: Sequence[str], by: Judge, size: int, number: int
+) -> Block:
+    """The next frames as they are judged; the last one is repeated until there are `size`."""
+    padded = [*names, *[names[-1]] * (size - len(names))]
+    part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
+    old = by.division
+    found = np.array([scene in old.parts.find for scene in old.blocks.scene])
+    kept = np.unique(old.blocks.frame[found])
+    scan = _joined(jax.tree.map(np.asarray, mounting.comparison.scan), part.scan, kept)
+    measured = Measured(
+        *(
+            np.concatenate(
+                [np.asarray(getattr(mounting.comparison.measured, f.name))[kept], getattr(part.measured, f.name)]
+            )
+            for f in fields(Measured)
+        )
+    )
+    new = _new_blocks(old, part.scenes, number=number)
+    chosen = Blocks(
+        np.concatenate([np.searchsorted(kept, old.blocks.frame[found]), len(kept) + new.frame]),
+        np.concatenate([old.blocks.column[found], new.column]),
+        (*(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep), *new.scene),
+    )
+    all_names = (*(mounting.comparison.names[k] for k in kept), *padded)
+    all_scenes = (*(mounting.comparison.scenes[k] for k in kept), *part.scenes)
+    whole = replace(mounting.comparison, scan=scan, measured=measured, names=all_names, scenes=all_scenes)
+    division = Division.of(whole, chosen=chosen, parts=old.parts)
+    of_block = [padded[k] if k < len(names) else "" for k in new.frame]
+    fitted = np.concatenate([np.ones(int(found.sum())), np.zeros(len(new.frame))]).astype(np.float32)
+    return Block(division, fitted, ("",) * int(found.sum()) + tuple(of_block))
+
+
+def add(sums: Sums, block: Block, by: Judge) -> None:
+    """Judges a block's frames and adds them to the sums."""
+    division = block.division
+    scenes = tuple(dict.fromkeys(division.blocks.scene))
+    ev, _ = division.evidence(scenes, by.known)
+    fitted = block.fitted
+    before = on_evidence(division, ev, by.null, effects=[], noise=by.null.noise, fitted=fitted)
+    after = on_evidence(division, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
+    sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
+    gain = sides[1].log_likelihood - sides[0].log_likelihood
+    told = np.array([bool(name) for name in block.frame])
+    for k in np.flatnonzero(told):
+        scene, name = division.blocks.scene[k], block.frame[k]
+        errors = np.stack([side.error[k] for side in sides])
+        sums.error[scene] = sums.error.get(scene, 0.0) + errors
+        sums.gain[scene] = sums.gain.get(scene, 0.0) + gain[k]
+        sums.of_frame[name] = sums.of_frame.get(name, 0.0) + float(gain[k].sum())
+        sums.frames_of.setdefault(scene, set()).add(name)
+    pairs = zip(map_sums(before, fitted, where=told).items(), map_sums(after, fitted, where=told).values(), strict=True)
+    for (channel, was), now in pairs:
+        old = sums.maps.get(channel)
+        sums.maps[channel] = (was, now) if old is None else (old[0] + was, old[1] + now)
+
+
+def told(sums: Sums, by: Judge) -> EveryFrame:
+    """The sums as a verdict tells them."""
+    scenes = sorted(sums.gain)
+    count = np.array([len(sums.frames_of[scene]) for scene in scenes])
+    gain = np.array([sums.gain[scene] for scene in scenes]) / count[:, None]
+    error = np.array([sums.error[scene] for scene in scenes])
+    with np.errstate(invalid="ignore"):
+        means = error[..., 0] / error[..., 1]
+    unseen = np.array([scene not in by.division.parts.find for scene in scenes])
+    worst = sorted(sums.of_frame, key=lambda name: sums.of_frame[name])[: RULES.odd_frames]
+    scene_of = {name: scene for scene, names in sums.frames_of.items() for name in names}
+    return EveryFrame(
+        frames=len(sums.of_frame),
+        scenes=len(scenes),
+        unseen=int(unseen.sum()),
+        gained={name: _mean(gain[:, k]) for k, name in enumerate(CHANNELS)},
+        gained_unseen={name: _mean(gain[unseen, k]) for k, name in enumerate(CHANNELS)},
+        before={name: _mean(means[:, 0, k], UNITS[name]) for k, name in enumerate(CHANNELS)},
+        after={name: _mean(means[:, 1, k], UNITS[name]) for k, name in enumerate(CHANNELS)},
+        worst=tuple(OddFrame(name, scene_of[name], sums.of_frame[name]) for name in worst),
+    )
+
+
+def in_words(told: EveryFrame) -> str:
+    """A note for the verdict."""
+    gains = ", ".join(
+        f"{name} {one.value:.3g} nats a frame ({one.low:.3g} to {one.high:.3g})" for name, one in told.gained.items()
+    )
+    worst = told.worst[0]
+    return (
+        f"on the other {told.frames} frames, of {told.scenes} scenes, {told.unseen} of which nothing was fitted to, "
+        f"the answer gains: {gains}; least on {worst.name} of {worst.scene} ({worst.nats:.3g} nats)"
+    )
+
+
+def _mean(values: Float[np.ndarray, " s"], unit: str = "nats a frame") -> Interval:
+    known = values[np.isfinite(values)]
+    value = float(known.mean()) if len(known) else float("nan")
+    return Interval(value, *(mean_interval(known) if len(known) > 1 else (float("nan"), float("nan"))), unit)
+
+
+def _judged_frames(division: Division) -> Iterator[int]:
+    for frame, scene in zip(division.blocks.frame.tolist(), division.blocks.scene, strict=True):
+        if scene in division.parts.judge:
+            yield frame
+
+
+def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
+    """Columns of further frames, as many each as of the frames that were read, from other starts in each block."""
+    frames, rows, columns = np.shape(old.scan.range_m)
+    count = old.blocks.column.shape[1]
+    sectors = len(old.blocks.frame) > frames
+    pieces = len(old.blocks.frame) // frames
+    labels = ["one drive"] * len(scenes) if sectors else [str(k) for k in range(len(scenes))]
+    new = blocks(labels, rows, columns, rays=count * rows * len(scenes) * pieces, seed=number + 1)
+    if sectors:
+        return new
+    return Blocks(new.frame, new.column, tuple(scenes))
+
+
+def _joined(first: Scan, second: Scan, kept: Int[np.ndarray, " k"]) -> Scan:
+    """Some frames of a scan, then all of another on the same grid."""
+    rest: dict[str, Any] = {f.name: getattr(second, f.name) for f in fields(Scan) if f.name != "grid"}
+    tags: Mapping[str, np.ndarray] = rest.pop("tags")
+    both = {
+        name: np.concatenate([np.asarray(getattr(first, name))[kept], np.asarray(value)])
+        for name, value in rest.items()
+    }
+    frames = len(np.asarray(second.range_m))
+    of_tags = {
+        name: np.concatenate([np.asarray(first.tags[name])[kept], np.asarray(tags.get(name, np.zeros(frames, bool)))])
+        for name in first.tags
+    }
+    return replace(first, **both, tags=of_tags)

@@ -1,0 +1,107 @@
+"""Frames that do not fit are judged block by block: sums do not depend on the blocks, and one is held at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jaxsim.data.polar_frames import write_frame, write_grid
+from jaxsim.discover import every_frame, read
+from jaxsim.discover.add import refit
+from jaxsim.discover.every_frame import Judge, judge_rest
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.parameters import to_z
+from jaxsim.discover.mounting import Mounting
+from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
+from jaxsim.effects import get_effect
+from jaxsim.frame import PolarImage
+from tests.discover.toy import toy
+
+FRAMES, READ, ODD = 16, 10, 11
+"""Frames in the folders, those that fit, and the one whose beams are dark."""
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory, standard_promotion):
+    """The comparison of those that fit, and an answer (the true gains of the beams) to judge the others by."""
+    folder = tmp_path_factory.mktemp("many")
+    scan, measured = toy(FRAMES, gain=0.2)
+    about = {f"f{k:02d}": {"scene": f"street{k}"} for k in range(FRAMES)}
+    for side in ("simulated", "measured"):
+        write_grid(folder / side, scan.grid, frames=about)
+    for k, name in enumerate(about):
+        rasters = {part: getattr(scan, part)[k] for part in ("semantic", "instance")}
+        image = PolarImage(scan.range_m[k], scan.intensity[k], scan.hit[k])
+        write_frame(folder / "simulated", name, image, incidence=scan.incidence_rad[k], **rasters)
+        seen = PolarImage(measured.range_m[k], measured.intensity[k], measured.valid[k])
+        if k == ODD:
+            seen = replace(seen, intensity=seen.intensity * np.linspace(0.9, 0.3, len(seen.intensity))[:, None])
+        write_frame(folder / "measured", name, seen)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(read, "FEWEST_FRAMES", READ)
+        patch.setattr(read, "MOST_CELLS", 0)
+        comparison = read_comparison(folder / "simulated", folder / "measured")
+    division = Division.of(comparison)
+    ev, _ = division.evidence(division.parts.find)
+    null, _ = fit_null(division.scan, ev, ev.all_blocks)
+    effect = get_effect("beam_gain")
+    start = to_z(effect, {}, ev.rays.row.shape[-1])
+    chain = [(one.effect, one.fit.z) for one in refit(null, [effect], [start])]
+    return comparison, Judge(division, null, chain, null.noise, NOTHING_YET)
+
+
+@pytest.fixture(scope="module")
+def by_two(judged):
+    """What is told with two frames at a time, and how many were read each time."""
+    taken = []
+
+    def counted(rest, names, like):
+        taken.append(len(names))
+        return read.read_part(rest, names, like)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(every_frame, "read_part", counted)
+        return rest_of(judged, 2), taken
+
+
+def rest_of(judged, size):
+    comparison, by = judged
+    return judge_rest(comparison, Mounting((), comparison, NOTHING_YET), by, size=size)
+
+
+def test_all_frames_that_were_not_read_are_judged_two_at_a_time(judged, by_two):
+    comparison, _ = judged
+    assert len(comparison.rest.names) == FRAMES - READ
+    (told, (before, after)), taken = by_two
+    assert taken == [2, 2, 2]
+    assert told.frames == told.scenes == told.unseen == FRAMES - READ
+    assert told.gained["intensity"].low > 0
+    assert told.after["intensity"].value < 0.7 * told.before["intensity"].value
+    # Each beam's own residual is gone.
+    rows = [np.nanstd(np.nanmean(side["intensity"], axis=1)) for side in (before, after)]
+    assert rows[1] < 0.5 * rows[0]
+
+
+def test_sums_do_not_depend_on_the_blocks(judged, by_two):
+    # Five at a time: the last block is filled up with a frame that counts once.
+    (few, few_maps), (many, many_maps) = by_two[0], rest_of(judged, 5)
+    assert many.frames == few.frames
+    for name, one in many.gained.items():
+        assert few.gained[name].value == pytest.approx(one.value, rel=0.03, abs=0.3), name
+    for name, one in many.after.items():
+        assert few.after[name].value == pytest.approx(one.value, rel=0.03), name
+    assert few.worst[0].name == many.worst[0].name
+    assert few_maps[0].keys() == many_maps[0].keys()
+
+
+def test_a_frame_that_the_answer_serves_ill_is_listed_first(judged, by_two):
+    (told, _), _ = by_two
+    assert f"f{ODD:02d}" in judged[0].rest.names
+    assert (told.worst[0].name, told.worst[0].scene) == (f"f{ODD:02d}", f"street{ODD}")
+    assert told.worst[0].nats < told.worst[1].nats
+
+
+def test_where_all_frames_fit_nothing_is_left_to_judge(judged):
+    comparison, by = judged
+    whole = replace(comparison, rest=None)
+    assert judge_rest(whole, Mounting((), whole, NOTHING_YET), by) is None
