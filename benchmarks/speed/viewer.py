@@ -4,7 +4,8 @@
 
 Prints, for a page of one cloud and for one of two under the slider: frames a second of a turn as somebody sees it who
 drags (at half the resolution, and as many points as there is time for), the share of the points that it draws then, and
-frames a second with all points and all pixels, as at rest. SwiftShader draws; give as `--processors` those that nothing
+frames a second with all points and all pixels, as at rest; each with the processor time of a frame over all processes,
+which other work on the machine changes less. SwiftShader draws; give as `--processors` those that nothing
 else uses. Needs Playwright and the system's Chromium: pip install '.[test]', apt-get install chromium.
 """
 
@@ -41,17 +42,38 @@ def sweep(count: int) -> np.ndarray:
     return np.stack(points, -1).astype(np.float32)
 
 
+def processor_s() -> float:
+    """Processor time of this process and all that it started, seconds."""
+    seen = {os.getpid()}
+    ticks = 0
+    # A child's number is larger than its parent's, unless numbers begin anew.
+    for number in sorted(int(one) for one in os.listdir("/proc") if one.isdigit()):
+        try:
+            fields = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if number in seen or int(fields[1]) in seen:
+            seen.add(number)
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
 def measure(chromium: Browser, page: Path, *, width: int, seconds: float) -> str:
     """The numbers of a page, in words."""
     tab = chromium.new_page(viewport={"width": width, "height": 900})
     tab.goto(page.as_uri())
     tab.evaluate("jaxsimViewer.turning(1)")
+    begun_s = processor_s()
     turning, share = tab.evaluate(f"jaxsimViewer.turning({seconds})")
-    whole = tab.evaluate("jaxsimViewer.speed(10)")
+    turned_s = processor_s()
+    whole = tab.evaluate("jaxsimViewer.speed(20)")
+    ended_s = processor_s()
     canvas = tab.evaluate("[document.getElementById('cloud').width, document.getElementById('cloud').height]")
     tab.close()
-    words = f"{turning:.1f} frames/s while it turns, with {share:.0%} of the points; {whole:.1f} frames/s with all"
-    return f"{words}, {canvas[0]} x {canvas[1]} pixels"
+    of_turning = 1000 * (turned_s - begun_s) / max(turning * seconds, 1)
+    of_whole = 1000 * (ended_s - turned_s) / 20
+    words = f"{turning:.1f} frames/s while it turns ({of_turning:.0f} ms of processor time), {share:.0%} of the points"
+    return f"{words}; {whole:.1f} frames/s with all ({of_whole:.0f} ms), {canvas[0]} x {canvas[1]} pixels"
 
 
 def main() -> None:
