@@ -5,7 +5,8 @@
 
 ROOT holds `2011_09_26/`. For each fold of `configs.kitti_drives.FOLDS` a network learns from the other drives,
 baselines are fitted to the same frames, and all are scored on the cells of the fold's drives: every drive is judged
-once, by what has not seen it. What is there, trainings and scores, is not made again.
+once, by what has not seen it. Of several seeds their mean is judged (`jaxsim join`), and each of them. What is there,
+trainings and scores, is not made again.
 
 Writes OUT/unseen_drives.md and .json (scores with intervals over drives, errors by drive), .svg (each drive's error
 beside that of boosted trees), and pictures of a frame of each drive: OUT/pictures.
@@ -41,6 +42,7 @@ from jaxsim.report.charts import label, ticks
 from jaxsim.report.results import markdown_table
 from jaxsim.simulate.predict import STEP, make_predict
 from jaxsim.train.experiments import load_experiment
+from jaxsim.train.join import join_runs
 from jaxsim.train.loop import train_apart
 
 BAR = "trees, context"
@@ -76,6 +78,15 @@ def network_of(fold: int, seed: int, data: DataConfig, *, config: str, out: Path
         status = train_apart(config, *map(str, arguments), "--run.seed", str(seed), *flags)
         if status:
             sys.exit(f"error: training {run} ended with status {status}; the same command resumes")
+    return run
+
+
+def joined(runs: Sequence[Path], fold: int, out: Path) -> Path:
+    """The one run, or the mean of several."""
+    if len(runs) == 1:
+        return runs[0]
+    run = out / "runs" / f"fold{fold}_of_{'_'.join(path.name.rpartition('seed')[2] for path in runs)}"
+    join_runs(runs, run)
     return run
 
 
@@ -240,13 +251,13 @@ def main(
     coverage = Coverage()
     for fold in tqdm(folds, desc="folds", unit="fold"):
         rows = baselines_of(fold, data, experiment, out)
-        for seed in seeds:
-            run = network_of(fold, seed, data, config=config, out=out, flags=flags)
-            judged = judge(run, fold, data, out)
-            rows |= {"network" if seed == seeds[0] else f"network, seed {seed}": judged["sums"]}
-            if seed == seeds[0]:
-                scenes += judged["scenes"]
-                coverage.add(fold, judged)
+        runs = {seed: network_of(fold, seed, data, config=config, out=out, flags=flags) for seed in seeds}
+        if len(runs) > 1:
+            rows |= {f"network, seed {seed}": judge(run, fold, data, out)["sums"] for seed, run in runs.items()}
+        judged = judge(joined(list(runs.values()), fold, out), fold, data, out)
+        rows |= {"network": judged["sums"]}
+        scenes += judged["scenes"]
+        coverage.add(fold, judged)
         for name, frames in rows.items():
             sums.setdefault(name, []).extend(frames)
     order = sorted(sums, key=lambda name: -total_scores(sums[name])["mae"].value)

@@ -39,6 +39,11 @@ COMMANDS = {
         "train an intensity network, a detector or depth completion; resumes",
         "jaxsim train synthetic",
     ),
+    "join": Command(
+        "join:Join",
+        "one run of several that differ in their seed: the mean of their networks",
+        "jaxsim join runs/first runs/second runs/third --out runs/joined",
+    ),
     "eval": Command(
         "eval:Evaluation",
         "score a trained run, two folders of frames, a detector's results; compare networks",

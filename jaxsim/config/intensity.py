@@ -33,6 +33,9 @@ class GeneratorConfig(Checked):
     enhancers: Whole = 1
     enhancer_blocks: Whole = 3
     out_channels: Count = 1
+    members: Count = 1
+    """Of `unet`: so many networks, whose mean is the answer (Lakshminarayanan et al. 2017). Each learns from its own
+    share of the batch; or `jaxsim join` makes one of runs that were trained apart."""
     widen: NotNegative = 1.0
     """Of `unet`: how far its levels lie from the median, times what was learned. A network is surer of the drives that
     it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""

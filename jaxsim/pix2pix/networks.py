@@ -20,7 +20,7 @@ from jaxsim.config import DiscriminatorConfig, GeneratorConfig
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import average_pool, halve
 from jaxsim.pix2pix.layers import FORMS, ConvBlock, LayerForm, ResidualBlock
-from jaxsim.pix2pix.unet import UNet
+from jaxsim.pix2pix.unet import Ensemble, UNet
 
 Precision = Literal["float32", "bfloat16"]
 
@@ -145,10 +145,14 @@ def make_generator(
 ) -> nnx.Module:
     """The network of a config's form. Raises ValueError where a `unet` is asked for another precision."""
     if config.form != "unet":
+        if config.members > 1:
+            raise ValueError(
+                f"generator: {config.form} is one network; --generator.members is for --generator.form unet"
+            )
         return Generator(config, in_channels, rngs, spectral=spectral, precision=precision)
     if precision != "float32":
         raise ValueError(f"generator: unet computes in float32; leave out --optim.precision {precision}")
-    return UNet(config, in_channels, rngs)
+    return UNet(config, in_channels, rngs) if config.members == 1 else Ensemble(config, in_channels, rngs)
 
 
 class PatchDiscriminator(nnx.Module):

@@ -59,8 +59,8 @@ class TrainState:
     """int32: updates done."""
     generator: Network
     generator_optim: Tree
-    discriminator: Network | None
-    """None where no loss term uses it."""
+    discriminator: Tree
+    """A Network; None where no loss term uses it."""
     discriminator_optim: Tree
     ema: Tree
     """Averaged generator parameters with spectral norm folded in."""

@@ -97,6 +97,27 @@ class UNet(nnx.Module):
         return self.head(jax.nn.relu(self.join(beside)))
 
 
+class Ensemble(nnx.Module):
+    """The mean of `members` U-Nets that learn apart: in training each sees its own share of the batch, so that a step
+    is one of each. Where they differ is what the drives did not tell, and the mean errs less than any of them
+    (Lakshminarayanan et al. 2017)."""
+
+    def __init__(self, config: GeneratorConfig, in_channels: int, rngs: nnx.Rngs) -> None:
+        self.members = nnx.List([UNet(config, in_channels, rngs) for _ in range(config.members)])
+
+    def __call__(self, inputs: Float[Array, "b h w c"], *, train: bool = False) -> Float[Array, "b h w k"]:
+        """Raises ValueError where in training the batch has no equal shares."""
+        if not train:
+            return sum(member(inputs) for member in self.members) / len(self.members)
+        if len(inputs) % len(self.members):
+            raise ValueError(
+                f"generator: {len(inputs)} items a device cannot be shared by {len(self.members)} networks "
+                "(--generator.members); give --optim.batch a multiple of that"
+            )
+        shares = jnp.split(inputs, len(self.members))
+        return jnp.concatenate([member(share, train=True) for member, share in zip(self.members, shares, strict=True)])
+
+
 def _halved(x: Float[Array, "b h w c"]) -> Float[Array, "b h/2 w/2 c"]:
     b, h, w, c = x.shape
     return x.reshape(b, h // 2, 2, w // 2, 2, c).mean((2, 4))

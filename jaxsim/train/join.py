@@ -1,0 +1,117 @@
+"""One run of several that were trained apart: its network is their mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jaxsim.config import Experiment
+from jaxsim.files import differences, write_text
+from jaxsim.pix2pix import state_shapes
+from jaxsim.prepare import input_channels
+from jaxsim.runs.kinds import Run, kind_of
+from jaxsim.runs.run import Checkpoints, load_run, start_run
+from jaxsim.train.training import licence_head
+
+
+def join_runs(folders: Sequence[Path], out: Path) -> Run:
+    """Writes a run to `out` whose network is the mean of the U-Nets in `folders`, each at its latest checkpoint.
+
+    All of their states are joined, the optimisers' too, so that the run trains on like any other, each network from its
+    own share of the batch. Where `out` holds this very run already nothing changes.
+
+    Raises ValueError where there are fewer than two runs, one is no U-Net's or joined itself, they differ in more than
+    the seed, or are at different steps.
+    """
+    if len(set(folders)) < 2 or len(set(folders)) < len(folders):
+        raise ValueError(f"join: {' '.join(map(str, folders)) or 'nothing'} is named; name two runs or more, each once")
+    runs = [load_run(folder) for folder in folders]
+    for folder, run in zip(folders, runs, strict=True):
+        _check(folder, run, folders[0], first=runs[0])
+    checkpoints = [Checkpoints(folder) for folder in folders]
+    steps = {str(folder): kept.latest for folder, kept in zip(folders, checkpoints, strict=True)}
+    if len(set(steps.values())) > 1:
+        told = ", ".join(f"{folder} {step or 'none'}" for folder, step in steps.items())
+        raise ValueError(f"join: the runs are at different steps ({told}); train them all to the same one")
+    joined = _joined(runs[0], len(runs), out)
+    channels = input_channels(joined.experiment.prepare)
+    alone = state_shapes(runs[0].experiment, channels)
+    states = [kept.restore("state", alone) for kept in checkpoints]
+    state = _of_members(states, like=state_shapes(joined.experiment, channels))
+
+    start_run(out, joined)
+    step, kept = int(state.step), Checkpoints(out)
+    if step not in kept.steps:
+        kept.save(step, state=state, generator=state.ema)
+    write_text(out / "card.md", _card(joined, folders, step))
+    return joined
+
+
+def _check(folder: Path, run: Run, other: Path, *, first: Run) -> None:
+    """Raises ValueError where a run cannot be joined to the first."""
+    generator = run.experiment.generator
+    if generator.form != "unet" or generator.members > 1:
+        what = f"{generator.form}'s" if generator.form != "unet" else "joined itself"
+        raise ValueError(f"join: {folder} is {what}; name runs of one U-Net each (--generator.form unet)")
+    alike = _as(first.experiment, run.experiment)
+    plain = kind_of(first).plain
+    if differs := list(differences(plain(first.experiment), plain(alike))):
+        raise ValueError(f"join: of {folder} {', '.join(differs)}; runs that are joined differ in their seed alone")
+    if (run.spec, run.intrinsics, run.cam_from_velo) != (first.spec, first.intrinsics, first.cam_from_velo):
+        raise ValueError(f"join: {folder} has another sensor or camera than {other}; join runs of one data set")
+
+
+def _as(first: Experiment, other: Experiment) -> Experiment:
+    """The other one with those settings of the first that change nothing of what is learned, and its seed."""
+    return replace(
+        other,
+        data=replace(other.data, root=first.data.root, cache=first.data.cache),
+        generator=replace(other.generator, widen=first.generator.widen),
+        optim=replace(other.optim, start=first.optim.start),
+        run=first.run,
+    )
+
+
+def _joined(first: Run, members: int, out: Path) -> Run:
+    settings: Experiment = first.experiment
+    return replace(
+        first,
+        experiment=replace(
+            settings,
+            generator=replace(settings.generator, members=members),
+            optim=replace(settings.optim, batch=members * settings.optim.batch),
+            run=replace(settings.run, name=out.name, out=out.parent),
+        ),
+    )
+
+
+def _of_members(states: Sequence[Any], *, like: Any) -> Any:
+    """The state of all of them: a leaf below `members`, k is that of the k-th state, any other the first state's."""
+    leaves = [dict(jax.tree.flatten_with_path(state)[0]) for state in states]
+
+    def leaf(path: tuple[Any, ...], _: Any) -> Any:
+        at = next((i for i, key in enumerate(path) if _name(key) == "members"), None)
+        if at is None:
+            return leaves[0][path]
+        return leaves[int(_name(path[at + 1]))][path[:at] + path[at + 2 :]]
+
+    return jax.tree.map_with_path(leaf, like)
+
+
+def _name(key: Any) -> str:
+    return str(getattr(key, "key", getattr(key, "name", "")))
+
+
+def _card(run: Run, folders: Sequence[Path], step: int) -> str:
+    parts = (
+        licence_head(run),
+        f"# {run.experiment.run.name}",
+        f"The mean of {len(folders)} networks that were trained apart, {step} steps each.",
+        "\n".join(f"- {folder.name}" for folder in folders),
+        f"Scores beside baselines, and pictures: `jaxsim eval {run.experiment.run.out / run.experiment.run.name}`",
+    )
+    return "\n\n".join(parts) + "\n"

@@ -1,0 +1,132 @@
+"""Runs that were trained apart, joined to one whose network is their mean."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsim.cli import main
+from jaxsim.config import Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig, RunConfig
+from jaxsim.frame import Camera, CameraFrame
+from jaxsim.geometry import preset
+from jaxsim.pix2pix import create_state, make_generate, make_train_step, state_shapes
+from jaxsim.runs.run import Checkpoints, describe, load_run, start_run
+from jaxsim.train.join import join_runs
+
+VIEW = CameraFrame(
+    np.zeros((375, 1242, 3), np.uint8),
+    Camera(np.diag([700, 700, 1]).astype(np.float32), np.eye(4, dtype=np.float32)),
+)
+EXPERIMENT = Experiment(
+    prepare=PrepareConfig(inputs=("rgb",), network_size=(8, 16)),
+    generator=GeneratorConfig(form="unet", filters=4, downsamples=1, blocks=1, enhancers=0),
+    loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0),
+    optim=OptimConfig(batch=2, lr=1e-2, eps=1e-15, ema_start=100),
+)
+CHANNELS = 3
+
+
+def trained_apart(folder: Path, seed: int, *, step: int = 5, **changes) -> Path:
+    """A run at a step, with the state that its seed begins with."""
+    run = RunConfig(name=folder.name, out=folder.parent, seed=seed)
+    experiment = replace(EXPERIMENT, run=run, **changes)
+    start_run(folder, describe(experiment, preset("hdl64e"), VIEW))
+    state = create_state(experiment, CHANNELS, seed).replace(step=jnp.int32(step))
+    Checkpoints(folder).save(step, state=state, generator=state.ema)
+    return folder
+
+
+@pytest.fixture
+def runs(tmp_path) -> list[Path]:
+    return [trained_apart(tmp_path / name, seed) for seed, name in enumerate(("first", "second", "third"))]
+
+
+def answer(folder: Path, inputs) -> np.ndarray:
+    experiment = load_run(folder).experiment
+    kept = Checkpoints(folder).restore("generator", state_shapes(experiment, CHANNELS).ema)
+    return np.asarray(make_generate(experiment, CHANNELS)(kept, inputs))
+
+
+def test_the_joined_run_says_the_mean_of_what_each_says(runs, tmp_path, capsys):
+    main(["join", *map(str, runs), "--out", str(tmp_path / "joined")])
+    assert "the mean of 3 networks" in capsys.readouterr().out
+    inputs = jax.random.normal(jax.random.key(0), (2, 8, 16, CHANNELS))
+    each = np.stack([answer(run, inputs) for run in runs])
+    assert np.abs(each[0] - each[1]).max() > 0.01
+    np.testing.assert_allclose(answer(tmp_path / "joined", inputs), each.mean(0), atol=1e-6)
+    assert "- third" in (tmp_path / "joined" / "card.md").read_text()
+
+
+@pytest.mark.filterwarnings("ignore:.*donated")
+def test_the_joined_run_trains_on_as_each_would_from_its_share_of_the_batch(runs, tmp_path):
+    joined = join_runs(runs, tmp_path / "joined").experiment
+    assert joined.optim.batch == 6
+    keys = jax.random.split(jax.random.key(1), 3)
+    batch = {
+        "inputs": jax.random.normal(keys[0], (6, 8, 16, CHANNELS)),
+        "target": jax.random.uniform(keys[1], (6, 8, 16, 1), minval=-1),
+        "weight": jnp.ones((6, 8, 16)),
+        "returned": jnp.ones((6, 8, 16), bool),
+        "dropped": jax.random.uniform(keys[2], (6, 8, 16)) < 0.3,
+    }
+
+    def after(folder: Path, experiment: Experiment, items: slice):
+        state = Checkpoints(folder).restore("state", state_shapes(experiment, CHANNELS))
+        with jax.numpy_dtype_promotion("standard"):
+            stepped, _ = make_train_step(experiment, CHANNELS)(state, {k: v[items] for k, v in batch.items()})
+        return stepped.generator.parameters
+
+    together = after(tmp_path / "joined", joined, slice(0, 6))["members"]
+    second = after(runs[1], EXPERIMENT, slice(2, 4))
+    # Adam's first step is the rate times the gradient's sign, however many share the mean.
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-5), dict(together)[1], second)
+
+
+def test_joined_again_it_is_the_same_run_and_other_runs_are_refused_there(runs, tmp_path):
+    out = tmp_path / "joined"
+    join_runs(runs, out)
+    before = (out / "config.json").read_bytes()
+    join_runs(runs, out)
+    assert (out / "config.json").read_bytes() == before
+    with pytest.raises(ValueError, match=r"generator\.members was 3, now 2.*another"):
+        join_runs(runs[:2], out)
+
+
+def test_what_cannot_be_joined_is_refused(runs, tmp_path):
+    first = runs[0]
+    with pytest.raises(ValueError, match="name two runs or more, each once"):
+        join_runs([first], tmp_path / "out")
+    with pytest.raises(ValueError, match="name two runs or more, each once"):
+        join_runs([first, first], tmp_path / "out")
+    late = trained_apart(tmp_path / "late", 7, step=6)
+    with pytest.raises(ValueError, match=r"different steps \(.*first 5, .*late 6\); train them all to the same one"):
+        join_runs([first, late], tmp_path / "out")
+    other = trained_apart(tmp_path / "other", 8, optim=replace(EXPERIMENT.optim, lr=0.1))
+    with pytest.raises(ValueError, match=r"of .*other optim\.lr was 0\.01, now 0\.1; .*differ in their seed alone"):
+        join_runs([first, other], tmp_path / "out")
+    image = trained_apart(tmp_path / "image", 9, generator=replace(EXPERIMENT.generator, form="original"))
+    with pytest.raises(ValueError, match=r"image is original's; name runs of one U-Net each"):
+        join_runs([first, image], tmp_path / "out")
+    join_runs(runs, tmp_path / "joined")
+    with pytest.raises(ValueError, match="joined is joined itself"):
+        join_runs([first, tmp_path / "joined"], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"no config\.json in .*empty"):
+        join_runs([first, tmp_path / "empty"], tmp_path / "out")
+
+
+def test_members_need_a_unet_and_equal_shares():
+    pix2pix = replace(EXPERIMENT, generator=replace(EXPERIMENT.generator, form="original", members=2))
+    with pytest.raises(ValueError, match=r"--generator\.members is for --generator\.form unet"):
+        state_shapes(pix2pix, CHANNELS)
+    five = replace(EXPERIMENT, generator=replace(EXPERIMENT.generator, members=2))
+    step = make_train_step(five, CHANNELS)
+    shapes = jax.eval_shape(lambda: {"inputs": jnp.zeros((5, 8, 16, CHANNELS)), "target": jnp.zeros((5, 8, 16, 1))})
+    with pytest.raises(
+        ValueError, match=r"5 items a device cannot be shared by 2 networks .*--optim\.batch a multiple"
+    ):
+        jax.eval_shape(step, state_shapes(five, CHANNELS), shapes)
