@@ -3,6 +3,7 @@
 loop, training             the loop, which reads top to bottom; what it needs of a builder
 intensity, detector, depth  the builders
 experiments                experiments by name or by file
+join                       one run of several that differ in their seed
 """
 
 from jaxsim.train.experiments import experiment_names, load_experiment, load_loop, read_experiment

@@ -8,40 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.cli import main
-from jaxsim.config import Experiment, GeneratorConfig, LossConfig, OptimConfig, PrepareConfig, RunConfig
-from jaxsim.frame import Camera, CameraFrame
-from jaxsim.geometry import preset
-from jaxsim.pix2pix import create_state, make_generate, make_train_step, state_shapes
-from jaxsim.runs.run import Checkpoints, describe, load_run, start_run
+from jaxsim.config import Experiment
+from jaxsim.pix2pix import make_generate, make_train_step, state_shapes
+from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.train.join import join_runs
-
-VIEW = CameraFrame(
-    np.zeros((375, 1242, 3), np.uint8),
-    Camera(np.diag([700, 700, 1]).astype(np.float32), np.eye(4, dtype=np.float32)),
-)
-EXPERIMENT = Experiment(
-    prepare=PrepareConfig(inputs=("rgb",), network_size=(8, 16)),
-    generator=GeneratorConfig(form="unet", filters=4, downsamples=1, blocks=1, enhancers=0),
-    loss=LossConfig(gan=0.0, feature_matching=0.0, reconstruction=1.0),
-    optim=OptimConfig(batch=2, lr=1e-2, eps=1e-15, ema_start=100),
-)
-CHANNELS = 3
-
-
-def trained_apart(folder: Path, seed: int, *, step: int = 5, **changes) -> Path:
-    """A run at a step, with the state that its seed begins with."""
-    run = RunConfig(name=folder.name, out=folder.parent, seed=seed)
-    experiment = replace(EXPERIMENT, run=run, **changes)
-    start_run(folder, describe(experiment, preset("hdl64e"), VIEW))
-    state = create_state(experiment, CHANNELS, seed).replace(step=jnp.int32(step))
-    Checkpoints(folder).save(step, state=state, generator=state.ema)
-    return folder
-
-
-@pytest.fixture
-def runs(tmp_path) -> list[Path]:
-    return [trained_apart(tmp_path / name, seed) for seed, name in enumerate(("first", "second", "third"))]
+from tests.train.made_apart import CHANNELS, EXPERIMENT, trained_apart
 
 
 def answer(folder: Path, inputs) -> np.ndarray:
@@ -50,9 +21,8 @@ def answer(folder: Path, inputs) -> np.ndarray:
     return np.asarray(make_generate(experiment, CHANNELS)(kept, inputs))
 
 
-def test_the_joined_run_says_the_mean_of_what_each_says(runs, tmp_path, capsys):
-    main(["join", *map(str, runs), "--out", str(tmp_path / "joined")])
-    assert "the mean of 3 networks" in capsys.readouterr().out
+def test_the_joined_run_says_the_mean_of_what_each_says(runs, tmp_path):
+    join_runs(runs, tmp_path / "joined")
     inputs = jax.random.normal(jax.random.key(0), (2, 8, 16, CHANNELS))
     each = np.stack([answer(run, inputs) for run in runs])
     assert np.abs(each[0] - each[1]).max() > 0.01
