@@ -87,6 +87,9 @@ class Discover(Checked):
     what is left of these data, its sign changed scene by scene), names in each as in the measured one, and asks of an
     effect to gain more than anything did on any of them. 20 hold false names to about one in 21; each takes about a
     fifth of the time of an answer. 0: the bar that was set on development cases."""
+    every_frame: bool = False
+    """Of folders that do not fit into memory (more than 72 frames of 64 x 1024), also judges what was named on all the
+    frames that were not read, block by block, and lists those that it serves worst. Time grows with their number."""
     unpaired: bool = False
     """The two folders show different streets (another drive, another town): names need not agree, and fewer effects
     can be told; the answer lists the others. Needs eight drives on each side."""
@@ -160,7 +163,14 @@ class Discover(Checked):
         else:
             rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
             known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
-            result = discover_folders(simulated=simulated, measured=measured, known=known, nulls=self.nulls, log=say)
+            result = discover_folders(
+                simulated=simulated,
+                measured=measured,
+                known=known,
+                nulls=self.nulls,
+                every_frame=self.every_frame,
+                log=say,
+            )
         result.sensor.save(self.out / "sensor.json")
         report = write_report(self.out, result)
         result.verdict.save(self.out)

@@ -13,6 +13,7 @@ from jaxsim.simulate.sensor import load
 
 NOT_UNPAIRED = {
     "run": "but a run's frames are simulated on the measured streets; give --measured and --simulated instead of it",
+    "every_frame": "which judges what was named frame by frame; leave it out",
     "nulls": "which exchanges scenes between the sides to see what chance does; leave one of them out",
     "effects_from": "which tells effects of the catalogue alone; leave it out",
     "effects": "which compares the frames as they are; leave it out, or simulate the frames with them "

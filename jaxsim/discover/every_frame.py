@@ -99,6 +99,8 @@ class Block(NamedTuple):
     """1 for the find scenes' blocks."""
     frame: tuple[str, ...]
     """Name of each block's frame; empty for the find scenes', and where it only fills up."""
+    scene: tuple[str, ...]
+    """Of each block."""
 
 
 def block_of(
@@ -120,10 +122,12 @@ def block_of(
         )
     )
     new = _new_blocks(old, part.scenes, number=number)
+    find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep)
     chosen = Blocks(
         np.concatenate([np.searchsorted(kept, old.blocks.frame[found]), len(kept) + new.frame]),
         np.concatenate([old.blocks.column[found], new.column]),
-        (*(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep), *new.scene),
+        # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
+        (*find_scenes, *(f"piece {k}" for k in range(len(new.frame)))),
     )
     all_names = (*(mounting.comparison.names[k] for k in kept), *padded)
     all_scenes = (*(mounting.comparison.scenes[k] for k in kept), *part.scenes)
@@ -131,7 +135,7 @@ def block_of(
     division = Division.of(whole, chosen=chosen, parts=old.parts)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     fitted = np.concatenate([np.ones(int(found.sum())), np.zeros(len(new.frame))]).astype(np.float32)
-    return Block(division, fitted, ("",) * int(found.sum()) + tuple(of_block))
+    return Block(division, fitted, ("",) * int(found.sum()) + tuple(of_block), (*find_scenes, *new.scene))
 
 
 def add(sums: Sums, block: Block, by: Judge) -> None:
@@ -146,7 +150,7 @@ def add(sums: Sums, block: Block, by: Judge) -> None:
     gain = sides[1].log_likelihood - sides[0].log_likelihood
     told = np.array([bool(name) for name in block.frame])
     for k in np.flatnonzero(told):
-        scene, name = division.blocks.scene[k], block.frame[k]
+        scene, name = block.scene[k], block.frame[k]
         errors = np.stack([side.error[k] for side in sides])
         sums.error[scene] = sums.error.get(scene, 0.0) + errors
         sums.gain[scene] = sums.gain.get(scene, 0.0) + gain[k]

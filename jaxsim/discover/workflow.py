@@ -40,10 +40,12 @@ def discover_folders(
     effects: Iterable[str] | None = None,
     known: SensorModel = NOTHING_YET,
     nulls: int = 0,
+    every_frame: bool = False,
     log: Log = lambda line: None,
 ) -> Result:
     """`discover` on two folders of polar frames (docs/polar-frames.md)."""
-    return discover(read_comparison(simulated, measured), effects=effects, known=known, nulls=nulls, log=log)
+    comparison = read_comparison(simulated, measured)
+    return discover(comparison, effects=effects, known=known, nulls=nulls, every_frame=every_frame, log=log)
 
 
 @one_blas_thread
@@ -53,6 +55,7 @@ def discover(
     effects: Iterable[str] | None = None,
     known: SensorModel = NOTHING_YET,
     nulls: int = 0,
+    every_frame: bool = False,
     log: Log = lambda line: None,
 ) -> Result:
     """Finds where simulation and measurement disagree, names the missing effect, adds it, and shows what is left.
@@ -61,7 +64,8 @@ def discover(
     (`jaxsim.effects.own.known_effects`). `known` is what the sensor model already has and the
     simulated frames do not show: it is put in place first, as it stands, and no candidate. So an answer can be fed
     back. `nulls` asks to set the bar on so many measurements drawn from these very data, in which nothing is missing:
-    what is named must gain more than anything did on any of them. `log` is given lines on the progress.
+    what is named must gain more than anything did on any of them. `every_frame` also judges what was named on the
+    frames that were not read because so many do not fit. `log` is given lines on the progress.
 
     Raises ValueError where the scenes are too few to decide anything, for unknown effects and for a negative number.
     """
@@ -108,7 +112,7 @@ def discover(
     shown = show_gap(division, null, model.choice, added=model.added, known=mounting.known)
     maps = shown.maps_before, shown.maps_after
     every = None
-    if comparison.rest:
+    if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
         judge = Judge(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
         every, maps = judge_rest(comparison, mounting, judge) or (None, maps)

@@ -55,7 +55,7 @@ def complaint(folders: Folders, out: Path) -> str:
 def test_the_command_writes_its_answer(folders: Folders, tmp_path: Path, monkeypatch, capsys, make):
     seen = []
 
-    def answer(*, simulated, measured, known, nulls, log):
+    def answer(*, simulated, measured, known, nulls, every_frame, log):
         seen.extend([measured, simulated, nulls])
         assert known == SensorModel()
         log("fitting")
