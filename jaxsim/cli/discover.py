@@ -124,6 +124,7 @@ class Discover(Checked):
 
     def make_gate(self, path: Path) -> None:
         """Writes a gate of these frames."""
+        self.out.mkdir(parents=True, exist_ok=True)
         if self.fast:
             save_gate(path, thresholds=thresholds_of(self.distances()))
         else:
