@@ -32,6 +32,7 @@ from jaxsim.discover.gate import (
 from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
+from jaxsim.files import write_text
 from jaxsim.report import verdict_sentence, write_report
 from jaxsim.report.results import EXIT, markdown, write_gate
 
@@ -124,9 +125,12 @@ class Discover(Checked):
 
     def make_gate(self, path: Path) -> None:
         """Writes a gate of these frames."""
-        self.out.mkdir(parents=True, exist_ok=True)
         if self.fast:
-            save_gate(path, thresholds=thresholds_of(self.distances()))
+            shown = self.distances()
+            save_gate(path, thresholds=thresholds_of(shown))
+            words = [(name, f"{d.value:.4g} ({d.low:.4g} .. {d.high:.4g}) {d.unit}") for name, d in shown.items()]
+            checks = tuple(Check(name, "pass", told) for name, told in words)
+            write_text(self.out / "gate.md", markdown(checks, title="What the gate was written from"))
         else:
             self.answer()
             save_gate(path, baseline=self.out / "verdict.json")
