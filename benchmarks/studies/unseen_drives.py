@@ -1,6 +1,7 @@
 """Real drives that were never seen: `configs/kitti_drives` trained without each fold of drives, beside its baselines.
 
     python benchmarks/studies/unseen_drives.py ROOT OUT [--folds 0 1 2 3 4] [--seeds 2] [--config kitti_drives]
+        [--frames]
         [-- FLAGS OF jaxsim train]
 
 ROOT holds `2011_09_26/`. For each fold of `configs.kitti_drives.FOLDS` a network learns from the other drives,
@@ -9,13 +10,15 @@ once, by what has not seen it. Of several seeds their mean is judged (`jaxsim jo
 trainings and scores, is not made again.
 
 Writes OUT/unseen_drives.md and .json (scores with intervals over drives, errors by drive), .svg (each drive's error
-beside that of boosted trees), and pictures of a frame of each drive: OUT/pictures.
+beside that of boosted trees), and pictures of a frame of each drive: OUT/pictures. With --frames also the frames of
+all folds as polar folders, OUT/frames/simulated and OUT/frames/measured, which `jaxsim discover` compares.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,6 +33,7 @@ from configs.kitti_drives import FOLDS
 from jaxsim.cli import enable_compilation_cache
 from jaxsim.config import LEVELS, DataConfig, Experiment
 from jaxsim.data import open_dataset, select
+from jaxsim.data.polar_frames import frame_names, read_grid, write_grid
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees
 from jaxsim.evaluate.intensity import TREES, Sums, baseline_frames, network_sums
 from jaxsim.files import replacing
@@ -40,6 +44,7 @@ from jaxsim.report import difference_table, pair_picture, save_picture, score_ta
 from jaxsim.report.canvas import AFTER, FAINT, RULE, Canvas, save_figure
 from jaxsim.report.charts import label, ticks
 from jaxsim.report.results import markdown_table
+from jaxsim.simulate.frames import write_pairs
 from jaxsim.simulate.predict import STEP, make_predict
 from jaxsim.train.experiments import load_experiment
 from jaxsim.train.join import join_runs
@@ -142,6 +147,20 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
     return found
 
 
+def as_folders(run: Path, fold: int, data: DataConfig, out: Path) -> None:
+    """Adds the fold's frames, simulated by the run that has not seen them and measured, to OUT/frames."""
+    dataset = open_dataset(data)
+    for folder in write_pairs(jaxsim.load(run), dataset, select(FOLDS[fold], dataset), out=out / "folds" / str(fold)):
+        together = out / "frames" / folder.name
+        grid, about = read_grid(folder)
+        known = read_grid(together)[1] if (together / "grid.json").is_file() else {}
+        together.mkdir(parents=True, exist_ok=True)
+        for name in frame_names(folder):
+            with replacing(together / f"{name}.npz") as path:
+                shutil.copyfile(folder / f"{name}.npz", path)
+        write_grid(together, grid, frames=known | about)
+
+
 def scatter(of_network: Mapping[str, float], of_trees: Mapping[str, float], frames: Mapping[str, int]) -> Canvas:
     """Each drive a dot: the network's error over that of trees; below the line the network is nearer."""
     size, margin = 420, 64
@@ -241,7 +260,14 @@ class Coverage:
 
 
 def main(
-    root: Path, out: Path, *, folds: Sequence[int], seeds: Sequence[int], config: str, flags: Sequence[str]
+    root: Path,
+    out: Path,
+    *,
+    folds: Sequence[int],
+    seeds: Sequence[int],
+    config: str,
+    frames: bool,
+    flags: Sequence[str],
 ) -> None:
     experiment = load_experiment(config)[0]
     assert isinstance(experiment, Experiment)
@@ -254,23 +280,26 @@ def main(
         runs = {seed: network_of(fold, seed, data, config=config, out=out, flags=flags) for seed in seeds}
         if len(runs) > 1:
             rows |= {f"network, seed {seed}": judge(run, fold, data, out)["sums"] for seed, run in runs.items()}
-        judged = judge(joined(list(runs.values()), fold, out), fold, data, out)
+        run = joined(list(runs.values()), fold, out)
+        judged = judge(run, fold, data, out)
+        if frames:
+            as_folders(run, fold, data, out)
         rows |= {"network": judged["sums"]}
         scenes += judged["scenes"]
         coverage.add(fold, judged)
-        for name, frames in rows.items():
-            sums.setdefault(name, []).extend(frames)
+        for name, of_frames in rows.items():
+            sums.setdefault(name, []).extend(of_frames)
     order = sorted(sums, key=lambda name: -total_scores(sums[name])["mae"].value)
     scores = {name: total_scores(sums[name]) for name in order}
     intervals = {name: scene_intervals(sums[name], scenes) for name in order}
     differences = {name: difference_of(sums["network"], sums[name], scenes) for name in order if name != "network"}
     errors = {name: by_drive(sums[name], scenes) for name in order}
     shown = [name for name in ("per-row median", "range, incidence, row", *TREES, "network") if name in errors]
-    frames = {short(scene): scenes.count(scene) for scene in scenes}
-    rows = [[drive, str(frames[drive]), *(f"{errors[name][drive]:.4f}" for name in shown)] for drive in sorted(frames)]
+    counts = {short(scene): scenes.count(scene) for scene in scenes}
+    rows = [[drive, str(counts[drive]), *(f"{errors[name][drive]:.4f}" for name in shown)] for drive in sorted(counts)]
     covers = coverage.told()
     text = [
-        f"{len(scenes)} frames of {len(frames)} drives, each judged by what has not seen it; intervals over drives",
+        f"{len(scenes)} frames of {len(counts)} drives, each judged by what has not seen it; intervals over drives",
         score_table(scores, intervals),
         difference_table(differences),
         markdown_table(["drive", "frames", *shown], rows),
@@ -284,7 +313,7 @@ def main(
         path.write_text("\n\n".join(text) + "\n")
     with replacing(out / "unseen_drives.json") as path:
         path.write_text(json.dumps(content | {"coverage": covers}, indent=2))
-    drawn = scatter(errors["network"], errors[BAR], frames)
+    drawn = scatter(errors["network"], errors[BAR], counts)
     save_figure(out, "unseen_drives", drawn, words="Each drive's error, the network's beside the bar's")
     print("\n\n".join(text))
 
@@ -296,6 +325,7 @@ if __name__ == "__main__":
     parser.add_argument("--folds", type=int, nargs="+", default=list(range(len(FOLDS))))
     parser.add_argument("--seeds", type=int, nargs="+", default=[2])
     parser.add_argument("--config", default="kitti_drives")
+    parser.add_argument("--frames", action="store_true")
     given = sys.argv[1:]
     stop = given.index("--") if "--" in given else len(given)
     enable_compilation_cache()
