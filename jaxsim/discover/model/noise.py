@@ -75,11 +75,11 @@ NOISE_SD = 2.0
 """Prior standard deviation of every logarithm of a scale and log odds of a rate about where its fit begins."""
 MOST = {"drop": -5.0, "drop_edge": -3.9}
 """Upper bounds: what is lost more often than 0.7 % of rays (2 % at edges) is lost to an effect."""
-LEAST = {"intensity": float(np.log(0.01)), "edge": float(np.log(0.1)), "range_": float(np.log(1e-3))}
-"""Lower bounds: no intensity is known to less than 1 %: against a source without noise (CARLA's is exp(-a r)) densities
-would have no end, and rounding be evidence of effects. A simulator's edges are not known to less than 0.1 m, or single
-rays decide; and no range to less than the millimetre that files hold, or a simulation on the measured ranges has
-densities without end, too."""
+LEAST = {"intensity": float(np.log(5e-3)), "edge": float(np.log(0.1)), "range_": float(np.log(1e-3))}
+"""Lower bounds: no intensity is known to less than half a per cent: against a source without noise (CARLA's is
+exp(-a r)) densities would have no end, and rounding be evidence of effects. A simulator's edges are not known to less
+than 0.1 m, or single rays decide; and no range to less than the millimetre that files hold, or a simulation on the
+measured ranges has densities without end, too."""
 
 
 def intensity_variance(ev: Evidence, noise: Noise) -> Float[Array, "b c r"]:
