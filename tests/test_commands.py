@@ -142,9 +142,11 @@ def test_a_newcomer_finds_the_hidden_effect(page, tmp_path, monkeypatch, capsys,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", list(sys.argv))
     for line in lines:
+        status = None
         try:
             start(words_of(line))
         except SystemExit as end:
-            assert not end.code
+            status = end.code
+        assert not status, line
     assert "beam_gain" in capsys.readouterr().out
     assert (tmp_path / "case/out/report.html").is_file()
