@@ -5,7 +5,8 @@ frames at a time: memory is that of one block, and time is linear in frames. Onl
 nats, each frame's gain, and each cell's residuals.
 
 Nuisances that frames share (gain, classes, angles) follow from the find scenes' rays, which are in every block; a
-frame's own levels and pose are fitted to it alone, so sums do not depend on how frames are dealt to blocks.
+frame's own levels and pose are fitted to it alone, so sums depend on how frames are dealt to blocks by the columns that
+are drawn of each alone.
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ from jaxsim.discover.gap import UNITS, block_distances
 from jaxsim.discover.model.cast import Blocks, blocks
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.model.fit import Chain, Problem
-from jaxsim.discover.model.likelihood import CHANNELS
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.mounting import Mounting, place_alike
 from jaxsim.discover.read import Comparison, Division, Rest, read_part
@@ -33,6 +33,7 @@ from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.show import on_evidence
 from jaxsim.discover.verdict import EveryFrame, Interval, OddFrame
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 from jaxsim.progress import Progress
 
