@@ -55,6 +55,8 @@ STRANGE_NATS = 2.0
 """What a reading is worth that the null has no place for (early, between two surfaces) ..."""
 EMPTY_NATS = 30.0
 """... and a column without any return, of which the null must lose ray by ray."""
+ROUNDING_NATS = 1e-3
+"""What a scene may gain of an effect that does nothing in it: sums of float32 over its rays do not end at zero."""
 TAKERS = {
     "intensity": "levels of classes, streets and surfaces",
     "range": "the frames' own poses and the noise of ranges",
@@ -173,8 +175,9 @@ def _size(change: Any) -> float:
 def _times(by_scene: Float[np.ndarray, " s"], needed: float) -> float | None:
     """The multiple of the size from which on naming could pass its bar and its test over scenes; None if never."""
     # Naming asks for the sum and for agreement: the weakest of the scenes that must agree decides.
-    order = np.sort(by_scene)[::-1]
-    total = clipped(by_scene).sum()
+    gained = np.where(np.abs(by_scene) > ROUNDING_NATS, by_scene, 0)
+    order = np.sort(gained)[::-1]
+    total = clipped(gained).sum()
     agree = min(len(order), RULES.agreeing_scenes) - 1
     few = min(len(order), RULES.decisive_scenes) - 1
     if total <= 0 or order[few] <= 0:

@@ -12,6 +12,7 @@ from jaxsim.discover.model.noise import MOST
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.sensitivity import (
     OF_MEAN,
+    _times,
     correlations,
     could_pass,
     expected_gains,
@@ -105,6 +106,12 @@ def test_what_no_ray_shows_is_told_with_what_to_record(problem, effect, word):
     assert one.smallest == {}
     assert one.why == "hardly a ray that was compared changes by it"
     assert word in one.record
+
+
+def test_what_rounding_leaves_is_no_gain():
+    """Sums over rays that an effect does not touch end near zero, on one processor at it and on another beside it."""
+    assert not could_pass(EFFECTS["packet_loss"], np.full(10, 4e-7), rows=16)
+    assert _times(np.full(10, 4e-7), needed=10.5) is None
 
 
 def test_a_border_is_asked_where_it_does_something(problem):
