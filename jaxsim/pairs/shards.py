@@ -13,14 +13,12 @@ import multiprocessing
 import os
 import re
 import threading
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -37,6 +35,7 @@ from jaxsim.files import read_json, write_text
 from jaxsim.geometry import LidarSpec
 from jaxsim.interrupts import apart, unheard_by_children, uninterrupted
 from jaxsim.pairs.prepared import make_record
+from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 
 AHEAD = 4
@@ -146,14 +145,11 @@ def make_all(job: Job, positions: Sequence[int], workers: int) -> Iterator[Made]
     others = multiprocessing.active_children()
     spawn = multiprocessing.get_context("spawn")  # a fork would copy JAX's locks without its threads
     with ProcessPoolExecutor(workers, spawn, initializer=_begin, initargs=(cache,)) as pool:
-        todo = iter(positions)
         try:
             # Whole or not at all: a worker whose start is broken off complains of half of what it was sent.
             with uninterrupted(), unheard_by_children():
-                waiting = deque(pool.submit(make, job, position) for position in islice(todo, AHEAD * workers))
-            while waiting:
-                yield waiting.popleft().result()
-                waiting.extend(pool.submit(make, job, position) for position in islice(todo, 1))
+                made = prefetch(pool, partial(make, job), positions, ahead=AHEAD * workers)
+            yield from made
         except BrokenProcessPool as error:
             raise ValueError(
                 f"prepare: one of {workers} worker processes was killed, perhaps for want of memory; start fewer "

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,6 +27,7 @@ from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in
 from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
+from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
@@ -202,17 +202,9 @@ def simulate_folder(
 def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:
     """What became of each batch, in their order: while one is simulated the next is read, and the last is written."""
     with ThreadPoolExecutor(1) as reader, ThreadPoolExecutor(1) as writer:
-        reading = deque(reader.submit(maker.read, batch) for batch in batches[:1])
-        writing: deque[Future[Made]] = deque()
-        for batch, following in zip(batches, [*batches[1:], None], strict=False):
-            frames = reading.popleft().result()
-            if following:
-                reading.append(reader.submit(maker.read, following))
-            simulated = maker.simulate(batch, frames)
-            if writing:
-                yield writing.popleft().result()
-            writing.append(writer.submit(maker.write, batch, frames, simulated))
-        yield from (last.result() for last in writing)
+        read = zip(batches, prefetch(reader, maker.read, batches), strict=True)
+        simulated = ((batch, frames, maker.simulate(batch, frames)) for batch, frames in read)
+        yield from prefetch(writer, lambda parts: maker.write(*parts), simulated)
 
 
 def _is_done(out: Path, name: str, formats: Sequence[str], *, announced: Announced) -> bool:

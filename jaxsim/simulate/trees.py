@@ -11,7 +11,7 @@ import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,6 +34,7 @@ from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.data.vkitti2_files import boxes_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Boxes, Frame
+from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
 from jaxsim.simulate.sensor import LearnedSensor
@@ -192,12 +193,7 @@ def export_trees(
 def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterator[Made]:
     """What became of each frame, made in threads: files and kernels leave Python's lock."""
     with ThreadPoolExecutor(workers) as pool:
-        jobs = [pool.submit(maker, one) for one in todo]
-        try:
-            for job in as_completed(jobs):
-                yield job.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        yield from prefetch(pool, maker, todo, ahead=workers)
 
 
 def _begin(plan: TreePlan, dataset: Dataset) -> TreeRecord:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
@@ -16,6 +15,7 @@ from jaxtyping import PyTree, UInt8
 from jaxsim.config import RunConfig
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
+from jaxsim.prefetch import prefetch
 from jaxsim.runs.kinds import AnyRun, kind_of
 
 Batch = dict[str, Any]
@@ -78,13 +78,7 @@ class Loader(Protocol[Item]):
 def ahead(loader: Loader[Item], start: int, stop: int, *, threads: int = 2) -> Iterator[Item]:
     """Batches `start` to `stop` - 1 in order; while the devices work on one, threads make the next AHEAD."""
     with ThreadPoolExecutor(threads) as pool:
-        waiting: deque[Future[Item]] = deque()
-        for k in range(start, stop):
-            waiting.append(pool.submit(loader.__getitem__, k))
-            if len(waiting) > AHEAD:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+        yield from prefetch(pool, loader.__getitem__, range(start, stop), ahead=AHEAD)
 
 
 LICENCES = {
