@@ -21,6 +21,9 @@ import tyro
 from jaxsim.cli import main
 from tests.test_docs import CODE, MEASURED, ROOT, TODAY, names
 
+# A module that an earlier line ran is run once more.
+pytestmark = pytest.mark.filterwarnings("ignore:.*found in sys.modules after import:RuntimeWarning")
+
 MARK = re.compile(r"<!-- (?:not )?run(?P<below> below)?(?: by (?P<test>\S+)|: (?P<why>.+?)) -->", re.DOTALL)
 OURS = re.compile(r"(jaxsim|python -m (benchmarks|tests)\.\S+|python benchmarks/\S+)\s")
 STARTS = ("jaxsim ", "python ", "pip ", "make ", "docker ", "conda ", "dask ")
@@ -87,7 +90,6 @@ def start(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=names(PAGES))
-@pytest.mark.filterwarnings("ignore:.*found in sys.modules after import:RuntimeWarning")
 def test_the_parsers_take_every_command_line(page, parses_alone, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", list(sys.argv))
     refused = []
