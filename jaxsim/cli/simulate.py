@@ -136,12 +136,14 @@ class Simulate(Checked):
             simulated = points_of(polar_to_points(frames.read(frame.name)[0], frames.grid))
             measured = np.zeros((0, 4), np.float32) if frame.cloud is None else points_of(frame.cloud)
             scenes.append(compared_clouds(frame.name, simulated, measured))
+        beside = any(len(scene.sides) > 1 for scene in scenes)
+        both = "Left of the slider the simulated cloud, in the camera's view; right of it the measured one."
         write_clouds(
             self.out / "clouds.html",
             scenes,
             title="jaxsim simulate",
-            sentence=f"The sensor of {self.run.name}, simulated beside what was measured.",
-            words="Left of the slider the simulated cloud, in the camera's view; right of it the measured one.",
+            sentence=f"The sensor of {self.run.name}, simulated{' beside what was measured' if beside else ''}.",
+            words=both if beside else "The simulated cloud, in the camera's view.",
         )
 
 

@@ -204,18 +204,16 @@ def turning(scenes: Sequence[TurnedScene], words: str) -> tuple[Markup, Markup]:
     """A section with the viewer and a table of what it shows, and its scenes; nothing where there is none."""
     if not scenes:
         return NOTHING, NOTHING
-    heads = ["scene", "points", "boxes found", "labelled"]
+    kinds = [("boxes found", True), ("labelled", False)] if any(scene.boxes for scene in scenes) else []
     rows = [
         [
             shows(scene.name, scene=k),
             " | ".join(f"{side.name} {len(side.xyz)}" for side in scene.sides if side.xyz is not None),
-            *(
-                str(sum(len(one.boxes) for one in scene.boxes if one.detected is detected))
-                for detected in (True, False)
-            ),
+            *(str(sum(len(one.boxes) for one in scene.boxes if one.detected is detected)) for _, detected in kinds),
         ]
         for k, scene in enumerate(scenes)
     ]
+    heads = ["scene", "points", *(head for head, _ in kinds)]
     body = paragraph(words) + explorer(words, has_map=False) + table(heads, rows, text=2)
     return section("The clouds", body), packed(scenes, CHANNELS)
 

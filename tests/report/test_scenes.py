@@ -111,3 +111,13 @@ def test_a_page_turns_simulated_beside_measured_and_boxes(tmp_path):
     np.testing.assert_allclose(corners.mean(0), box[0, :3], atol=0.01)
     # A frame of which nothing was measured is shown alone.
     assert len(compared_clouds("c", points, points[:0]).sides) == 1
+
+
+def test_a_page_without_boxes_has_no_columns_of_them(tmp_path):
+    points = np.random.default_rng(2).uniform(0, 1, (50, 4)).astype(np.float32)
+    nothing = np.zeros((0, 7))
+    empty = cloud_with_boxes("b", points, detected=nothing, labelled=nothing)
+    for scene, told in ((compared_clouds("a", points, points), False), (empty, True)):
+        text = write_clouds(tmp_path / "clouds.html", [scene], title="t", sentence="s", words="w").read_text()
+        assert ("boxes found" in text) is told
+        assert "<dl>" not in text
