@@ -8,7 +8,8 @@ simulated   that of a sensor which learned it from other parts, from range, plac
 measured    the sensor's own
 
 All are judged on measured intensities of parts that neither network saw. OUT/settings.json, OUT/intensity/PART.npz,
-OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}.
+OUT/scores/KIND_part0_seed0.json, OUT/segmentation.{md,json}. Its many small networks are no runs
+of `jaxsim.train`: they learn in memory (`jaxsim.descent`), and what they tell is kept.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ from pydantic import TypeAdapter
 
 from jaxsim.config import LEVELS, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import RangeImage, read_range_images
+from jaxsim.descent import descend
 from jaxsim.files import claim, parse_json, parse_settings, read_entry, replacing, write_arrays
 from jaxsim.files.arrays import read_arrays
 from jaxsim.frame import Array
@@ -103,11 +106,12 @@ def _learner(config: SegmentationConfig, channels: tuple[int, int], *, loss: Los
     rate = optax.warmup_cosine_decay_schedule(0.0, config.lr, warm_up, max(steps, warm_up + 1))
     adam = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(rate, b2=0.99))
 
-    def step(learned: tuple[Any, Any], x: Array, batch: Batch) -> tuple[Any, Any]:
+    def step(learned: tuple[Any, Any], x: Array, batch: Batch) -> tuple[tuple[Any, Any], Float[Array, ""]]:
         parameters, state = learned
         of = lambda p: loss(nnx.merge(definition, p)(x), batch)  # noqa: E731
-        updates, state = adam.update(jax.grad(of)(parameters), state)
-        return optax.apply_updates(parameters, updates), state
+        value, gradient = jax.value_and_grad(of)(parameters)
+        updates, state = adam.update(gradient, state)
+        return (optax.apply_updates(parameters, updates), state), value
 
     options = compiler_options() if on_cpu() else None
     return adam, jax.jit(step, donate_argnums=0, compiler_options=options)
@@ -139,16 +143,20 @@ def train(
     channels = inputs[0].shape[-1], out_channels
     _, parameters = nnx.split(UNet(config.network, channels[0], nnx.Rngs(seed), out_channels=out_channels))
     adam, step = _learner(replace(config, root=None, out=Path(), seeds=()), channels, loss=loss, steps=steps)
-    random, state = np.random.default_rng(seed), adam.init(parameters)
     columns = inputs[0].shape[1]
+
+    def batch(random: np.random.Generator) -> tuple[np.ndarray, Batch]:
+        chosen = random.integers(len(inputs), size=config.batch)
+        cuts = [_cut(columns, min(config.columns, columns), random) for _ in chosen]
+        part = lambda rasters: np.stack([r[:, cut] for r, cut in zip(rasters, cuts, strict=True)])  # noqa: E731
+        return part([inputs[i] for i in chosen]), {n: part([targets[i][n] for i in chosen]) for n in targets[0]}
+
+    batches = map(batch, repeat(np.random.default_rng(seed), steps))
+    update = lambda state, made, _: step(state, *made)  # noqa: E731
     # optax raises floats to integers, which strict promotion forbids.
     with jax.numpy_dtype_promotion("standard"):
-        for _ in Progress(range(steps), desc="learning", unit="step", leave=False):
-            chosen = random.integers(len(inputs), size=config.batch)
-            cuts = [_cut(columns, min(config.columns, columns), random) for _ in chosen]
-            part = lambda rasters: np.stack([r[:, cut] for r, cut in zip(rasters, cuts, strict=True)])  # noqa: B023, E731
-            batch = {name: part([targets[i][name] for i in chosen]) for name in targets[0]}
-            parameters, state = step((parameters, state), part([inputs[i] for i in chosen]), batch)
+        begin = parameters, adam.init(parameters)
+        parameters, _ = descend(update, begin, batches, steps=steps, by="segmentation")
     return TrainedNetwork(config.network, channels, parameters)
 
 

@@ -4,7 +4,7 @@
 image of the same kind, or several. Or measured pairs: noisy images and what they should have been. Loss, optimiser,
 rates, epochs and blocks are those of grishavak/LIDIA-denoiser `code/*_adaptation_bw.py`, `code/utils.py`. Blocks are
 mirrored at their borders as whole images are: the published blocks bring 38 cells of their surroundings along, which a
-window of 44 laser lines does not have.
+window of 44 laser lines does not have. An image is learned in memory (`jaxsim.descent`), in no run of `jaxsim.train`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,15 @@ import numpy as np
 import optax
 from jaxtyping import Bool, Float
 
+from jaxsim.descent import descend
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
 from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.progress import Progress
 
 STORED = ("running_mean", "running_var")
+State = tuple[Values, Any]
+"""The network's values, and Adam's memory."""
 
 
 @dataclass(frozen=True)
@@ -85,17 +87,15 @@ def adapt(
         for given in (clean, clean if noisy is None else noisy)
     ]
     adam = optax.adam(settings.lr)
-    values, memory = network.values, adam.init(network.values)
     deviation = 2 * settings.noise if noisy is None else 0.0  # images are shown on [-1, 1]: twice the intensity's scale
     key = jax.random.key(settings.seed)
-    bar = Progress(_Blocks(images, valid, side, settings=settings), desc="adapting lidia", unit="step")
-    for k, block in enumerate(bar):
+
+    def step(state: State, block: tuple[np.ndarray, ...], k: int) -> tuple[State, jax.Array]:
         form = {"deviation": deviation, "lr": settings.lr, "variant": network.variant}
-        values, memory, loss = _step(values, memory, block, key=jax.random.fold_in(key, k), **form)
-        if not np.isfinite(float(loss)):
-            raise ValueError(f"lidia: the loss of step {k} is {float(loss)}; lower the rate (lr={settings.lr})")
-        # log10(4): squares on [-1, 1] are four times those of intensity.
-        bar.set_postfix(psnr=f"{-10 * (float(loss) - np.log10(4)):.2f} dB", refresh=False)
+        return _step(state, block, key=jax.random.fold_in(key, k), **form)
+
+    blocks = _Blocks(images, valid, side, settings=settings)
+    values, _ = descend(step, (network.values, adam.init(network.values)), blocks, steps=len(blocks), by="lidia")
     return replace(network, values=values)
 
 
@@ -138,16 +138,16 @@ class _Blocks:
 
 @partial(jax.jit, static_argnames=("lr", "variant"))
 def _step(
-    values: Values,
-    memory: Any,
+    state: State,
     block: tuple[jax.Array, ...],
     *,
     key: jax.Array,
     deviation: jax.Array,
     lr: float,
     variant: Variant,
-) -> tuple[Values, Any, jax.Array]:
-    """One update of Adam; the stored statistics move with the batch."""
+) -> tuple[State, jax.Array]:
+    """One update of Adam, and its loss; the stored statistics move with the batch."""
+    values, memory = state
     clean, noisy, valid = block
     noisy = noisy + deviation * jax.random.normal(key, noisy.shape, noisy.dtype)
 
@@ -161,4 +161,4 @@ def _step(
     trained = optax.apply_updates(values, change)
     # The statistics have no gradient: they are what the batches were.
     updated = lambda path, new, old: old if path[-1].key in STORED else new  # noqa: E731
-    return jax.tree.map_with_path(updated, trained, seen), memory, loss
+    return (jax.tree.map_with_path(updated, trained, seen), memory), loss

@@ -1,0 +1,38 @@
+"""Learning in memory: updates on what is at hand, for networks that live no longer than their call.
+
+What is to be kept, resumed, judged and shown on its way is trained by the one loop, `jaxsim.train`; a denoiser that
+adapts to an image and a study's hundred small networks would each need a run folder, checkpoints and a card for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from jaxsim.progress import Progress
+
+State = TypeVar("State")
+Batch = TypeVar("Batch")
+
+
+def descend(
+    step: Callable[[State, Batch, int], tuple[State, Any]],
+    state: State,
+    batches: Iterable[Batch],
+    *,
+    steps: int,
+    by: str,
+) -> State:
+    """The state after a step on each batch; `step` takes (state, batch k, k) and gives the next state and its loss.
+
+    There are `steps` batches; `by` begins messages and names the bar. Raises ValueError where a loss is not finite.
+    """
+    bar = Progress(batches, total=steps, desc=f"{by} learns", unit="step", leave=False)
+    for k, batch in enumerate(bar):
+        state, loss = step(state, batch, k)
+        if not np.isfinite(float(loss)):
+            raise ValueError(f"{by}: the loss of step {k} is {float(loss)}; lower the rate (lr)")
+        bar.set_postfix(loss=f"{float(loss):.3f}", refresh=False)
+    return state
