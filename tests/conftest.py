@@ -20,7 +20,8 @@ STAGES = (
 ROOMS = Path(__file__).parents[1] / "jaxsim"
 EFFECTS = sorted(path.stem for path in (ROOMS / "effects").glob("[a-z]*"))
 DISCOVER = sorted(path.stem for path in (ROOMS / "discover").glob("[a-z]*"))
-# frame.py and rays.py are left out: their structs are also built by tree operations, with leaves that are no arrays.
+# frame.py and rays.py hold structs and no kernels, and are left out: those are also built by tree operations, with
+# leaves that are no arrays.
 install_import_hook(
     [
         *(f"jaxsim.{stage}" for stage in STAGES),

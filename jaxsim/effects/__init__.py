@@ -4,6 +4,7 @@ In the order of reading:
 
     rays.py         `Scan`, simulated frames; `Rays`, what each ray meets and what becomes of it;
                     `covariates`, what a reading may depend on: range, row, class, colour ...
+    places.py       rays of a scan by their places, and the places beside them
     effect.py       `Law`, a pure function on rays with its parameters; `Effect`, a law with its row of the catalogue
     catalogue/      the 38 effects, a file each; `EFFECTS` lists them in physical order
     edits.py        the few ways in which laws change rays, early false returns among them
@@ -23,7 +24,8 @@ In the order of reading:
 
 from jaxsim.effects.catalogue import EFFECTS, get_effect
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Law, Parameter
-from jaxsim.effects.rays import Scan, all_rays
+from jaxsim.effects.places import all_rays
+from jaxsim.effects.rays import Scan
 from jaxsim.effects.scan import scan_of
 
 __all__ = [

@@ -21,7 +21,8 @@ from jaxsim.effects.edits import clutter_range, lose
 from jaxsim.effects.effect import Effect, Law, check_bounds, check_names, wrong_length
 from jaxsim.effects.learned import Learned
 from jaxsim.effects.origin import check_origin, origin_of
-from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan, all_rays
+from jaxsim.effects.places import all_rays
+from jaxsim.effects.rays import CLUTTER_REACH_M, Array, Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.effects.region import Region, kept
 from jaxsim.files import check_keys, read_json, real, write_text

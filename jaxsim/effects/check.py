@@ -23,7 +23,8 @@ from jaxsim.effects.catalogue import EFFECTS
 from jaxsim.effects.chain import apply_law
 from jaxsim.effects.effect import CHANNELS, COVARIATES, STAGES, Effect, Parameter, check_bounds, check_names
 from jaxsim.effects.origin import OwnEffect
-from jaxsim.effects.rays import Rays, Scan, all_rays
+from jaxsim.effects.places import all_rays
+from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 

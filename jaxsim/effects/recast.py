@@ -16,7 +16,8 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import wrapped
-from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Places, Rays, Scan, on_turn, spans_turn
+from jaxsim.effects.places import Places, on_turn, spans_turn
+from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""

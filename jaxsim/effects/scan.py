@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float
 
 from jaxsim.effects.edits import wrapped
 from jaxsim.effects.effect import CLASSES
-from jaxsim.effects.rays import Scan, on_turn, spans_turn
+from jaxsim.effects.places import on_turn, spans_turn
+from jaxsim.effects.rays import Scan
 from jaxsim.frame import Array, PolarGrid, PolarImage
 from jaxsim.geometry import incidence
 

@@ -14,7 +14,8 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.effects.edits import displace
-from jaxsim.effects.rays import Rays, Scan, neighbours_m, rays_at
+from jaxsim.effects.places import neighbours_m, rays_at
+from jaxsim.effects.rays import Rays, Scan
 from jaxsim.effects.recast import recast
 from jaxsim.frame import Array
 from jaxsim.geometry.normals import incidence

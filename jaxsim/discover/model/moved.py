@@ -13,7 +13,8 @@ from jaxtyping import Float
 from jaxsim.discover.model.cast import RayIndex, ray_index
 from jaxsim.discover.model.evidence import Measured, near_enough
 from jaxsim.effects import get_effect
-from jaxsim.effects.rays import Scan, rays_at
+from jaxsim.effects.places import rays_at
+from jaxsim.effects.rays import Scan
 from jaxsim.effects.recast import recast
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array

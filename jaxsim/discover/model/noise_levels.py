@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import nnls
 
-from jaxsim.effects.rays import FLOOR, Scan, spans_turn
+from jaxsim.effects.places import spans_turn
+from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
 
 FINEST = {"intensity_quantization": 1e-3, "range_quantization": 1e-3}

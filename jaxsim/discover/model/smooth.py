@@ -17,7 +17,8 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.noise_levels import STEEPEST_COSINE
-from jaxsim.effects.rays import FLOOR, Scan, spans_turn
+from jaxsim.effects.places import spans_turn
+from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.frame import Array
 
 REACH_RAD = np.deg2rad(2.5)

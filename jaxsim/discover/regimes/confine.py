@@ -22,7 +22,7 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped
 from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
-from jaxsim.effects.rays import spans_turn
+from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, within
 
 

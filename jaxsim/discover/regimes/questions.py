@@ -22,7 +22,7 @@ from jaxsim.discover.model.gradients import EffectGradient, Fields, effect_with_
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import Law
-from jaxsim.effects.rays import spans_turn
+from jaxsim.effects.places import spans_turn
 from jaxsim.effects.region import Region, Span
 from jaxsim.effects.scan import Scan
 from jaxsim.frame import Array

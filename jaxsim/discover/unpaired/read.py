@@ -20,7 +20,8 @@ from jaxsim.discover.model.cast import BEND
 from jaxsim.discover.model.evidence import STEEPEST_RAD
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
 from jaxsim.discover.rules import RULES
-from jaxsim.effects.rays import FLOOR, Rays, Scan, rays_at
+from jaxsim.effects.places import rays_at
+from jaxsim.effects.rays import FLOOR, Rays, Scan
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
 from jaxsim.geometry.normals import normals

@@ -1,0 +1,55 @@
+"""Rays by their places, and what lies beside them: at borders, and where a turn closes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from beartype.roar import BeartypeCallHintParamViolation
+from jaxtyping import TypeCheckError
+
+from jaxsim.effects import all_rays
+from jaxsim.effects.places import neighbours_m, on_turn, rays_at, spans_turn
+from tests.effects.streets import grid_of, road_and_walls
+
+
+@pytest.mark.parametrize(("turn_rad", "full"), [(2 * np.pi, True), (np.pi, False), (2 * np.pi - 0.2, False)])
+def test_a_grid_spans_the_turn_where_its_last_column_is_followed_by_the_first(turn_rad, full):
+    assert bool(spans_turn(jax.tree.map(jnp.asarray, grid_of(turn_rad)))) == full
+
+
+def test_columns_past_the_border_are_those_of_the_other_side_or_the_border_itself():
+    column = jnp.arange(-2, 6, dtype=jnp.int32)
+    assert on_turn(column, 4, jnp.array(True)).tolist() == [2, 3, 0, 1, 2, 3, 0, 1]
+    assert on_turn(column, 4, jnp.array(False)).tolist() == [0, 0, 0, 1, 2, 3, 3, 3]
+
+
+@pytest.mark.parametrize("turn_rad", [2 * np.pi, np.pi])
+def test_neighbours_are_those_of_the_image_one_by_one(turn_rad):
+    scan = road_and_walls(grid_of(turn_rad, rows=6, columns=16))
+    found = np.asarray(neighbours_m(scan))
+    range_m = np.where(scan.hit, scan.range_m, np.inf)
+    _, rows, columns = range_m.shape
+    for row in range(rows):
+        for column in range(columns):
+            aside = [column - 1, column + 1]
+            if turn_rad == 2 * np.pi:
+                aside = [one % columns for one in aside]
+            aside = np.clip(aside, 0, columns - 1)
+            above = np.clip([row - 1, row + 1], 0, rows - 1)
+            expected = [*range_m[0, row, aside], *range_m[0, above, column]]
+            np.testing.assert_array_equal(found[0, row, column], expected)
+
+
+def test_rays_at_some_places_are_those_of_all():
+    scan = road_and_walls(frames=2)
+    places = (np.array([0, 1]), np.array([3, 20]), np.array([0, 95]))
+    chosen = rays_at(scan, tuple(jnp.asarray(index, jnp.int32) for index in places))
+    for some, every in zip(jax.tree.leaves(chosen), jax.tree.leaves(all_rays(scan)), strict=True):
+        np.testing.assert_array_equal(some, every[places] if np.ndim(every) else every)
+
+
+def test_shapes_of_places_are_checked():
+    scan = road_and_walls()
+    frame, row = jnp.zeros(3, jnp.int32), jnp.zeros(2, jnp.int32)
+    with pytest.raises((TypeCheckError, BeartypeCallHintParamViolation)):
+        rays_at(scan, (frame, row, frame))
