@@ -10,6 +10,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+SMALL = [
+    "--prepare.columns=64", "--prepare.network-size", "64", "128",
+    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
+    "--discriminator.filters=4", "--discriminator.max-filters=8", "--discriminator.scales=1",
+    "--discriminator.layers=1",
+]  # fmt: skip
+"""Flags of networks that learn in seconds."""
+TINY = [
+    "--data.train=0-1", "--data.validation=2-2", *SMALL, "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
+]  # fmt: skip
+"""Flags of two steps of a training."""
 PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
 

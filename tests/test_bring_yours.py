@@ -14,12 +14,21 @@ from jaxsim.cli import main
 from jaxsim.data.polar_frames import open_polar_frames
 from jaxsim.effects.chain import SensorModel
 from tests.data.logs.conftest import room
-from tests.data.logs.test_files import carla_buffer, las, pcd
-from tests.data.logs.test_images import write_image
-from tests.data.logs.test_messages import mcap, message, osi_mcap, osi_trace, ros2_bag, sensor_view
-from tests.discover.test_gate import sides
-from tests.discover.test_watch import day
-from tests.test_docs import CODE
+from tests.data.logs.made_logs import (
+    carla_buffer,
+    las,
+    mcap,
+    message,
+    osi_mcap,
+    osi_trace,
+    pcd,
+    ros2_bag,
+    sensor_view,
+    write_image,
+)
+from tests.discover.made_gate import sides
+from tests.discover.made_watch import day
+from tests.pages import CODE
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/bring-yours.md"

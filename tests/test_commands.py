@@ -19,7 +19,7 @@ import pytest
 import tyro
 
 from jaxsim.cli import main
-from tests.test_docs import CODE, MEASURED, ROOT, TODAY, names
+from tests.pages import CODE, MEASURED, ROOT, TODAY, names
 
 # A module that an earlier line ran is run once more.
 pytestmark = pytest.mark.filterwarnings("ignore:.*found in sys.modules after import:RuntimeWarning")

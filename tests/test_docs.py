@@ -9,18 +9,7 @@ import pytest
 
 from jaxsim.cli import COMMANDS
 from jaxsim.train.experiments import experiment_names
-
-ROOT = Path(__file__).parents[1]
-MEASURED = sorted((ROOT / "benchmarks/blind/measured").glob("*/*.md"))
-PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md")), *MEASURED]
-TODAY = [page for page in PAGES if page.name != "CHANGELOG.md"]
-"""Those that show no commands of earlier versions."""
-LINK = re.compile(r"\]\(([^)\s]+)\)")
-CODE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-
-
-def names(paths: list[Path]) -> list[str]:
-    return [str(path.relative_to(ROOT)) for path in paths]
+from tests.pages import CODE, LINK, PAGES, ROOT, TODAY, is_module_or_member, names
 
 
 def prose(page: Path) -> str:
@@ -100,14 +89,6 @@ def lost_names(text: str) -> list[str]:
     return [name for name in files if not (ROOT / name).exists()] + [
         name for name in modules if not is_module_or_member(name)
     ]
-
-
-def is_module_or_member(name: str) -> bool:
-    parent, _, last = name.rpartition(".")
-    try:
-        return importlib.util.find_spec(name) is not None or hasattr(importlib.import_module(parent), last)
-    except ModuleNotFoundError:
-        return hasattr(importlib.import_module(parent), last)
 
 
 def exists(words: list[str]) -> bool:

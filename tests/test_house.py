@@ -65,6 +65,18 @@ def test_a_rooms_first_page_names_its_files_and_no_others(module):
         assert not sorted(name for name in files if not re.search(rf"\b{name}\b", page))
 
 
+@pytest.mark.parametrize("folder", ["tests", "benchmarks"])
+def test_nothing_is_imported_from_tests(folder):
+    """What tests share stands in modules without tests: imported twice, a fixture or a patch would act on one alone."""
+    lines = [
+        f"{path}: {line}"
+        for path in sorted((ROOT / folder).rglob("*.py"))
+        for line in path.read_text().splitlines()
+        if re.match(r"(from|import) tests\.(\w+\.)*test_", line)
+    ]
+    assert not lines
+
+
 def test_no_exemption_is_left_over():
     assert {*WITHOUT} <= {*MODULES}
     assert all((ROOT / "tests" / test).is_file() and (ROOM / folder).is_dir() for folder, test in ROWS.items())

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_docs import is_module_or_member
-from tests.test_packaging import TINY
+from tests.pages import is_module_or_member
+from tests.programs import TINY
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "docs" / "notebooks").glob("*.py"))
 

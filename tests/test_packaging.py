@@ -23,16 +23,11 @@ from jinja2 import Template
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
+from tests.programs import TINY
 
 ROOT = Path(__file__).parents[1]
 MOST_BYTES = 8_000_000
 NO_REGISTRY = ("No matching distribution", "Could not find a version", "Connection", "Temporary failure", "Network")
-TINY = [
-    "--data.train=0-1", "--data.validation=2-2", "--prepare.columns=64", "--prepare.network-size", "64", "128",
-    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
-    "--discriminator.filters=4", "--discriminator.max-filters=8", "--discriminator.scales=1",
-    "--discriminator.layers=1", "--optim.steps=2", "--optim.ema-start=1", "--run.name=tiny",
-]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

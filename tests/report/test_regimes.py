@@ -6,40 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.discover.verdict import Interval, Regime, Result
 from jaxsim.effects.region import Region
 from jaxsim.report.canvas import Canvas
 from jaxsim.report.regimes import picks_of, strip_chart
 from jaxsim.report.words import part_of, verdict_sentence
 from tests.report import results
 from tests.report.drawn import elements, points, texts
-
-LATE = Region(time_s=(90.0, None))
-BEHIND = Region(azimuth_rad=(3.0, 3.5))
-
-
-def regime(where: Region, divides: str = "time") -> Regime:
-    inside, outside = (Interval(v, v - 0.1, v + 0.1, "of the fit inside") for v in (1.0, 0.02))
-    return Regime(
-        effect="beam_gain",
-        divides=divides,
-        where=where,
-        share=0.5,
-        inside=inside,
-        outside=outside,
-        p_value=0.004,
-        q_value=0.02,
-        judge_nats=120.0,
-        applied=where.acts,
-        x=(0.0, 60.0, 120.0, 180.0),
-        sizes=(0.1, float("nan"), 1.1, 0.9),
-        held=(False, False, True, True),
-    )
-
-
-def with_regime(one: Regime, result: Result | None = None):
-    result = result or results.named()
-    return replace(result, verdict=replace(result.verdict, regimes=(one,)))
+from tests.report.made_regimes import LATE, regime, sectors, with_regime
 
 
 def test_a_regime_has_a_table_a_strip_and_a_sentence(tmp_path):
@@ -77,19 +50,6 @@ def test_verdict_json_has_the_part_and_null_where_nothing_tells_a_size():
     assert told["where"] == {"time_s": [90.0, None]}
     assert told["sizes"] == [0.1, None, 1.1, 0.9]
     json.dumps(told, allow_nan=False)
-
-
-def sectors(count: int = 8) -> Regime:
-    """One that acts in the two sectors about the back."""
-    azimuth = np.deg2rad(180 - 360 * (np.arange(count) + 0.5) / count)
-    held = tuple(bool(abs(one) > np.deg2rad(150)) for one in azimuth.tolist())
-    more = {
-        "effect": "window_contamination",
-        "x": tuple(azimuth.tolist()),
-        "sizes": tuple(np.where(held, 1.0, 0.1).tolist()),
-        "held": held,
-    }
-    return replace(regime(BEHIND, "azimuth"), **more)
 
 
 def targets(canvas: Canvas | None) -> list[dict[str, str]]:

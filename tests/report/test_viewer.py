@@ -26,7 +26,7 @@ from jaxsim.report.scenes import (
 )
 from tests.report import results
 from tests.report.chromium import browser, coloured, opened, picture
-from tests.report.test_regimes import regime, sectors
+from tests.report.made_regimes import regime, sectors
 
 POINTS = 100_000
 

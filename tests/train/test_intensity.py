@@ -11,14 +11,11 @@ import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import read_frame, read_grid
-from tests.programs import ROOT, running, said, wait_until
+from tests.programs import ROOT, SMALL, running, said, wait_until
 
 TRAIN, EVAL = ROOT / "train.py", ROOT / "eval.py"
 TINY = [
-    "--data.train=0-3", "--data.validation=4-5", "--prepare.columns=64", "--prepare.network-size", "64", "128",
-    "--generator.filters=4", "--generator.blocks=1", "--generator.downsamples=2", "--generator.enhancer-blocks=1",
-    "--discriminator.filters=4", "--discriminator.max-filters=8", "--discriminator.scales=1",
-    "--discriminator.layers=1", "--optim.batch=2", "--optim.steps=6", "--optim.ema-start=2",
+    "--data.train=0-3", "--data.validation=4-5", *SMALL, "--optim.batch=2", "--optim.steps=6", "--optim.ema-start=2",
     "--run.log-every=1", "--run.save-every=2", "--run.picture-every=3",
 ]  # fmt: skip
 
