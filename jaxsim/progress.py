@@ -27,6 +27,7 @@ class Progress(tqdm):
             shown |= {"mininterval": LINE_EVERY_S, "maxinterval": 2 * LINE_EVERY_S, "delay": 1e-3}
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
                 shown["bar_format"] = LINE
+        self.told = 0
         super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
@@ -37,12 +38,13 @@ class Progress(tqdm):
         if msg is None and self.n > self.initial:
             self.fp.write(f"{self}\n")
             self.fp.flush()
+            self.told = self.n
         return True
 
     def close(self) -> None:
         """Writes a last line where there is no terminal and something was done since the one before."""
         if self.as_lines and not self.disable:
-            if self.leave and self.n > self.last_print_n:
+            if self.leave and self.n > self.told:
                 self.display()
             # tqdm ends its bar's line now, and here is none.
             self.fp = io.StringIO()

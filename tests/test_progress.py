@@ -51,6 +51,16 @@ def test_a_short_task_that_never_moved_writes_nothing():
     assert log.getvalue() == ""
 
 
+def test_the_last_line_is_written_once():
+    """Whoever draws it before the end, as a training does beside its losses."""
+    log = io.StringIO()
+    bar = Progress(total=5, desc="training", unit="step", file=log)
+    bar.update(5)
+    bar.refresh()
+    bar.close()
+    assert log.getvalue().count("training: 5 of 5") == 1
+
+
 def test_quiet_is_quiet(monkeypatch):
     monkeypatch.setenv(progress.QUIET, "1")
     log = io.StringIO()
