@@ -8,6 +8,8 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
+import jupytext
+
 ROOT = Path(__file__).parents[1]
 
 project = "jaxsim"
@@ -37,8 +39,10 @@ SITE_PAGE = {
     "CONTRIBUTING.md": "site/contributing.md",
     "CHANGELOG.md": "site/changes.md",
     "SECURITY.md": "site/security.md",
+    "docs/notebooks/discover_a_hidden_effect.py": "site/discover_a_hidden_effect.md",
+    "docs/notebooks/learn_and_simulate.py": "site/learn_and_simulate.md",
 }
-"""Where the site shows pages of the checkout's root."""
+"""Where the site shows pages of the checkout's root, and notebooks."""
 LINK = re.compile(r"(!?)\[((?:[^][]|\[[^]]*\])*)\]\(([^)\s]+)\)")
 
 
@@ -72,8 +76,8 @@ def toctrees(text: str) -> str:
     for line in text.splitlines():
         if head := re.fullmatch(r"\*\*(.+?)\*\*.*", line):
             menu.append((head[1], []))
-        elif item := re.match(r"- \[[^]]+\]\(([\w/-]+)\.md\)", line):
-            menu[-1][1].append(item[1])
+        elif item := re.match(r"- \[[^]]+\]\(([\w/-]+\.(?:md|py))\)", line):
+            menu[-1][1].append(SITE_PAGE.get(f"docs/{item[1]}", item[1]).removesuffix(".md"))
     menu.append(("The project", ["site/api", "site/changes", "site/contributing", "site/security"]))
     blocks = []
     for caption, pages in filter(lambda part: part[1], menu):
@@ -112,7 +116,8 @@ def read_source(app: Any, name: str, content: list[str]) -> None:
     page = shown = ROOT / "docs" / f"{name}.md"
     if name.startswith("site/") and (root := {v: k for k, v in SITE_PAGE.items()}.get(f"{name}.md")):
         page = ROOT / root
-        content[0] = page.read_text(encoding="utf-8")
+        notebook = page.suffix == ".py"
+        content[0] = jupytext.writes(jupytext.read(page), fmt="md") if notebook else page.read_text(encoding="utf-8")
     more = f"\n\n{toctrees(content[0])}\n" if name == "index" else api() if name == "site/api" else ""
     content[0] = relinked(content[0], page=page, shown_at=shown) + more
 

@@ -111,6 +111,16 @@ def test_the_conda_recipe_asks_for_what_the_package_needs():
     assert recipe["build"]["entry_points"] == [f"jaxsim = {about['scripts']['jaxsim']}"]
 
 
+def test_the_version_is_one():
+    """Of the package, of the newest changes, and of what is cited, with one date."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    newest = re.search(r"^## (\S+), (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert newest
+    assert newest.groups() == (version, str(cited["date-released"]))
+    assert cited["version"] == version
+
+
 def test_the_container_is_given_all_that_the_wheel_is_built_of():
     steps = (ROOT / "Dockerfile").read_text()
     copied = {one for line in re.findall(r"^COPY (?!--)(.+) \S+$", steps, re.MULTILINE) for one in line.split()}
