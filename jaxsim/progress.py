@@ -17,12 +17,22 @@ LINE_EVERY_S = 30.0
 LINE = "{desc}: {n_fmt} of {total_fmt} {unit}s, {elapsed} so far, {remaining} left{postfix}"
 
 
+def is_screen(file: Any) -> bool:
+    """Whether a bar can be drawn on a file: a terminal, and one that has columns (containers and CI give some none)."""
+    if not (hasattr(file, "isatty") and file.isatty()):
+        return False
+    try:
+        return os.get_terminal_size(file.fileno()).columns > 0
+    except (OSError, ValueError):
+        return True
+
+
 class Progress(tqdm):
     """tqdm that knows where it is shown: takes what tqdm takes."""
 
     def __init__(self, iterable: Iterable[Any] | None = None, *, disable: bool = False, **shown: Any):
         file = shown.setdefault("file", sys.stderr)
-        self.as_lines = not (hasattr(file, "isatty") and file.isatty())
+        self.as_lines = not is_screen(file)
         if self.as_lines:
             shown |= {"mininterval": LINE_EVERY_S, "maxinterval": 2 * LINE_EVERY_S, "delay": 1e-3}
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
@@ -31,7 +41,7 @@ class Progress(tqdm):
         super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
-        """Writes a line in place of the bar where there is no terminal."""
+        """Writes a line in place of the bar where there is no screen."""
         if not self.as_lines:
             return bool(super().display(msg, pos))
         # tqdm clears a bar by an empty one; a line that is written stays.

@@ -1,6 +1,8 @@
 """How far a long task is: a bar, lines, or nothing."""
 
 import io
+import os
+import termios
 
 import pytest
 
@@ -43,6 +45,22 @@ def test_a_log_file_gets_a_line_at_times_with_how_far_and_until_when(monkeypatch
     assert "\r" not in log.getvalue()
     assert lines[0].startswith("simulating: 30 of 100 frames, 00:30 so far, 01:10 left")
     assert lines[-1].startswith("simulating: 100 of 100 frames")
+
+
+@pytest.mark.parametrize(("columns", "is_drawn"), [(100, True), (0, False)])
+def test_a_terminal_without_columns_is_a_log(columns, is_drawn):
+    """As those that containers and CI give to programs."""
+    ours, theirs = os.openpty()
+    termios.tcsetwinsize(theirs, (40, columns))
+    with open(theirs, "w") as terminal:
+        assert progress.is_screen(terminal) is is_drawn
+        bar = Progress(total=3, desc="simulating", file=terminal)
+        bar.update(3)
+        bar.close()
+        text = os.read(ours, 10_000).decode()
+    os.close(ours)
+    assert ("simulating: 3 of 3" in text) is not is_drawn
+    assert ("3/3" in text) is is_drawn
 
 
 def test_a_short_task_that_never_moved_writes_nothing():
