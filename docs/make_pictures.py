@@ -101,7 +101,7 @@ def detections() -> None:
 
 def two_makers() -> None:
     """A real turn and Lambert's law on its ranges (after the commands of docs/bring-yours.md, "Two makers")."""
-    measured, simulated = (open_polar_frames(Path(name)) for name in ("ouster", "ouster_lambert"))
+    measured, simulated = (open_polar_frames(Path(name)) for name in ("ouster", "ouster_answer/simulated"))
     ours, theirs = (frames.read(frames.names[0])[0] for frames in (simulated, measured))
     valid = np.asarray(theirs.valid)
     left = np.log(np.maximum(theirs.intensity, 1e-3)) - np.log(np.maximum(ours.intensity, 1e-3))

@@ -2,7 +2,6 @@
 
 import json
 import re
-import runpy
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -33,18 +32,23 @@ from tests.pages import CODE
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/bring-yours.md"
 ELSEWHERE = {
-    "jaxsim discover --measured measured --simulated simulated --out answer": "tests/cli/test_discover.py",
-    "jaxsim discover --measured measured --simulated simulated --gate gate.json --out answer": (
+    "jaxsim discover --measured measured --simulated simulated --out answer": "tests/discover/test_gate.py",
+    "jaxsim discover --measured measured --simulated simulated --gate whole.json --out answer": (
         "tests/discover/test_gate.py"
     ),
-    **dict.fromkeys(
-        (f"jaxsim discover --measured {s} --simulated {s}_lambert --out {s}_answer" for s in ("ouster", "argoverse")),
-        "tests/cli/test_discover.py",
-    ),
-    "jaxsim convert generator embedded --to onnx --out generator.onnx": "tests/test_portable.py",
-    "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "tests/test_portable.py",
 }
-"""Commands that take minutes: a whole answer, a network that is compiled."""
+"""Commands that need streets to tell effects apart in, and where they are run as they stand."""
+MAKERS = {
+    "ouster": {"intensity_quantization", "intensity_offset", "range_falloff"},
+    "argoverse": {"intensity_quantization"},
+}
+"""What the page says that Lambert's law lacks of each."""
+MINUTES = {
+    **{f"jaxsim discover --measured {maker} --lambert --out {maker}_answer": maker for maker in MAKERS},
+    "jaxsim convert generator embedded --to onnx --out generator.onnx": "onnxruntime",
+    "jaxsim convert generator embedded --to stablehlo --out generator.stablehlo": "flatbuffers",
+}
+"""Commands that take minutes: whole answers, and a network that is compiled; which sensor, or which module."""
 
 
 def page_commands() -> list[tuple[str, str]]:
@@ -59,7 +63,7 @@ def page_commands() -> list[tuple[str, str]]:
 
 
 COMMANDS = page_commands()
-RUN = [(title, command) for title, command in COMMANDS if command not in ELSEWHERE]
+RUN = [(title, command) for title, command in COMMANDS if command not in ELSEWHERE | MINUTES]
 
 
 def ouster(samples: Path) -> None:
@@ -133,11 +137,9 @@ def answer(samples: Path) -> None:
 
 
 def gate(samples: Path) -> None:
-    """The page's own gate, without the verdict of before that is asked of whole answers alone."""
+    """The page's own gate of distances."""
     sides(Path())
-    content = json.loads(next(body for language, body in CODE.findall(PAGE.read_text()) if language == "json"))
-    del content["baseline"]
-    Path("gate.json").write_text(json.dumps(content))
+    Path("gate.json").write_text(next(body for language, body in CODE.findall(PAGE.read_text()) if language == "json"))
 
 
 def days(samples: Path) -> None:
@@ -196,25 +198,41 @@ def test_the_pages_command_runs(here, samples, title, command):
         assert np.asarray(image.valid).mean() > 0.2
 
 
-def test_lamberts_law_has_the_measured_ranges(here, monkeypatch):
-    day(Path("measured"), 0)
-    monkeypatch.setattr("sys.argv", ["lambert.py", "measured", "simulated"])
-    runpy.run_path(str(ROOT / "docs/lambert.py"), run_name="__main__")
-    measured, simulated = open_polar_frames("measured"), open_polar_frames("simulated")
-    assert simulated.names == measured.names
-    (a, _), (b, more) = measured.read(measured.names[0]), simulated.read(measured.names[0])
-    np.testing.assert_array_equal(a.range_m, b.range_m)
-    known = b.valid & (more["incidence"] < np.pi / 2)
-    assert known.sum() > 100
-    np.testing.assert_allclose(b.intensity[known], 0.3 * np.cos(more["incidence"])[known], rtol=1e-5)
+@pytest.mark.slow
+@pytest.mark.parametrize("maker", MAKERS)
+def test_from_a_raw_log_to_a_verdict_by_two_commands(here, samples, standard_promotion, maker):
+    two_makers(samples)
+    commands = [command for title, command in COMMANDS if title == "Two makers" and maker in command]
+    assert [command.split()[1] for command in commands] == ["frames", "discover"]
+    for command in commands:
+        main(shlex.split(command)[1:])
+    verdict = json.loads(Path(f"{maker}_answer/verdict.json").read_text())
+    assert {effect["name"] for effect in verdict["effects"]} == MAKERS[maker]
 
 
-def test_what_is_run_elsewhere_is_on_the_page_and_tested_there():
+def test_the_readme_has_the_pages_commands_of_both_makers():
+    block = next(body for language, body in CODE.findall((ROOT / "README.md").read_text()) if "--lambert" in body)
+    shown = [" ".join(line.split("#")[0].split()) for line in block.splitlines()]
+    assert shown == [command for title, command in COMMANDS if title == "Two makers"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["onnx", "stablehlo"])
+def test_the_travelling_network_becomes_a_file(here, capsys, form):
+    command = next(command for command in MINUTES if f"--to {form}" in command)
+    pytest.importorskip(MINUTES[command])
+    main(shlex.split(command)[1:])
+    assert Path(f"generator.{form}").stat().st_size > 1e6
+    told = float(capsys.readouterr().out.split("largest difference to the run's own answer ")[1].split(";")[0])
+    assert told < 1e-4
+
+
+def test_what_is_run_elsewhere_is_on_the_page_and_stands_there():
     on_page = {command for _, command in COMMANDS}
-    assert set(ELSEWHERE) <= on_page
+    assert {*ELSEWHERE, *MINUTES} <= on_page
     assert len(RUN) > 20
-    for place in ELSEWHERE.values():
-        assert (ROOT / place).is_file(), place
+    for command, place in ELSEWHERE.items():
+        assert command.removeprefix("jaxsim ") in (ROOT / place).read_text(), place
 
 
 def test_every_section_with_commands_has_files_made_for_it():

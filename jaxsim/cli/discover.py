@@ -72,6 +72,10 @@ class Discover(Checked):
     simulated: Path | None = None
     """Folder of polar frames of the simulator: same names, same grid. With semantic, instance, rgb and incidence
     arrays more effects can be told apart."""
+    lambert: bool = False
+    """Instead of --simulated, until you have a simulator: Lambert's law on the measured ranges, an albedo of 0.3
+    everywhere, written to OUT/simulated. Tells what of the sensor's intensity that law lacks; ranges and losses are the
+    measured ones."""
     data: Source = SAME
     """Data set to hold a run against."""
     frames: str = ""
@@ -151,17 +155,20 @@ class Discover(Checked):
 
     def distances(self) -> dict[str, Interval]:
         """Distances of the two sides, frame by frame."""
-        given = {"simulated": self.simulated, "measured": self.measured}
-        simulated, measured = sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
+        simulated, measured = self.both_sides()
         return quick_distances(simulated, measured)
+
+    def both_sides(self) -> tuple[Path, Path]:
+        """The simulated and the measured folder."""
+        given = {"simulated": self.simulated, "measured": self.measured, "lambert": self.lambert}
+        return sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""
         if self.unpaired:
             refuse_with_unpaired({name: getattr(self, name) for name in NOT_UNPAIRED})
         known_effects(self.effects_from)
-        given = {"simulated": self.simulated, "measured": self.measured}
-        simulated, measured = sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
+        simulated, measured = self.both_sides()
         say(f"reading {simulated} and {measured}")
         if self.unpaired:
             result = discover_unpaired(simulated=simulated, measured=measured, log=say)

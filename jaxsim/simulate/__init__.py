@@ -5,6 +5,7 @@ predict        the paper's steps in one function: `simulate_frame`; the same whe
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
 sensor         `LearnedSensor`: a trained run
 frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`
+lambert        Lambert's law on measured ranges: what stands for a simulator until there is one
 folder         a data set's frames as polar frames and clouds: `simulate_folder` (`jaxsim simulate`)
 clouds, trees  the clouds that detectors learn from, and KITTI trees of them: `export_trees` (`jaxsim export`)
 embedded       the sensor that travels with the package

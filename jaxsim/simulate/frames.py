@@ -173,6 +173,14 @@ def comparable(measured: PolarImage, seen: Array) -> PolarImage:
     return replace(measured, valid=measured.valid & (measured.intensity >= DROP_BELOW) & np.asarray(seen))
 
 
+def refuse_others(folder: Path, names: Sequence[str]) -> None:
+    """Raises ValueError where a folder that frames are to be written to holds others, of another comparison."""
+    if others := sorted({*frame_names(folder)} - {*names}):
+        raise ValueError(
+            f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
+        )
+
+
 def write_pairs(
     sensor: LearnedSensor,
     dataset: Dataset,
@@ -194,10 +202,7 @@ def write_pairs(
     names = [dataset.name_of(p) for p in positions]
     folders = out / "simulated", out / "measured"
     for folder in folders:
-        if others := sorted({*frame_names(folder)} - {*names}):
-            raise ValueError(
-                f"discover: {folder} holds other frames ({', '.join(others[:3])} ...); give another --out, or remove it"
-            )
+        refuse_others(folder, names)
     window, lines = sensor.window, sensor.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
     for first in range(0, len(positions), BATCH):

@@ -146,6 +146,33 @@ def test_one_folder_alone(out: Path, tmp_path: Path):
     assert "--simulated is missing" in complaint(discover.Discover(measured=out / "measured", out=tmp_path))
 
 
+def test_lamberts_law_stands_for_the_simulator(out: Path, tmp_path: Path, monkeypatch):
+    seen = []
+
+    def answer(*, simulated, measured, **_):
+        seen.extend([simulated, measured])
+        return results.none()
+
+    monkeypatch.setattr(discover, "discover_folders", answer)
+    discover.Discover(measured=out / "measured", lambert=True, out=tmp_path)()
+    assert seen == [tmp_path / "simulated", out / "measured"]
+    assert frame_names(tmp_path / "simulated") == frame_names(out / "measured")
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        ({"simulated": Path("simulated"), "measured": Path("measured")}, "leave one of them out"),
+        ({"run": Path("runs/x")}, "leave one of them out"),
+        ({}, "--measured is missing"),
+        ({"measured": Path("recording.pcap")}, "recording.pcap is no folder"),
+        ({"measured": Path("measured"), "unpaired": True}, "--lambert came with --unpaired"),
+    ],
+)
+def test_lamberts_law_beside_another_simulator_or_without_measured_frames(tmp_path: Path, flags, words):
+    assert words in complaint(discover.Discover(out=tmp_path, lambert=True, **flags))
+
+
 def test_frames_that_the_data_set_does_not_have(run: Path, tmp_path: Path):
     assert "'x' is no frame number" in complaint(discover.Discover(run=run, frames="x", out=tmp_path))
 

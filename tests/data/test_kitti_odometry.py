@@ -1,8 +1,5 @@
 """KITTI's odometry benchmark with SemanticKITTI's labels, in files of the true format and in real ones."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,6 +14,7 @@ from jaxsim.evaluate.baselines import fit_baselines
 from jaxsim.frame import Cloud
 from jaxsim.geometry import scan_on_window
 from jaxsim.prepare import prepare_frame
+from jaxsim.simulate.lambert import write_lambert
 
 LABELLED = PrepareConfig(inputs=("depth", "semantic", "row"), depth="ip_basic_fast", columns=64, network_size=(44, 64))
 
@@ -114,11 +112,10 @@ def test_frames_of_a_log_have_the_labels_of_their_points(odometry_root, tmp_path
     assert semantic[~image.valid].max(initial=0) == 0
 
 
-def test_discover_asks_about_the_classes_of_a_log(odometry_root, tmp_path, monkeypatch):
+def test_discover_asks_about_the_classes_of_a_log(odometry_root, tmp_path):
     kind, source = source_for(odometry_root / "sequences/00")
     write_log(odometry_root / "sequences/00", kind, source, out=tmp_path / "measured", options=LogOptions(columns=360))
-    monkeypatch.setattr("sys.argv", ["lambert.py", str(tmp_path / "measured"), str(tmp_path / "simulated")])
-    runpy.run_path(str(Path(__file__).parents[2] / "docs/lambert.py"), run_name="__main__")
+    write_lambert(tmp_path / "measured", tmp_path)
     comparison = read_comparison(simulated=tmp_path / "simulated", measured=tmp_path / "measured")
     hit = np.asarray(comparison.scan.hit)
     assert {*np.unique(np.asarray(comparison.scan.semantic)[hit])} == {IDS["road"], IDS["building"]}

@@ -92,6 +92,8 @@ def sensor_of(scans: Sequence[LogScan], options: LogOptions, *, by: str) -> Sens
     does."""
     scale = options.full_scale or _full_scale(scans)
     first, problem = scans[0], NoBeams("no ring")
+    if not any(len(returned(scan).xyz_m) for scan in scans):
+        raise ValueError(f"{by}: no point of {first.name} came back; is the recording empty, or its field another?")
     # An organised cloud does not say which of its axes counts beams: the one along which elevations agree.
     for axis in (None,) if first.ring is not None or first.shape is None else (0, 1):
         try:
