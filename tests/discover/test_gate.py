@@ -1,6 +1,7 @@
 """A gate: what passes, what is a gap, what cannot be judged; and its distances against the plainest computation."""
 
 import json
+import shlex
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from jaxsim.discover.gate import (
 )
 from jaxsim.discover.verdict import Interval
 from jaxsim.report.results import junit
+from tests.discover.made_embedded import write_streets
 from tests.discover.made_gate import sides
 from tests.report import results
 
@@ -204,6 +206,44 @@ def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
         asked()
     assert stop.value.code == 2
     assert 'errors="1"' in (tmp_path / "out/junit.xml").read_text()
+
+
+@pytest.mark.slow
+def test_one_effect_in_the_embedded_worlds_sensor_turns_the_gate_red_and_is_named(
+    tmp_path, monkeypatch, capsys, standard_promotion
+):
+    """The commands of docs/bring-yours.md, as they stand there, with the page's own gate; 4 minutes of processor."""
+    monkeypatch.chdir(tmp_path)
+    write_streets(tmp_path)
+    Path("whole.json").write_text('{"allowed": ["random_dropout"], "baseline": "verdict.json"}')
+
+    def stand_as_measured(side):
+        Path("measured").unlink(missing_ok=True)
+        Path("measured").symlink_to(side)
+
+    def ended(side):
+        """Status, JUnit's suite and Markdown of the gate on one side's frames."""
+        stand_as_measured(side)
+        with pytest.raises(SystemExit) as stop:
+            main(shlex.split("discover --measured measured --simulated simulated --gate whole.json --out answer"))
+        return stop.value.code, ET.parse("answer/junit.xml").getroot(), Path("answer/gate.md").read_text()
+
+    stand_as_measured("first")
+    main(shlex.split("discover --measured measured --simulated simulated --out answer"))
+    Path("answer/verdict.json").rename("verdict.json")
+    assert json.loads(Path("verdict.json").read_text())["verdict"] == "none"
+    # The same sensor measures again: nothing has changed.
+    code, suite, summary = ended("again")
+    assert (code, suite.get("failures")) == (0, "0")
+    assert "no effect is missing" in summary
+    code, suite, summary = ended("changed")
+    assert (code, suite.get("failures")) == (1, "1")
+    named = [one["name"] for one in json.loads(Path("answer/verdict.json").read_text())["effects"]]
+    assert named == ["range_falloff"]
+    assert "the simulation lacks range_falloff" in ET.tostring(suite, encoding="unicode")
+    assert "**gap**" in summary
+    assert "the simulation lacks range_falloff" in summary
+    assert "the simulation lacks range_falloff" in capsys.readouterr().out
 
 
 def test_junit_counts_failures_and_errors(tmp_path):

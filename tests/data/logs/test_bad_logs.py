@@ -1,5 +1,5 @@
 """Of every reader what cannot be read, through the door of `jaxsim frames`: cut off, of another sensor or profile,
-without rings, in another frame, empty. Byte orders and further damage stand in the readers' own tests, and in tests/fuzz.
+without rings, in another frame, empty. Byte orders and more damage stand in the readers' own tests, and in tests/fuzz.
 """
 
 import shutil
