@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,6 @@ def write_lambert(measured: Path, out: Path) -> Path:
         angle, known = (np.asarray(raster) for raster in incidence(image.range_m, image.valid, frames.grid))
         shade = np.where(known, np.cos(angle), SLANT_COS)
         angle = np.where(known, angle, np.float32(np.pi / 2))
-        write_frame(simulated, name, image.replace(intensity=ALBEDO * shade), incidence=angle, **labels)
+        write_frame(simulated, name, replace(image, intensity=ALBEDO * shade), incidence=angle, **labels)
     write_grid(simulated, frames.grid, frames=frames.about)
     return simulated
