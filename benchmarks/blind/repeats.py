@@ -32,7 +32,7 @@ from jaxsim.devices import one_blas_thread
 from jaxsim.discover import Comparison, read_comparison
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import NOTHING_YET, Division
-from jaxsim.discover.repeats.answer import Dense
+from jaxsim.discover.repeats.examine import Dense
 from jaxsim.discover.repeats.find import LEAST, Look, find_repeats
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import signs_of

@@ -33,10 +33,12 @@ from jaxsim.discover.verdict import Interval, Verdict
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.files import write_text
-from jaxsim.report import verdict_sentence, write_report
-from jaxsim.report.results import EXIT, markdown, write_gate
+from jaxsim.report import verdict_sentence, write_answer
+from jaxsim.report.gate import markdown, write_gate
 
 say = logging.getLogger(__name__).info
+EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
+"""How the command ends where it asks a gate."""
 TITLES: dict[Colour, str] = {
     "pass": "The simulation passes",
     "gap": "The simulation lacks something",
@@ -183,9 +185,7 @@ class Discover(Checked):
                 every_frame=self.every_frame,
                 log=say,
             )
-        result.sensor.save(self.out / "sensor.json")
-        report = write_report(self.out, result)
-        result.verdict.save(self.out)
+        report = write_answer(self.out, result)
         print(f"\n{verdict_sentence(result.verdict)}\n")
         print(f"{report}; beside it verdict.json, sensor.json, figures/")
         return result.verdict

@@ -91,10 +91,6 @@ class Export(Checked):
     def dataset(self) -> Dataset:
         """The data set to export. Raises ValueError where the flags do not fit it."""
         source = self.source
-        if source.lidar == "camera" and source.kind not in ("vkitti2", "synthetic"):
-            raise ValueError(
-                f"export: --data.lidar camera is for vkitti2 and synthetic; the sensors of {source.kind} stand apart"
-            )
         if source.kind == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
         return open_dataset(source)

@@ -7,13 +7,9 @@ from collections.abc import Sequence
 
 import tyro
 
-from jaxsim.cli.discover import Discover
-from jaxsim.cli.export import Export
-from jaxsim.cli.source import Source
 from jaxsim.config import LoopConfig, SegmentationConfig
 from jaxsim.files import working_in
-from jaxsim.simulate.trees import export_trees
-from jaxsim.studies.real2sim2real import WITH_EFFECTS, Loop, settle_loop
+from jaxsim.studies.real2sim2real import settle_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.studies.segmentation import run_segmentation
 from jaxsim.train.experiments import load_loop
@@ -48,7 +44,7 @@ def run(argv: Sequence[str]) -> None:
     )
     check_sources(asked)
     with working_in(asked.out, doing="at work in"):
-        Stages(settle_loop(asked), discover=discover_lacking, export=export_kinds).all()
+        Stages(settle_loop(asked)).all()
 
 
 def segment(argv: Sequence[str]) -> None:
@@ -73,28 +69,3 @@ def _value_of(flag: str, argv: Sequence[str], *, default: str, wanted: str) -> t
     if at + 1 == len(words):
         raise ValueError(f"real2sim2real: {flag} wants {wanted}")
     return words[at + 1], words[:at] + words[at + 2 :]
-
-
-def discover_lacking(loop: Loop) -> None:
-    """Writes what `discover` finds the loop's sensor to lack."""
-    Discover(out=loop.effects.parent, run=loop.sensor)()
-
-
-def export_kinds(loop: Loop) -> None:
-    """Writes the trees of all kinds; the renderer's frames are read once for all."""
-    source = loop.config.synthetic
-    exports = [
-        Export(
-            out=loop.tree(kind),
-            data=Source.of(source),
-            frames=f"{source.train},{source.validation}",
-            validation=source.validation,
-            recipe=loop.recipe(kind),
-            run=loop.sensor if loop.recipe(kind).source == "simulated" else None,
-            effects=loop.effects if kind in WITH_EFFECTS else None,
-            occlusion=loop.config.occlusion if source.kind == "vkitti2" else "levels",
-        )
-        for kind in loop.config.kinds
-    ]
-    dataset = exports[0].dataset()
-    export_trees([export.plan(dataset) for export in exports], dataset)

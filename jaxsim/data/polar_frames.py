@@ -123,6 +123,14 @@ def scene_of(name: str, *sides: PolarFrames) -> str:
     return next((str(side.about[name]["scene"]) for side in sides if "scene" in side.about.get(name, {})), name)
 
 
+def about_frame(
+    scene: str, *, time_s: float | None = None, speed_mps: float | None = None, heading_rad: float | None = None
+) -> dict[str, Any]:
+    """What grid.json says of a frame: its scene, and its time, speed and heading where they are known."""
+    motion = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
+    return {"scene": scene} | {name: value for name, value in motion.items() if value is not None}
+
+
 def open_polar_frames(folder: Path | str) -> PolarFrames:
     """A folder of polar frames with its grid. Raises ValueError as `read_grid`, and where it holds no frames."""
     grid, about = read_grid(folder)

@@ -20,6 +20,8 @@ from jaxsim.discover.rules import RULES
 from jaxsim.frame import PolarImage
 from jaxsim.geometry import grid_difference
 
+Sides = tuple[Mapping[str, PolarImage], Mapping[str, PolarImage]]
+"""Simulated and measured frames by name."""
 RAYS = 2000
 """Rays looked at in each frame."""
 OTHERS = 64
@@ -61,6 +63,23 @@ def check_one_grid(simulated: PolarFrames, measured: PolarFrames) -> None:
             f"discover: the grids of {simulated.folder} and {measured.folder} differ in {difference}; simulate on the "
             "measured sensor's grid.json"
         )
+
+
+def check_no_copies(simulated: PolarFrames, measured: PolarFrames, *, sides: Sides, allowed: int = 0) -> None:
+    """Raises ValueError where more measured frames than are `allowed` hold the readings of a simulated one."""
+    ours, theirs = sides
+    seen = {_readings(image): name for name, image in ours.items()}
+    copies = [(seen[_readings(image)], name) for name, image in theirs.items() if _readings(image) in seen]
+    if len(copies) > allowed:
+        first, second = copies[0]
+        raise ValueError(
+            f"discover: {first} of {simulated.folder} and {second} of {measured.folder} hold the same readings; "
+            "compare a simulation with a sensor"
+        )
+
+
+def _readings(image: PolarImage) -> tuple[bytes, bytes]:
+    return image.range_m.tobytes(), image.intensity.tobytes()
 
 
 def all_or_none(folder: Path, names: Sequence[str], extra: Sequence[Mapping[str, np.ndarray]]) -> None:

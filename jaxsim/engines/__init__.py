@@ -5,7 +5,7 @@ carla, isaac, rgl, gazebo, helios    an engine each: what it can express, in its
 """
 
 from jaxsim.engines import carla, gazebo, helios, isaac, rgl
-from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, Translation, read_answer, translate
+from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, Translation, read_answer, translate
 
 __all__ = ["ENGINES", "Answer", "Engine", "Estimate", "Setting", "Translation", "read_answer", "translate"]
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.effects.rays import REFERENCE_M
-from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
+from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
 
 _SURFACE = (
     "its intensity is exp(-rate · distance) whatever the surface; apply it behind the sensor, to "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Setting, limits_of_range, mean_of, noise_of_range
+from jaxsim.engines.engine import Answer, Engine, Setting, limits_of_range, mean_of, noise_of_range
 
 _RETRO = (
     "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.answer import Answer, Engine, Estimate, Setting, degrees, limits_of_range, mean_of, noise_of_range
+from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, degrees, limits_of_range, mean_of, noise_of_range
 
 _CORE = "omni:sensor:Core:"
 _EMITTER = f"{_CORE}emitterState:s001:"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.answer import Answer, Engine, Setting, mean_of
+from jaxsim.engines.engine import Answer, Engine, Setting, mean_of
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "

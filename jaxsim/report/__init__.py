@@ -1,17 +1,18 @@
 """Pictures and tables, from plain results.
 
-results                              JSON, Markdown and scores as files; a gate's checks for CI
+results                              JSON, Markdown and scores as files
+gate                                 a gate's checks for CI
 pictures, boxes                      rasters, clouds and boxes as pixels
 canvas, charts, page                 drawings, charts and the parts of a page
 scenes                               clouds that a page turns in 3D, and pages of them
 detection                            KITTI's scores of a detector
-discovery, answer, evidence, accounts, regimes, words   the report of a discovery
+discovery, named, evidence, accounts, regimes, words   the report of a discovery
 notebook                             what notebooks show of results, frames and clouds
 """
 
 from jaxsim.report.boxes import detection_picture, draw_above, draw_on_image
 from jaxsim.report.detection import detection_table, mean_table, write_detection
-from jaxsim.report.discovery import write_report
+from jaxsim.report.discovery import write_answer, write_report
 from jaxsim.report.pictures import (
     beside,
     depth_picture,
@@ -51,6 +52,7 @@ __all__ = [
     "simulated_picture",
     "strip",
     "verdict_sentence",
+    "write_answer",
     "write_clouds",
     "write_detection",
     "write_frechet",

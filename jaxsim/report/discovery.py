@@ -10,10 +10,10 @@ from markupsafe import Markup
 from jaxsim.discover.verdict import Nulls, Result, Verdict
 from jaxsim.files import write_text
 from jaxsim.report.accounts import could_show, learned, own_effects, residual_clouds, where_it_stood
-from jaxsim.report.answer import named_effects, ranking, repeats, unexplained
 from jaxsim.report.canvas import AFTER, BEFORE, Canvas, save_figure
 from jaxsim.report.charts import ticks, x_axis
 from jaxsim.report.evidence import curves, gap, levels, maps, moved, objects, where
+from jaxsim.report.named import named_effects, ranking, repeats, unexplained
 from jaxsim.report.page import (
     NOTHING,
     Draw,
@@ -53,6 +53,15 @@ def write_report(folder: Path, result: Result) -> Path:
     for name, canvas in charts.items():
         save_figure(folder / "figures", name, canvas, words=captions[name])
     return write_text(folder / "report.html", page)
+
+
+def write_answer(folder: Path, result: Result) -> Path:
+    """Writes all that a discovery leaves: sensor.json, the report with its figures and, last, verdict.json. Gives the
+    path of the page."""
+    result.sensor.save(folder / "sensor.json")
+    page = write_report(folder, result)
+    result.verdict.save(folder)
+    return page
 
 
 def report_page(result: Result) -> tuple[str, dict[str, Canvas], dict[str, str]]:

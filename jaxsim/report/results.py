@@ -1,26 +1,19 @@
-"""Results as files: JSON for programs, Markdown tables for people, and a page where there is one; a gate's checks as
-JUnit XML, which CI systems show, and as Markdown for a summary.
-"""
+"""Results as files: JSON for programs, Markdown tables for people, and a page where there is one."""
 
 from __future__ import annotations
 
 import json
 import math
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxsim.discover.gate import Check, Colour
 from jaxsim.files import write_text
 from jaxsim.metrics import Score
 from jaxsim.metrics.frechet import FrechetScore
 
 Scores = Mapping[str, Mapping[str, Score]]
 """Predictor -> score's name -> score."""
-EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
-"""How the command ends."""
-_WORDS: dict[Colour, str] = {"pass": "pass", "gap": "**gap**", "unsure": "could not judge"}
 
 
 def write_results(
@@ -146,36 +139,3 @@ def write_frechet(folder: Path, frechet: FrechetScore, *, extractor: str) -> Non
     """Writes frechet.json and frechet.md: the distance, by which network's features, and that of half the images."""
     about = {"extractor": extractor, "images": frechet.counts, "from_half_the_images": frechet.half}
     write_list(folder, "frechet", {frechet.name: Score(frechet.value, "1", frechet.counts[0])}, about=about)
-
-
-def junit(checks: Sequence[Check], *, seconds: float) -> str:
-    """A test suite with a case a check: a gap is a failure, what could not be judged an error."""
-    counts = {colour: sum(check.colour == colour for check in checks) for colour in EXIT}
-    suite = ET.Element(
-        "testsuite",
-        name="jaxsim discover",
-        tests=str(len(checks)),
-        failures=str(counts["gap"]),
-        errors=str(counts["unsure"]),
-        time=f"{seconds:.1f}",
-    )
-    for check in checks:
-        case = ET.SubElement(suite, "testcase", classname="jaxsim.discover", name=check.name)
-        if check.colour == "pass":
-            ET.SubElement(case, "system-out").text = check.words
-        else:
-            kind = "failure" if check.colour == "gap" else "error"
-            ET.SubElement(case, kind, message=check.words).text = check.words
-    return ET.tostring(suite, encoding="unicode", xml_declaration=True)
-
-
-def markdown(checks: Sequence[Check], *, title: str) -> str:
-    """A table of the checks."""
-    rows = [f"| {check.name} | {_WORDS[check.colour]} | {check.words} |" for check in checks]
-    return "\n".join([f"## {title}", "", "| check | | |", "|---|---|---|", *rows, ""])
-
-
-def write_gate(out: Path, checks: Sequence[Check], *, title: str, seconds: float) -> None:
-    """Writes OUT/junit.xml and OUT/gate.md."""
-    write_text(out / "junit.xml", junit(checks, seconds=seconds))
-    write_text(out / "gate.md", markdown(checks, title=title))

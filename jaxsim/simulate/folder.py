@@ -21,7 +21,7 @@ import jax
 
 from jaxsim.cloud import save_cloud
 from jaxsim.data import Dataset
-from jaxsim.data.polar_frames import Announced, write_frame
+from jaxsim.data.polar_frames import Announced, about_frame, write_frame
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.origin import origin_of
 from jaxsim.files import claim, file_of, files_in
@@ -29,7 +29,7 @@ from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
-from jaxsim.simulate.frames import about_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.frames import check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 
@@ -141,7 +141,7 @@ class FrameMaker:
             if self.draw and position in chosen.drawn:
                 self.draw(frame.name, cloud, image=image, painted=under)
             write_frame(self.out / "polar", frame.name, image, **rasters(under, grid))
-        return Made({frame.name: about_of(frame) for frame in frames}, seconds)
+        return Made({frame.name: about_frame(frame.scene, **motion_of(frame)) for frame in frames}, seconds)
 
 
 Spread = Callable[[Sequence[Batch]], Iterator[Made]]

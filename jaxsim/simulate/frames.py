@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsim.data import Dataset
-from jaxsim.data.polar_frames import frame_names, write_frame, write_grid
+from jaxsim.data.polar_frames import about_frame, frame_names, write_frame, write_grid
 from jaxsim.effects import get_effect, scan_of
 from jaxsim.effects.chain import SensorModel
 from jaxsim.files import placed
@@ -72,12 +72,6 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
         "rgb": np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
         "incidence": np.where(known, angle, middle).astype(np.float32),
     }
-
-
-def about_of(frame: Frame) -> dict[str, Any]:
-    """What grid.json says of a frame: its scene, and its time, speed and heading where they are known."""
-    known = {"time": frame.time_s, "speed": frame.speed_mps, "heading": frame.heading_rad}
-    return {"scene": frame.scene} | {key: value for key, value in known.items() if value is not None}
 
 
 def motion_of(frame: Frame, first_s: float = 0.0) -> dict[str, float | None]:
@@ -213,7 +207,7 @@ def write_pairs(
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))
             scan = measured_in(window, frame, lines=lines)
             write_frame(folders[1], frame.name, comparable(scan, under.valid))
-            about[frame.name] = about_of(frame)
+            about[frame.name] = about_frame(frame.scene, **motion_of(frame))
         say(f"{len(about)} of {len(positions)} frames simulated")
     for key in ("time", "speed", "heading"):
         lacking = [name for name, entry in about.items() if key not in entry]

@@ -199,6 +199,10 @@ def _in_threads(maker: TreeMaker, todo: Sequence[Todo], workers: int) -> Iterato
 def _begin(plan: TreePlan, dataset: Dataset) -> TreeRecord:
     """Claims a tree's folder. Raises ValueError where the plan cannot be, or the folder is another's."""
     check_recipe(plan.recipe, plan.learned, plan.effects_model)
+    if plan.source.lidar == "camera" and plan.source.kind not in ("vkitti2", "synthetic"):
+        raise ValueError(
+            f"export: --data.lidar camera is for vkitti2 and synthetic; the sensors of {plan.source.kind} stand apart"
+        )
     _check_occlusion(plan, dataset)
     record = TreeRecord.open(plan.out, plan.settings())
     record.check_names(plan.out, {_number(position): dataset.name_of(position) for position in plan.positions})

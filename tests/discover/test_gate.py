@@ -20,7 +20,6 @@ from jaxsim.discover.gate import (
     thresholds_of,
 )
 from jaxsim.discover.verdict import Interval
-from jaxsim.report.results import junit
 from tests.discover.made_embedded import write_streets
 from tests.discover.made_gate import sides
 from tests.report import results
@@ -244,11 +243,3 @@ def test_one_effect_in_the_embedded_worlds_sensor_turns_the_gate_red_and_is_name
     assert "**gap**" in summary
     assert "the simulation lacks range_falloff" in summary
     assert "the simulation lacks range_falloff" in capsys.readouterr().out
-
-
-def test_junit_counts_failures_and_errors(tmp_path):
-    verdict = results.named().verdict
-    checks = judge(gate(tmp_path, thresholds={"range": 1e-9}), verdict)
-    suite = ET.fromstring(junit(checks, seconds=3.14))
-    assert int(suite.get("tests")) == len(suite) == len(checks)
-    assert int(suite.get("failures")) == len(suite.findall("testcase/failure"))

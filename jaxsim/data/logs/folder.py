@@ -17,7 +17,7 @@ import numpy as np
 
 from jaxsim.data.logs.gridding import FIRST, Sensor, sensor_of, to_sweep
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source, named
-from jaxsim.data.polar_frames import Announced, read_grid, write_frame
+from jaxsim.data.polar_frames import Announced, about_frame, read_grid, write_frame
 from jaxsim.data.sweeps import Sweep
 from jaxsim.files import claim, file_of, parse_json, read_json, write_text
 from jaxsim.frame import PolarGrid
@@ -80,7 +80,7 @@ def write_log(
                 partial += 1
                 continue
             write_frame(out, sweep.name, sweep.image, **sweep.rasters)
-            announced.add({sweep.name: about_of(sweep)})
+            announced.add({sweep.name: about_frame(sweep.scene, time_s=sweep.time_s)})
             written += 1
             filled += float(np.asarray(sweep.image.valid).mean())
     if not written + already:
@@ -98,11 +98,6 @@ def write_log(
         filled=filled / max(written, 1),
         sensor=sensor,
     )
-
-
-def about_of(sweep: Sweep) -> dict[str, Any]:
-    """What grid.json says of a frame: its scene, and its time where it is known."""
-    return {"scene": sweep.scene} | ({} if sweep.time_s is None else {"time": sweep.time_s})
 
 
 def _chosen(items: Any, every: int, most: int) -> Iterator[Item]:

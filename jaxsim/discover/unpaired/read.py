@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.data.polar_frames import PolarFrames, open_polar_frames
-from jaxsim.discover.checks import all_or_none, check_one_grid, plausible
+from jaxsim.discover.checks import all_or_none, check_no_copies, check_one_grid, plausible
 from jaxsim.discover.model.cast import BEND
 from jaxsim.discover.model.evidence import STEEPEST_RAD
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
@@ -44,6 +44,11 @@ class SideFrames:
     images: tuple[PolarImage, ...]
     semantic: Int[np.ndarray, "f r c"] | None
     """Cityscapes ids."""
+
+    @property
+    def by_name(self) -> dict[str, PolarImage]:
+        """The images by their frames' names."""
+        return dict(zip(self.names, self.images, strict=True))
 
     def readings(self, field: str) -> np.ndarray:
         """A field of the images, of all rays that returned."""
@@ -141,7 +146,7 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
     grid = predicted.grid
     ours = read_folder(predicted, "simulated")
     theirs = read_folder(recorded, "measured")
-    _no_copy(ours, theirs, simulated, measured=measured)
+    check_no_copies(predicted, recorded, sides=(ours.by_name, theirs.by_name))
     # What the simulated ranges lack of the measured ones' noise.
     noise_m = float(np.sqrt(max(theirs.roughness_m**2 - ours.roughness_m**2, 0.0)))
     rng = np.random.default_rng(0)
@@ -186,20 +191,6 @@ def read_unpaired(simulated: Path, measured: Path, *, per_scene: int = PER_SCENE
         noise_m=noise_m,
         notes=_same_streets(ours, theirs),
     )
-
-
-def _no_copy(ours: SideFrames, theirs: SideFrames, simulated: Path, *, measured: Path) -> None:
-    seen = {
-        (image.range_m.tobytes(), image.intensity.tobytes()): name
-        for name, image in zip(ours.names, ours.images, strict=True)
-    }
-    for name, image in zip(theirs.names, theirs.images, strict=True):
-        twin = seen.get((image.range_m.tobytes(), image.intensity.tobytes()))
-        if twin is not None:
-            raise ValueError(
-                f"discover: {twin} of {simulated} and {name} of {measured} hold the same readings; compare a "
-                "simulation with a sensor"
-            )
 
 
 def _same_streets(ours: SideFrames, theirs: SideFrames) -> tuple[str, ...]:

@@ -173,7 +173,7 @@ class Rank:
 
 @dataclass(frozen=True)
 class Nulls:
-    """What naming made of measurements in which nothing is missing (`name.answer`), one entry a null."""
+    """What naming made of measurements in which nothing is missing (`name.nulls`), one entry a null."""
 
     effects: tuple[str, ...]
     """The strongest that passed every test but the bar; empty where none did."""

@@ -7,7 +7,8 @@ OUT/trees/KIND/       KITTI trees of the renderer's frames
 OUT/detectors/seed0/  a run for each kind, and `real`
 OUT/scores/seed0/     TRAINED_on_JUDGED.json
 
-`stages` makes them one after the other, `scores` reads what was scored, `charts` and `page` show it.
+`stages` makes them one after the other, `simulation` those of the sensor; `scores` reads what was scored, `charts` and
+`page` show it.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from jaxsim.studies.real2sim2real import REAL, WITH_EFFECTS, Loop
 from jaxsim.studies.real2sim2real.charts import check_text, checked_kinds, write_checks
 from jaxsim.studies.real2sim2real.page import count_objects, draw_detections, draw_kinds, turned_clouds, write_loop
 from jaxsim.studies.real2sim2real.scores import loop_tables, write_score
+from jaxsim.studies.real2sim2real.simulation import discover_lacking, export_kinds
 from jaxsim.train.loop import TRAINER, train_apart
 
 _log = logging.getLogger(__name__)
@@ -65,12 +66,12 @@ class Stages:
         self,
         loop: Loop,
         *,
-        discover: Callable[[Loop], None],
-        export: Callable[[Loop], None],
+        discover: Callable[[Loop], None] = discover_lacking,
+        export: Callable[[Loop], None] = export_kinds,
         trainer: Sequence[str] = TRAINER,
     ):
-        """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds: commands, which lie
-        above. `trainer` is the program that trains the experiment of a file."""
+        """`discover` writes what the loop's sensor lacks and `export` the trees of all its kinds. `trainer` is the
+        program that trains the experiment of a file."""
         self.loop, self.trainer = loop, trainer
         self.discover_lacking, self.export = discover, export
         self.scenes_of: dict[tuple[str, str], Sequence[Scene]] = {}

@@ -11,8 +11,8 @@ from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit, on_top
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.random_effects import conditional_residuals
-from jaxsim.discover.name import answer
-from jaxsim.discover.name.answer import bootstrap, run_nulls
+from jaxsim.discover.name import nulls
+from jaxsim.discover.name.nulls import bootstrap, run_nulls
 from jaxsim.discover.name.select import Bars
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
@@ -123,8 +123,8 @@ def nulls_that_gain(monkeypatch):
 
     def given(*rounds):
         rest = iter(rounds)
-        monkeypatch.setattr(answer, "bootstrap", lambda *_: SimpleNamespace(all_blocks=None))
-        monkeypatch.setattr(answer, "fit_null", lambda *_, clutter: (next(rest), None))
+        monkeypatch.setattr(nulls, "bootstrap", lambda *_: SimpleNamespace(all_blocks=None))
+        monkeypatch.setattr(nulls, "fit_null", lambda *_, clutter: (next(rest), None))
         monkeypatch.setattr(answer, "standardised", lambda *_: (None, {}))
         monkeypatch.setattr(answer, "localise", lambda *_: [])
         monkeypatch.setattr(answer, "rank_effects", lambda null, effects: null[0])

@@ -10,7 +10,9 @@ from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
 from jaxsim.studies.real2sim2real import Loop, settle_loop
 from jaxsim.studies.real2sim2real.scores import write_score
 from jaxsim.train.experiments import load_loop
+from tests.detect.tiny import EXPERIMENT
 
+KINDS = ("raw_64", "simulated_64", "discovered_grid")
 CAR = np.array([[10.0, 0.0, -1.0, 4.0, 2.0, 1.5, 0.0]])
 
 
@@ -61,3 +63,18 @@ def street(*things, intensity=0.5):
     xyz = np.concatenate([*on, road])
     points = np.column_stack([xyz, np.full(len(xyz), intensity)]).astype(np.float32)
     return points, boxes, tuple(kind for kind, _, _ in things)
+
+
+def tiny_loop(out: Path, kinds: tuple[str, ...] = KINDS):
+    """Three real and three rendered frames; a network of four filters, and the tests' detector."""
+    config, _ = load_loop("real2sim2real")
+    real = replace(config.detector.data, train="0,8", validation="20", cache=out.parent / "cache")
+    intensity = replace(
+        config.intensity,
+        data=real,
+        prepare=replace(config.intensity.prepare, columns=64, network_size=(64, 128)),
+        generator=replace(config.intensity.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
+    )
+    detector = replace(EXPERIMENT, data=real, scored="inside", detector=replace(EXPERIMENT.detector, score=0.0))
+    synthetic = replace(real, seed=1, streets="suburb")
+    return replace(config, intensity=intensity, detector=detector, synthetic=synthetic, kinds=kinds, out=out)

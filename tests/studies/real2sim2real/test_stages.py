@@ -10,7 +10,6 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.cli.real2sim2real import export_kinds
 from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
@@ -19,9 +18,9 @@ from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT, scene
+from tests.studies.real2sim2real.made import KINDS, tiny_loop
 
 ROOT = Path(__file__).parents[3]
-KINDS = ("raw_64", "simulated_64", "discovered_grid")
 
 UNTRAINED = f"""
 import sys
@@ -53,22 +52,7 @@ class Lacking:
 
 
 def stages_of(loop: Loop, script: Path = Path("train.py"), discover=lambda loop: None) -> Stages:
-    return Stages(loop, discover=discover, export=export_kinds, trainer=(sys.executable, str(script)))
-
-
-def tiny_loop(out: Path):
-    """Three real and three rendered frames; a network of four filters, and the tests' detector."""
-    config, _ = load_loop("real2sim2real")
-    real = replace(config.detector.data, train="0,8", validation="20", cache=out.parent / "cache")
-    intensity = replace(
-        config.intensity,
-        data=real,
-        prepare=replace(config.intensity.prepare, columns=64, network_size=(64, 128)),
-        generator=replace(config.intensity.generator, filters=4, blocks=1, downsamples=2, enhancer_blocks=1),
-    )
-    detector = replace(EXPERIMENT, data=real, scored="inside", detector=replace(EXPERIMENT.detector, score=0.0))
-    synthetic = replace(real, seed=1, streets="suburb")
-    return replace(config, intensity=intensity, detector=detector, synthetic=synthetic, kinds=KINDS, out=out)
+    return Stages(loop, discover=discover, trainer=(sys.executable, str(script)))
 
 
 def made(out: Path) -> dict[str, int]:
