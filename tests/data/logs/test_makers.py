@@ -77,6 +77,28 @@ def test_ousters_recording(samples, tmp_path):
         frames_of(tmp_path / "alone.pcap", tmp_path / "out")
 
 
+def test_ousters_own_format_holds_the_same_frames_as_its_packets(samples, tmp_path):
+    """An OSF that ouster-sdk writes of a recording; it needs no description beside it."""
+    sdk = pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    osf = pytest.importorskip("ouster.sdk.osf", reason="ouster-sdk is not installed")
+    recording = samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap"
+    source = sdk.open_source(str(recording))
+    writer = osf.Writer(str(tmp_path / "drive.osf"), source.sensor_info)
+    for scan in source:
+        writer.save(scan)
+    writer.close()
+    _, packets = frames_of(recording, tmp_path / "of_packets")
+    kind, frames = frames_of(tmp_path / "drive.osf", tmp_path / "of_osf")
+    assert kind == "ouster"
+    assert len(frames.names) == len(packets.names)
+    for ours, theirs in zip(frames.names, packets.names, strict=True):
+        image, more = frames.read(ours)
+        expected, beside = packets.read(theirs)
+        np.testing.assert_array_equal(image.range_m, expected.range_m)
+        np.testing.assert_array_equal(image.intensity, expected.intensity)
+        np.testing.assert_array_equal(more["time"], beside["time"])
+
+
 @pytest.mark.parametrize(("rings", "top"), [("", 15.0), ("32-63", 25.0)])
 def test_each_of_argoverses_two_sensors_is_told_from_its_beams(samples, tmp_path, rings, top):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
