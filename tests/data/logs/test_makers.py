@@ -99,6 +99,37 @@ def test_ousters_own_format_holds_the_same_frames_as_its_packets(samples, tmp_pa
         np.testing.assert_array_equal(more["time"], beside["time"])
 
 
+def test_of_an_ousters_two_returns_the_one_is_taken_that_was_asked_for(samples, tmp_path):
+    """A recording as its profile of two returns would hold it: every other column has a second echo, 1 m behind."""
+    sdk = pytest.importorskip("ouster.sdk", reason="ouster-sdk is not installed")
+    osf = pytest.importorskip("ouster.sdk.osf", reason="ouster-sdk is not installed")
+    source = sdk.open_source(str(samples / "ouster/OS-1-32-G_v2.1.1_1024x10.pcap"))
+    recorded, info = next(iter(source))[0], source.sensor_info[0]
+    info.format.udp_profile_lidar = sdk.core.UDPProfileLidar.RNG19_RFL8_SIG16_NIR16_DUAL
+    frame = sdk.core.LidarFrame(info)
+    for name in recorded.fields:
+        frame.field(name)[:] = recorded.field(name)
+    for name in ("timestamp", "status", "measurement_id"):
+        getattr(frame, name)[:] = getattr(recorded, name)
+    twice = recorded.field("RANGE") > 0
+    twice[:, ::2] = False
+    frame.field("RANGE2")[:] = np.where(twice, recorded.field("RANGE") + 1000, 0)
+    frame.field("REFLECTIVITY2")[:] = 7
+    writer = osf.Writer(str(tmp_path / "twice.osf"), info)
+    writer.save(0, frame)
+    writer.close()
+    images = {}
+    for returns in ("strongest", "last"):
+        _, frames = frames_of(tmp_path / "twice.osf", tmp_path / returns, returns=returns)
+        images[returns], _ = frames.read(frames.names[0])
+    behind = np.asarray(images["last"].range_m - images["strongest"].range_m)
+    farther = behind > 0.5
+    assert farther.sum() == twice.sum()
+    np.testing.assert_allclose(behind[farther], 1.0, atol=1e-4)
+    np.testing.assert_allclose(behind[~farther], 0.0, atol=1e-6)
+    np.testing.assert_allclose(images["last"].intensity[farther], 7 / 255, atol=1e-6)
+
+
 @pytest.mark.parametrize(("rings", "top"), [("", 15.0), ("32-63", 25.0)])
 def test_each_of_argoverses_two_sensors_is_told_from_its_beams(samples, tmp_path, rings, top):
     pytest.importorskip("pyarrow", reason="pyarrow is not installed")
