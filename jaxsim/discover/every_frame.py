@@ -11,13 +11,13 @@ are drawn of each alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.drawn import GridSums, map_sums
@@ -112,31 +112,17 @@ def block_of(
     part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
     old = by.division
     found = np.array([scene in old.parts.find for scene in old.blocks.scene])
-    kept = np.unique(old.blocks.frame[found])
-    scan = _joined(jax.tree.map(np.asarray, mounting.comparison.scan), part.scan, kept)
-    measured = Measured(
-        *(
-            np.concatenate(
-                [np.asarray(getattr(mounting.comparison.measured, f.name))[kept], getattr(part.measured, f.name)]
-            )
-            for f in fields(Measured)
-        )
-    )
     new = _new_blocks(old, part.scenes, number=number)
+    # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
+    pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
+    levels = old.simulator.noise, old.simulator.sensor
+    fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, levels=levels)
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep)
-    chosen = Blocks(
-        np.concatenate([np.searchsorted(kept, old.blocks.frame[found]), len(kept) + new.frame]),
-        np.concatenate([old.blocks.column[found], new.column]),
-        # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
-        (*find_scenes, *(f"piece {k}" for k in range(len(new.frame)))),
-    )
-    all_names = (*(mounting.comparison.names[k] for k in kept), *padded)
-    all_scenes = (*(mounting.comparison.scenes[k] for k in kept), *part.scenes)
-    whole = replace(mounting.comparison, scan=scan, measured=measured, names=all_names, scenes=all_scenes)
-    division = Division.of(whole, chosen=chosen, parts=old.parts)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     fitted = np.concatenate([np.ones(int(found.sum())), np.zeros(len(new.frame))]).astype(np.float32)
-    return Block(division, fitted, ("",) * int(found.sum()) + tuple(of_block), (*find_scenes, *new.scene))
+    return Block(
+        _joined(old, fresh, found), fitted, ("",) * int(found.sum()) + tuple(of_block), (*find_scenes, *new.scene)
+    )
 
 
 def add(sums: Sums, block: Block, by: Judge) -> None:
@@ -223,17 +209,54 @@ def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
     return Blocks(new.frame, new.column, tuple(scenes))
 
 
-def _joined(first: Scan, second: Scan, kept: Int[np.ndarray, " k"]) -> Scan:
+def _joined(old: Division, fresh: Division, found: Bool[np.ndarray, " b"]) -> Division:
+    """Some blocks of a division with the frames that they are of, as they were traced before, and all of another."""
+    kept = np.unique(old.blocks.frame[found])
+    first, behind = np.searchsorted(kept, old.blocks.frame[found]), len(kept) + fresh.blocks.frame
+    blocks_of_both = Blocks(
+        np.concatenate([first, behind]),
+        np.concatenate([old.blocks.column[found], fresh.blocks.column]),
+        (*(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep), *fresh.blocks.scene),
+    )
+    rays = jax.tree.map(
+        lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(found), fresh.rays
+    )
+    frame = np.broadcast_to(blocks_of_both.frame[:, None, None], rays.rays.row.shape).astype(np.int32)
+    scan = _scans(old.scan, fresh.scan, kept)
+    incidence = [np.asarray(old.given.incidence_rad)[kept], np.asarray(fresh.given.incidence_rad)]
+    # Nothing but its incidence tells the given scan from the other: one copy of the rasters is enough.
+    given = replace(scan, incidence_rad=np.concatenate(incidence))
+    ranges, intensities = old.simulator.ranges, old.simulator.intensities
+    if ranges is not None:
+        ranges = replace(ranges, **_stacked(ranges, fresh.simulator.ranges, kept))
+    if intensities is not None:
+        intensities = replace(intensities, **_stacked(intensities, fresh.simulator.intensities, kept))
+    return replace(
+        old,
+        scan=scan,
+        given=given,
+        simulator=replace(old.simulator, scan=given, ranges=ranges, intensities=intensities),
+        measured=Measured(**_stacked(old.measured, fresh.measured, kept)),
+        blocks=blocks_of_both,
+        rays=replace(rays, rays=replace(rays.rays, frame=frame)),
+        names=(*(old.names[k] for k in kept), *fresh.names),
+    )
+
+
+def _scans(first: Scan, second: Scan, kept: Int[np.ndarray, " k"]) -> Scan:
     """Some frames of a scan, then all of another on the same grid."""
-    rest: dict[str, Any] = {f.name: getattr(second, f.name) for f in fields(Scan) if f.name != "grid"}
-    tags: Mapping[str, np.ndarray] = rest.pop("tags")
-    both = {
-        name: np.concatenate([np.asarray(getattr(first, name))[kept], np.asarray(value)])
-        for name, value in rest.items()
-    }
     frames = len(np.asarray(second.range_m))
     of_tags = {
-        name: np.concatenate([np.asarray(first.tags[name])[kept], np.asarray(tags.get(name, np.zeros(frames, bool)))])
-        for name in first.tags
+        name: np.concatenate([np.asarray(tag)[kept], np.asarray(second.tags.get(name, np.zeros(frames, bool)))])
+        for name, tag in first.tags.items()
     }
-    return replace(first, **both, tags=of_tags)
+    return replace(first, **_stacked(first, second, kept), tags=of_tags)
+
+
+def _stacked(first: Any, second: Any, kept: Int[np.ndarray, " k"]) -> dict[str, np.ndarray]:
+    """Some frames of each raster of a struct, then all of another's."""
+    names = [one.name for one in fields(first) if one.name not in ("grid", "tags")]
+    return {
+        name: np.concatenate([np.asarray(getattr(first, name))[kept], np.asarray(getattr(second, name))])
+        for name in names
+    }

@@ -26,6 +26,7 @@ from jaxsim.discover.checks import (
 from jaxsim.discover.model.cast import Blocks, Cast, blocks, cast, with_planes
 from jaxsim.discover.model.evidence import Evidence, Measured, gather
 from jaxsim.discover.model.moved import same_surfaces
+from jaxsim.discover.model.noise_levels import Levels
 from jaxsim.discover.model.simulator import Meant, meant
 from jaxsim.discover.register import register
 from jaxsim.discover.register.registration import Registration, other_moments, speeds_read
@@ -81,6 +82,8 @@ class Rest:
     simulated: PolarFrames
     measured: PolarFrames
     names: tuple[str, ...]
+    first_s: float = 0.0
+    """When the first of the frames that were read was taken, from which theirs count."""
 
     def scene_of(self, name: str) -> str:
         return scene_of(name, self.measured, self.simulated)
@@ -106,12 +109,17 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     shared = names
     names = thinned(names, [scene_of(name, predicted, recorded) for name in names], grid=grid)
     read = {*names}
-    rest = Rest(predicted, recorded, tuple(name for name in shared if name not in read))
     images, sensed, extra = _read(names, predicted, recorded)
     sides = dict(zip(names, images, strict=True)), dict(zip(names, sensed, strict=True))
     # Some may be alike, where nothing is in reach of the sensor.
     check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
     about = _about(names, predicted, recorded)
+    rest = Rest(
+        predicted,
+        recorded,
+        tuple(name for name in shared if name not in read),
+        first_s=min(float(fact.get("time", 0.0)) for fact in about),
+    )
     scenes = [scene_of(name, predicted, recorded) for name in names]
     scan = scan_of(grid, images, extra, about=about)
     recording = _measured(sensed)
@@ -159,7 +167,11 @@ def read_part(rest: Rest, names: Sequence[str], like: Comparison) -> Comparison:
     images, sensed, extra = _read(names, rest.simulated, rest.measured)
     all_or_none(rest.simulated.folder, names, extra)
     scenes = tuple(rest.scene_of(name) for name in names)
-    scan = scan_of(rest.simulated.grid, images, extra, about=_about(names, rest.simulated, rest.measured))
+    about = _about(names, rest.simulated, rest.measured)
+    scan = scan_of(rest.simulated.grid, images, extra, about=about)
+    # What drifts goes on from the frames that it was found on.
+    since_s = [float(fact.get("time", 0.0)) - rest.first_s for fact in about]
+    scan = replace(scan, time_s=np.array(since_s, np.float32))
     if like.speeds:
         # A scene of which no frame was read tells no speed; the others' mean is nearest.
         usual = float(np.mean([*like.speeds.values()]))
@@ -238,8 +250,16 @@ class Division:
     """Of the frames."""
 
     @classmethod
-    def of(cls, comparison: Comparison, *, chosen: Blocks | None = None, parts: Split | None = None) -> Division:
-        """A comparison divided, or with blocks that were `chosen` and `parts` that are known.
+    def of(
+        cls,
+        comparison: Comparison,
+        *,
+        chosen: Blocks | None = None,
+        parts: Split | None = None,
+        levels: tuple[Levels, Levels] | None = None,
+    ) -> Division:
+        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `levels` of noise that
+        other frames of the two sides have told.
 
         Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
         measured = jax.tree.map(jnp.asarray, comparison.measured)
@@ -248,6 +268,7 @@ class Division:
             range_m=measured.range_m,
             intensity=measured.intensity,
             valid=measured.valid,
+            levels=levels,
         )
         if comparison.other_moments:
             # Not before: a ray that counts on neither side would look like one that the simulator lost.

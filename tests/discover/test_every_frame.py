@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import every_frame, read
 from jaxsim.discover.add import refit
-from jaxsim.discover.every_frame import Judge, judge_rest
+from jaxsim.discover.every_frame import Judge, block_of, judge_rest
+from jaxsim.discover.model.cast import cast
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_z
 from jaxsim.discover.mounting import Mounting
@@ -99,6 +101,18 @@ def test_a_frame_that_the_answer_serves_ill_is_listed_first(judged, by_two):
     assert f"f{ODD:02d}" in judged[0].rest.names
     assert (told.worst[0].name, told.worst[0].scene) == (f"f{ODD:02d}", f"street{ODD}")
     assert told.worst[0].nats < told.worst[1].nats
+
+
+def test_frames_that_were_traced_before_stand_beside_new_ones_as_if_traced_together(judged):
+    comparison, by = judged
+    rest = comparison.rest
+    mounting = Mounting((), comparison, NOTHING_YET)
+    division = block_of(comparison, mounting, rest, names=rest.names[2:4], by=by, size=2, number=1).division
+    assert division.names[-2:] == rest.names[2:4]
+    together = cast(division.scan, division.blocks.frame, division.blocks.column)
+    for one, other in zip(jax.tree.leaves(division.rays), jax.tree.leaves(together), strict=True):
+        # Traced with other frames, a compiler may round otherwise.
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
 
 
 def test_where_all_frames_fit_nothing_is_left_to_judge(judged):

@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.data.polar_frames import read_frame, write_frame, write_grid
 from jaxsim.discover import read
-from jaxsim.discover.read import Comparison, Division, read_comparison
+from jaxsim.discover.read import Comparison, Division, read_comparison, read_part
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarGrid, PolarImage
 from tests.discover.toy import toy
@@ -61,6 +61,17 @@ def test_of_many_frames_as_many_are_read_as_fit_evenly_over_scenes(folders, monk
     found = read_comparison(*folders)
     assert len(found.names) == 2
     assert "2 of 3 frames were compared, spread evenly over 2 scenes" in found.notes
+
+
+def test_times_of_frames_that_are_read_later_count_from_the_same_moment(folders, monkeypatch):
+    monkeypatch.setattr(read, "FEWEST_FRAMES", 2)
+    monkeypatch.setattr(read, "MOST_CELLS", 2 * 6 * 12)
+    found = read_comparison(*folders)
+    times = dict(zip(found.names, np.asarray(found.scan.time_s), strict=True))
+    (later,) = found.rest.names
+    times[later] = float(read_part(found.rest, [later], like=found).scan.time_s[0])
+    # f0, f1 and f2 are two seconds apart.
+    assert times["f1"] - times["f0"] == times["f2"] - times["f1"] == 2
 
 
 @pytest.mark.parametrize(("long", "short", "most"), [(100, 10, 40), (10, 10, 30), (1000, 1, 16)])

@@ -83,14 +83,22 @@ class Meant:
 
 
 def meant(
-    scan: Scan, *, range_m: Float[Array, "f r c"], intensity: Float[Array, "f r c"], valid: Bool[Array, "f r c"]
+    scan: Scan,
+    *,
+    range_m: Float[Array, "f r c"],
+    intensity: Float[Array, "f r c"],
+    valid: Bool[Array, "f r c"],
+    levels: tuple[Levels, Levels] | None = None,
 ) -> Meant:
     """The frames that a simulator means, and the noise on them; the other three are what the sensor read.
 
-    Rays lost within a surface are put back, ranges and intensities made smooth within each surface.
+    Rays lost within a surface are put back, ranges and intensities made smooth within each surface. `levels` are the
+    simulator's and the sensor's noise where other frames have told them.
     """
-    noise = noise_levels(scan)
-    sensor = noise_levels(replace(scan, range_m=range_m, intensity=intensity, hit=valid))
+    noise, sensor = levels or (
+        noise_levels(scan),
+        noise_levels(replace(scan, range_m=range_m, intensity=intensity, hit=valid)),
+    )
     ranges, intensities = None, None
     if noise.loss > 0:
         scan = filled(scan)
