@@ -10,8 +10,9 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
+Network = TypeVar("Network")
 ABOUT = "about"
 AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30
@@ -164,6 +166,18 @@ def load_weights(path: Path, kind: str, converter: Converter) -> Weights:
     with placed(f"weights: {path} is not {converter.title}", then=help):
         converted = converter.convert(arrays)
     return Weights(converted, fingerprint(converted), bool(about.get("published")))
+
+
+def write_trained(path: Path, kind: str, arrays: Arrays) -> None:
+    """Writes a network that was trained here as a file of this kind; the file is never half written."""
+    about = json.dumps({"kind": kind, "source": "a training of jaxsim", "published": False})
+    write_arrays(path, {**arrays, ABOUT: np.array(about)})
+
+
+def read_once(read: Callable[[Path], Network]) -> Callable[[Path], Network]:
+    """`read`, which is asked again only where the file has changed: one of the same name may hold other weights."""
+    kept = lru_cache(maxsize=4)(lambda path, _: read(path))
+    return lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
 def kind_of(path: Path) -> str | None:

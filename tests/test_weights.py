@@ -2,12 +2,23 @@
 
 import argparse
 import hashlib
+import os
 
 import numpy as np
 import pytest
 
 from jaxsim.prepare.depth.penet import CONVERTERS as PENET
-from jaxsim.weights import Converter, convert, fingerprint, fit, kind_of, load_weights, read_state_dict
+from jaxsim.weights import (
+    Converter,
+    convert,
+    fingerprint,
+    fit,
+    kind_of,
+    load_weights,
+    read_once,
+    read_state_dict,
+    write_trained,
+)
 
 SHAPES = {"stem.weight": (4, 3, 3, 3), "stem.bias": (4,)}
 TINY = Converter("the tiny network of nobody", "https://example.org/tiny.pth", lambda arrays: fit(arrays, SHAPES))
@@ -120,3 +131,20 @@ def test_a_file_that_is_no_archive_says_what_to_fetch(tmp_path):
         ValueError, match=r"cannot be read as the tiny network of nobody: .*; fetch https://example\.org"
     ):
         convert("tiny", TINY, tmp_path / "state.npz", out=tmp_path / "out.npz")
+
+
+def test_a_file_is_read_once_until_another_takes_its_name(tmp_path):
+    asked, path = [], tmp_path / "network.npz"
+    network = read_once(lambda path: asked.append(path) or len(asked))
+    path.write_bytes(b"first")
+    assert [network(path), network(path)] == [1, 1]
+    path.write_bytes(b"second")
+    os.utime(path, ns=(1, 1))
+    assert network(path) == 2
+    assert network(tmp_path / "none.npz") == 3
+
+
+def test_a_network_that_was_trained_here_says_so(tmp_path):
+    write_trained(tmp_path / "own.npz", "tiny", {name: np.zeros(shape, np.float32) for name, shape in SHAPES.items()})
+    assert kind_of(tmp_path / "own.npz") == "tiny"
+    assert not load_weights(tmp_path / "own.npz", "tiny", TINY).published

@@ -1,6 +1,6 @@
 """The answer of `jaxsim discover` in the parameters of other simulators: `jaxsim engines sensor.json --for carla`.
 
-answer      the answer with its intervals; what an engine is; `translate`
+engine      the answer with its intervals; what an engine is; `translate`
 carla, isaac, rgl, gazebo, helios    an engine each: what it can express, in its own format, and what it cannot
 """
 

@@ -161,6 +161,12 @@ def noise_of_range(answer: Answer, name: str) -> list[Setting]:
     return [Setting(name, answer.range_noise, "m", why)] if answer.range_noise else []
 
 
+def mean_bias(answer: Answer, name: str, more: str = "") -> list[Setting]:
+    """The engine's setting `name` of the range's bias, which has one number for all beams; none without a bias."""
+    bias = answer.each("beam_range_bias", "bias_m")
+    return [Setting(name, mean_of(bias), "m", f"beam_range_bias, its mean over the beams{more}")] if bias else []
+
+
 def limits_of_range(answer: Answer, *, minimum: str, maximum: str) -> list[Setting]:
     """The engine's settings of these names for the ranges that `range_gate` lets through."""
     ends = {minimum: answer.one("range_gate", "minimum_m"), maximum: answer.one("range_gate", "maximum_m")}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from jaxsim.engines.engine import Answer, Engine, Setting, limits_of_range, mean_of, noise_of_range
+from jaxsim.engines.engine import Answer, Engine, Setting, limits_of_range, mean_bias, noise_of_range
 
 _RETRO = (
     "intensity is the number laser_retro of the visual that a ray hits, whatever range and angle: set it by surface, "
@@ -34,10 +34,7 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """Elements of <lidar>."""
     del now
-    told: list[Setting] = []
-    bias = answer.each("beam_range_bias", "bias_m")
-    if bias:
-        told.append(Setting("noise.mean", mean_of(bias), "m", "beam_range_bias, its mean over the beams"))
+    told = mean_bias(answer, "noise.mean")
     told += noise_of_range(answer, "noise.stddev")
     told += limits_of_range(answer, minimum="range.min", maximum="range.max")
     step = answer.one("range_quantization", "step_m") or answer.levels.get("range_step")

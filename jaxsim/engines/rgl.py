@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jaxsim.effects.catalogue.range_falloff import REFERENCE_M
-from jaxsim.engines.engine import Answer, Engine, Setting, mean_of
+from jaxsim.engines.engine import Answer, Engine, Setting, mean_bias
 
 _TEXTURE = (
     "intensity is the value of the mesh's texture (rgl_entity_set_intensity_texture), whatever range and angle: write "
@@ -39,11 +39,7 @@ INSTEAD = {
 def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
     """The arguments of the noise of distances."""
     del now
-    told: list[Setting] = []
-    bias = answer.each("beam_range_bias", "bias_m")
-    if bias:
-        why = "beam_range_bias, its mean over the beams: the node knows no beams"
-        told.append(Setting("distance.mean", mean_of(bias), "m", why))
+    told = mean_bias(answer, "distance.mean", ": the node knows no beams")
     base = answer.levels.get("range_noise")
     if base is not None:
         told.append(Setting("distance.st_dev_base", base, "m", "noise of the range that is the same for all"))

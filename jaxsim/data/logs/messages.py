@@ -225,14 +225,14 @@ def _osi_scan(message: Any, kind: str, options: LogOptions, *, name: str, scene:
     if kind == "SensorView":
         if not len(message.lidar_sensor_view):
             raise ValueError(f"osi: {name} is a SensorView without lidar_sensor_view")
-        return _osi_reflections(message.lidar_sensor_view[0], options, name=name, scene=scene, time_s=time_s)
+        return _osi_reflections(message.lidar_sensor_view[0], name=name, scene=scene, time_s=time_s)
     sensors = message.feature_data.lidar_sensor
     if not len(sensors):
         raise ValueError(f"osi: {name} is a SensorData without feature_data.lidar_sensor")
     return _osi_detections(sensors[0].detection, options, name=name, scene=scene, time_s=time_s)
 
 
-def _osi_reflections(view: Any, options: LogOptions, *, name: str, scene: str, time_s: float) -> LogScan:
+def _osi_reflections(view: Any, *, name: str, scene: str, time_s: float) -> LogScan:
     """Reflections in the order of the configuration's directions; time of flight is there and back.
 
     signal_strength is in dB of what was sent; --log.full-scale is in the same ratio once the logarithm is undone.

@@ -10,10 +10,8 @@ This file has its published weights, and the network on LiDAR intensity. Below i
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,11 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxsim.files import write_arrays
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia.denoiser import Values, abstract, apply, check_size
 from jaxsim.prepare.denoise.lidia.network import Variant
-from jaxsim.weights import ABOUT, Arrays, Converter, fit, load_weights
+from jaxsim.weights import Arrays, Converter, fit, load_weights, read_once, write_trained
 
 COLOUR_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re0.ver_hor.ver.weight"
 SMALL_NAME = "separable_fc_net.sep_part1_s0.ver_hor_bn_re1.ver_hor.b"
@@ -141,12 +138,11 @@ def open_lidia(path: Path | None) -> Lidia:
             f"denoise: lidia needs its weights: fetch {CONVERTER.fetch}; then `jaxsim convert lidia FILE --out "
             "lidia.npz` and --prepare.denoise-weights lidia.npz"
         )
-    return _open(path, path.stat().st_mtime_ns if path.is_file() else 0)
+    return _open(path)
 
 
-@lru_cache(maxsize=4)
-def _open(path: Path, changed_ns: int) -> Lidia:
-    """`changed_ns` is when the file was written: one of the same name may hold other weights."""
+@read_once
+def _open(path: Path) -> Lidia:
     variant, values = from_published(load_weights(path, "lidia", CONVERTER).arrays)
     return Lidia(variant, jax.tree.map(jnp.asarray, values))
 
@@ -158,5 +154,4 @@ def save_lidia(path: Path, values: Values) -> None:
     """
     if path.suffix != ".npz":
         raise ValueError(f"lidia: weights are kept as .npz, not as {path.name}; name the file {path.stem}.npz")
-    about = json.dumps({"kind": "lidia", "source": "a training of jaxsim", "published": False})
-    write_arrays(path, {**to_published(values), ABOUT: np.array(about)})
+    write_trained(path, "lidia", to_published(values))

@@ -9,9 +9,8 @@ published.py    published weights        training.py    its three stages
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -20,7 +19,6 @@ import numpy as np
 from flax import nnx
 from jaxtyping import Bool, Float, UInt8
 
-from jaxsim.files import write_arrays
 from jaxsim.frame import Array
 from jaxsim.prepare.depth.ip_basic import fill_in_multiscale
 from jaxsim.prepare.depth.penet.network import MULTIPLE, Convention
@@ -33,7 +31,7 @@ from jaxsim.prepare.depth.penet.published import (
     from_published,
     to_published,
 )
-from jaxsim.weights import ABOUT, kind_of, load_weights
+from jaxsim.weights import kind_of, load_weights, read_once, write_trained
 
 NEAREST_M = 0.1
 """A guess nearer than this is none, as for points and in IP-Basic."""
@@ -119,12 +117,11 @@ def open_penet(path: Path | None) -> Penet:
             f"depth: penet needs its weights: fetch {CONVERTERS['penet'].fetch}; then `jaxsim convert penet FILE --out "
             "penet.npz`, or train one (`jaxsim train penet_synthetic`); and --prepare.depth-weights penet.npz"
         )
-    return _open(path, path.stat().st_mtime_ns if path.is_file() else 0)
+    return _open(path)
 
 
-@lru_cache(maxsize=2)
-def _open(path: Path, changed_ns: int) -> Penet:
-    """`changed_ns` is when the file was written: one of the same name may hold other weights."""
+@read_once
+def _open(path: Path) -> Penet:
     trained = path.is_file() and kind_of(path) == TRAINED_KIND
     kind, converter = (TRAINED_KIND, TRAINED) if trained else ("penet", CONVERTERS["penet"])
     width, values = from_published(load_weights(path, kind, converter).arrays)
@@ -133,5 +130,4 @@ def _open(path: Path, changed_ns: int) -> Penet:
 
 def save_penet(path: Path, values: Values) -> None:
     """Writes a network that was trained here as a file for `--prepare.depth-weights`."""
-    about = json.dumps({"kind": TRAINED_KIND, "source": "a training of jaxsim", "published": False})
-    write_arrays(path, {**to_published(values), ABOUT: np.array(about)})
+    write_trained(path, TRAINED_KIND, to_published(values))
