@@ -17,10 +17,14 @@ discover    which effect is missing: find, name, add, show  ->  effects, back in
 engines     the answer in other simulators' parameters
   |
 report      pictures, tables, pages
+  |
+studies     the paper's: which inputs count, is simulated intensity worth training on
 
-All stand on config (settings), frame.py (what travels), geometry (rays, cameras, rasters) and files. Commands are files
-of cli, effects files of effects/catalogue, data sets rows of data. The likelihood is stated in discover/model, all
-thresholds of a decision in discover/rules.py. CONTRIBUTING.md shows in five lines each how to add one.
+All stand on config (settings), frame.py (what travels), geometry (rays, cameras, rasters) and files. `cloud` has clouds
+and their formats, portable.py the network for other programs. Commands are files of cli, effects files of
+effects/catalogue, data sets rows of data, settings fields of config. The likelihood is stated in discover/model, all
+thresholds of a decision in discover/rules.py. CONTRIBUTING.md says in five lines each where these are, and how to add
+one.
 """
 
 from __future__ import annotations

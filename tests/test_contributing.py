@@ -101,7 +101,8 @@ def test_a_command_is_added_by_a_dataclass_and_a_row(monkeypatch, capsys):
 def test_the_page_answers_each_question_in_five_lines():
     text = (ROOT / "CONTRIBUTING.md").read_text()
     for question in ("Where is the likelihood", "Where are the thresholds", "Where does an effect's parameter",
-                     "How do I add an effect", "How do I add a data set", "How do I add a command"):  # fmt: skip
+                     "How do I add an effect", "How do I add a data set", "How do I add a setting",
+                     "How do I add a command"):  # fmt: skip
         [answer] = re.findall(rf"^## {question}[^\n]*\n\n(.*?)\n\n", text, re.DOTALL | re.MULTILINE)
         assert [line[:2] for line in answer.splitlines()] == ["1.", "2.", "3.", "4.", "5."], question
 

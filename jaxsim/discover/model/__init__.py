@@ -60,7 +60,7 @@ Priors and bounds, and where they are set
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
     beta    kinds 0.3 nats, at most 0.7; curvature; normals; gain free           evidence, random_effects.CLASS_MOST
     street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     cast.STREET_SD, OBJECT_SD ...
-    pose    2 cm, 1 mrad an axis; at most 15 % of a range                          evidence.POSE_SD, POSE_MOST
+    pose    2 cm, 1 mrad an axis; at most 15 % of a range       evidence.POSE_SD, random_effects.POSE_MOST
     tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
     which rays are compared; edges; planes                                         evidence, cast
     which columns of which frames                                                  cast.RAYS, SECTORS
