@@ -157,7 +157,7 @@ def truth_law(change: Rasters, channel: str, scan: Scan) -> Law:
 
 
 def gain(division: Division, null: Problem, chain: Chain) -> Float[np.ndarray, " 3"]:
-    """Nats a judge scene that each channel's likelihood gains with `chain` in place, as `show.judge` has it."""
+    """Nats a judge scene that each channel's likelihood gains with `chain` in place, as `show.gap_with` has it."""
     ev, scene = division.all_evidence()
     fitted = (scene < len(division.parts.find)).astype(np.float32)
 

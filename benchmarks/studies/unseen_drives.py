@@ -111,8 +111,8 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
     drawn: set[str] = set()
     for name, scene, pair in zip(pairs.names, pairs.scenes, pairs, strict=True):
         says = predict(sensor.params, pair)
-        assert says.levels is not None
-        levels, value = np.asarray(says.levels), np.asarray(pair.measured.intensity)
+        assert says.quantiles is not None
+        levels, value = np.asarray(says.quantiles), np.asarray(pair.measured.intensity)
         seen = np.asarray(pair.painted.valid & pair.measured.valid)
         below, middle, above = (levels[..., k][seen] for k in (0, LEVELS.index(0.5), -1))
         value = value[seen]

@@ -93,7 +93,7 @@ class Evaluation(Checked):
         )
         for name, pair in islice(zip(pairs.names, pairs, strict=True), self.pictures):
             says = judged.predict(sensor.params, pair)
-            spread = None if says.levels is None else np.asarray(says.levels[..., -1] - says.levels[..., 0])
+            spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
             picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
             save_picture(file_of(out, name, ".png", by="eval"), picture)
         print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores, judged.intervals)}\n")

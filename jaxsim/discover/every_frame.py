@@ -57,7 +57,7 @@ class Sums:
 
 
 class Judge(NamedTuple):
-    """What frames are judged by: an answer, as `show.judge` takes it."""
+    """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
     division: Division
     """Of the frames that were read, whose find scenes stay in every block."""
@@ -115,7 +115,7 @@ def block_of(
     new = _new_blocks(old, part.scenes, number=number)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
-    levels = old.simulator.noise, old.simulator.sensor
+    levels = old.simulator.noise, old.simulator.measured_noise
     fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, levels=levels)
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
@@ -185,9 +185,9 @@ def in_words(told: EveryFrame) -> str:
 
 
 def _mean(values: Float[np.ndarray, " s"], unit: str = "nats a frame") -> Interval:
-    known = values[np.isfinite(values)]
-    value = float(known.mean()) if len(known) else float("nan")
-    return Interval(value, *(mean_interval(known) if len(known) > 1 else (float("nan"), float("nan"))), unit)
+    finite = values[np.isfinite(values)]
+    value = float(finite.mean()) if len(finite) else float("nan")
+    return Interval(value, *(mean_interval(finite) if len(finite) > 1 else (float("nan"), float("nan"))), unit)
 
 
 def _judged_frames(division: Division) -> Iterator[int]:

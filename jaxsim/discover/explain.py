@@ -33,14 +33,14 @@ def named(
     effect = step.chosen.effect
     alike = list(dict.fromkeys([*(one.effect.plain_name for one in step.alike), *more_alike]))
     # Look-alikes of one's own effect are those of these frames, which the candidates carry.
-    known = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
+    every = {**EFFECTS, **{one.effect.plain_name: one.effect for one in (step.chosen, *step.alike)}}
     told = effect.look_alikes
     # No scene decides alone.
     gain = clipped(step.chosen.by_scene)
     return Named(
         name=effect.plain_name,
         look_alikes=tuple(alike),
-        tell_apart={one: told.get(one) or known[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
+        tell_apart={one: told.get(one) or every[one].look_alikes.get(effect.plain_name) or remedy for one in alike},
         channels=effect.channels,
         p_value=step.chosen.chance,
         gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
@@ -103,11 +103,11 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     z of each) the parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
-    levels = [
+    nuisances = [
         np.asarray(gain_and_classes(one.ev, one.equations, one.ev.all_blocks)).tolist()
         for one in (null, choice.problem)
     ]
-    changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *levels, strict=True)}
+    changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *nuisances, strict=True)}
     if len(choice.steps) > 1:
         for step, z in zip(choice.steps, fitted, strict=True):
             effect = step.chosen.effect
@@ -141,15 +141,15 @@ def notes(comparison: Comparison, parts: Split, choice: Choice, *, held: Sequenc
     return tuple(lines)
 
 
-def simulator_noise(levels: Levels) -> tuple[str, ...]:
+def simulator_noise(noise: Levels) -> tuple[str, ...]:
     """What a reader must know of noise that the simulated frames carry themselves."""
     noises = [
         f"{what} {value:.2g}{unit}"
         for what, value, unit in (
-            ("range", 100 * levels.range_m, " cm"),
-            ("intensity", 100 * levels.intensity_share, " %"),
-            ("intensity, the same for all,", levels.intensity, ""),
-            ("rays lost", 100 * levels.loss, " %"),
+            ("range", 100 * noise.range_m, " cm"),
+            ("intensity", 100 * noise.intensity_share, " %"),
+            ("intensity, the same for all,", noise.intensity, ""),
+            ("rays lost", 100 * noise.loss, " %"),
         )
         if value > 0
     ]

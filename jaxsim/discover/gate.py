@@ -222,8 +222,8 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
         raise ValueError(f"discover: no frame of {simulated} has a partner of its name in {measured}")
     by_scene: dict[str, list[np.ndarray]] = {}
     for name in names:
-        row = frame_distances(ours.read(name)[0], theirs.read(name)[0])
-        by_scene.setdefault(scene_of(name, theirs, ours), []).append(row)
+        distances = frame_distances(ours.read(name)[0], theirs.read(name)[0])
+        by_scene.setdefault(scene_of(name, theirs, ours), []).append(distances)
     if len(by_scene) < RULES.fewest_for_scatter:
         raise ValueError(
             f"discover: {len(by_scene)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
@@ -246,6 +246,6 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
 
 def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:
     """The mean over the scenes that have a value."""
-    known = scenes[np.isfinite(scenes)]
-    low, high = mean_interval(known)
-    return Interval(float(known.mean()) if len(known) > 1 else float("nan"), low, high, unit)
+    finite = scenes[np.isfinite(scenes)]
+    low, high = mean_interval(finite)
+    return Interval(float(finite.mean()) if len(finite) > 1 else float("nan"), low, high, unit)

@@ -172,8 +172,8 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
     if registered is None:
         return (), ()
     for name in mounting.effects:
-        find, judge = gains(registered.frames, PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
-        gain = clipped(find)
+        on_find, on_judge = gains(registered.frames, PARTS[name], scenes=mounting.comparison.scenes, parts=parts)
+        gain = clipped(on_find)
         values = parameters(registered, name)
         vectors = {key: (one,) * rows for key, one in values.items() if EFFECTS[name].parameters[key].shape == "row"}
         one = Named(
@@ -186,7 +186,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
             parameters={**values, **vectors},
         )
         sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
-        (confirmed if sure and mean_interval(judge)[0] > 0 else others).append(one)
+        (confirmed if sure and mean_interval(on_judge)[0] > 0 else others).append(one)
     return tuple(confirmed), tuple(others)
 
 
@@ -197,12 +197,12 @@ def gains(
     scenes. Of one drive alone, which is cut into sectors, frames find and judge in turn."""
     names = np.asarray(scenes)
     find = list(parts.find)
-    judge = list(parts.judge)
+    judged = list(parts.judge)
     # Sectors of one drive share the sensor's motion: only frames are as good as independent here.
     if len(np.unique(names)) == 1:
         names = np.arange(len(motion)).astype(str)
-        judge = list(names[::3])
-        find = [name for name in names if name not in judge]
+        judged = list(names[::3])
+        find = [name for name in names if name not in judged]
     # In standard deviations of what a frame's own pose may be off by, so that squares are nats.
     z = motion[:, part] / SD[part]
 
@@ -213,4 +213,4 @@ def gains(
         return 0.5 * float(np.sum(poses**2 - (poses - middle) ** 2))
 
     held_out = [gain(one, [other for other in find if other != one]) for one in find]
-    return np.array(held_out), np.array([gain(one, find) for one in judge])
+    return np.array(held_out), np.array([gain(one, find) for one in judged])

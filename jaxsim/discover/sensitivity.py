@@ -307,10 +307,10 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
         _, group = np.unique(surface[of == one], return_inverse=True)
         # Surfaces, not rays: the noise of a surface's rays would hide how surfaces rank.
         size = np.bincount(group)
-        known = size >= RULES.related_rays
-        measured = np.bincount(group, theirs[of == one])[known] / size[known]
-        simulated = np.bincount(group, ours[of == one])[known] / size[known]
-        alike = known.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
+        enough = size >= RULES.related_rays
+        measured = np.bincount(group, theirs[of == one])[enough] / size[enough]
+        simulated = np.bincount(group, ours[of == one])[enough] / size[enough]
+        alike = enough.sum() < RULES.related_surfaces or min(np.ptp(measured), np.ptp(simulated)) < 1e-6
         # Ranks: a gamma or a gain of the sensor leaves them as they are.
         correlation.append(np.nan if alike else spearmanr(measured, simulated)[0])
     return np.array(correlation)
@@ -319,14 +319,14 @@ def correlations(ev: Evidence, scene: Int[np.ndarray, " b"]) -> Float[np.ndarray
 def unrelated(by_scene: Float[np.ndarray, " s"]) -> str | None:
     """A note where the scenes' correlations are no more than chance; None where they are, or nothing can be ranked (a
     simulator whose intensity is the same everywhere is no stranger)."""
-    known = by_scene[np.isfinite(by_scene)]
+    finite = by_scene[np.isfinite(by_scene)]
     # Fewer scenes cannot agree at this level, whatever they say.
-    if 2.0 ** -len(known) > RULES.agreement_level:
+    if 2.0 ** -len(finite) > RULES.agreement_level:
         return None
-    chance = p_value(known)
+    chance = p_value(finite)
     if chance <= RULES.agreement_level:
         return None
-    return UNRELATED.format(mean=known.mean(), scenes=len(known), chance=chance)
+    return UNRELATED.format(mean=finite.mean(), scenes=len(finite), chance=chance)
 
 
 def of_ranges(effect: Effect) -> bool:

@@ -37,10 +37,10 @@ def show_gap(division: Division, null: Problem, choice: Choice, *, added: Added,
     """The gap before and after the effects were added, beside a placebo: the runner-up, added in their place."""
     rival = runner_up(choice.steps)
     placebo = placebo_of(null, rival) if rival else None
-    return judge(division, null, added.chain, noise=choice.problem.noise, placebo=placebo, known=known)
+    return gap_with(division, null, added.chain, noise=choice.problem.noise, placebo=placebo, known=known)
 
 
-def judge(
+def gap_with(
     division: Division,
     null: Problem,
     chain: Chain,
@@ -142,7 +142,7 @@ def judge_known(
     null, _ = fit_null(division.scan, ev, ev.all_blocks)
     starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
     chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
-    shown = judge(division, null, chain, noise=refitted(in_place(null, chain)).noise)
+    shown = gap_with(division, null, chain, noise=refitted(in_place(null, chain)).noise)
     return shown.gap, shown.closure
 
 

@@ -127,6 +127,6 @@ def changes(
 
 def _mean(rows: Float[np.ndarray, "f k"]) -> Float[np.ndarray, " k"]:
     """The mean of what is known in each column; NaN where nothing is."""
-    known = np.isfinite(rows)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, rows, 0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    finite = np.isfinite(rows)
+    count = finite.sum(axis=0)
+    return np.where(count > 0, np.where(finite, rows, 0).sum(axis=0) / np.maximum(count, 1), np.nan)

@@ -114,8 +114,8 @@ def discover(
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        judge = Judge(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
-        every, maps = judge_rest(comparison, mounting, judge) or (None, maps)
+        answer_held = Judge(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
+        every, maps = judge_rest(comparison, mounting, answer_held) or (None, maps)
     levels = compare_levels(comparison)
     rows = len(null.scan.grid.elevation_rad)
     verdict = Verdict(

@@ -68,9 +68,9 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
     seen = 0
     for pair in pairs:
         says = predict(params, pair)
-        if says.levels is None or says.drop_share is None:
+        if says.quantiles is None or says.drop_share is None:
             return {}
-        levels, share = np.asarray(says.levels), np.asarray(says.drop_share)
+        levels, share = np.asarray(says.quantiles), np.asarray(says.drop_share)
         value, back = np.asarray(pair.measured.intensity), np.asarray(pair.measured.valid)
         looked = np.asarray(pair.painted.valid)
         counts = looked & back

@@ -33,8 +33,8 @@ def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_mod
     """Raises ValueError for lines that nobody knows, for beams of lines that name theirs, for a simulated cloud without
     a trained sensor, and for effects on a cloud of pixels."""
     if lines_of(recipe) not in _KNOWN and grid_file(recipe) is None:
-        known = ", ".join(sorted(_KNOWN))
-        raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {known}, or a folder that holds a grid.json")
+        names = ", ".join(sorted(_KNOWN))
+        raise ValueError(f"clouds: no lines named {recipe.lines!r}; known: {names}, or a folder that holds a grid.json")
     if recipe.beams and lines_of(recipe) == NO_LINES:
         raise ValueError("clouds: beams are rows of lines, and there are none; name them with --recipe.lines 64")
     if recipe.beams and LINES.get(lines_of(recipe), (None, None))[1] is not None:
@@ -117,13 +117,13 @@ def _dense(
             f"clouds: {frame.name} has no depth, which a cloud of pixels is made of; take a renderer's data set, or "
             "--recipe.source measured"
         )
-    known = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
-    known = known if view.depth_valid is None else known & np.asarray(view.depth_valid)
+    has_depth = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
+    has_depth = has_depth if view.depth_valid is None else has_depth & np.asarray(view.depth_valid)
     intensity = learned.intensity_map(view) if recipe.source == "simulated" and learned is not None else None
     return depth_to_cloud(
         view.camera,
         view.depth_m,
-        known,
+        has_depth,
         intensity=intensity,
         drop_zero=not recipe.keep_zero,
         max_high_m=recipe.max_high_m,

@@ -173,7 +173,7 @@ def simulate_folder(
     claim_effects(out, effects_model)
     claim_frames(
         out,
-        sensor=maker.learned.fingerprint,
+        fingerprint=maker.learned.fingerprint,
         data=f"{data}, drawn" if maker.draws else data,
         seed=maker.seed if effects_model or maker.draws else None,
     )
@@ -218,12 +218,12 @@ def _files(out: Path, name: str, formats: Sequence[str]) -> list[Path]:
     return [*clouds, file_of(out / "polar", name, ".npz", by="simulate")]
 
 
-def claim_frames(out: Path, *, sensor: str, data: str, seed: int | None) -> None:
-    """Claims `out` for frames of a trained sensor (its fingerprint), a kind of data set and a seed.
+def claim_frames(out: Path, *, fingerprint: str, data: str, seed: int | None) -> None:
+    """Claims `out` for frames of a trained sensor (its `fingerprint`), a kind of data set and a seed.
 
     The seed is None where nothing is left to chance. Raises ValueError where `out` holds frames of another making.
     """
-    made = {"sensor": sensor, "data": data, "seed": seed}
+    made = {"sensor": fingerprint, "data": data, "seed": seed}
     note = "sensor is the fingerprint of a trained one: another run has another, and the same run trained on"
     filled = _has_frames(out)
     claim(out / "simulation.json", made, by="simulate", text=json.dumps(made, indent=2), filled=filled, note=note)

@@ -36,7 +36,7 @@ def take(tree: Any, k: int) -> Any:
 
 
 def simulate_batch(
-    sensor: LearnedSensor,
+    learned: LearnedSensor,
     frames: Sequence[Frame],
     size: int,
     *,
@@ -48,13 +48,13 @@ def simulate_batch(
     frame's images are not like those of the run."""
     for frame in frames:
         with placed(frame.name):
-            check_image(frame.camera.rgb.shape[-3:-1], sensor.run)
-    views = [dense_view(frame, sensor.run.experiment.prepare) for frame in frames]
+            check_image(frame.camera.rgb.shape[-3:-1], learned.run)
+    views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
     key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
-    image, painted = jax.device_get(sensor.simulate_view(batch, projection=projection, key=key))
+    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))
     return image, painted, time.monotonic() - begun
 
 
@@ -64,13 +64,13 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     The incidence is that of the painted surface, with the rays that the network drops; where it cannot be told, the
     median.
     """
-    angle, known = jax.device_get(incidence(painted.range_m, painted.valid, grid))
-    middle = np.median(angle[known]) if known.any() else 0
+    angle, has_normal = jax.device_get(incidence(painted.range_m, painted.valid, grid))
+    middle = np.median(angle[has_normal]) if has_normal.any() else 0
     return {
         "semantic": np.asarray(painted.semantic).astype(np.uint8),
         "instance": np.asarray(painted.instance),
         "rgb": np.round(np.asarray(painted.rgb) * 255).astype(np.uint8),
-        "incidence": np.where(known, angle, middle).astype(np.float32),
+        "incidence": np.where(has_normal, angle, middle).astype(np.float32),
     }
 
 
@@ -114,9 +114,9 @@ def check_motion(
     Raises ValueError for an effect that acts in a direction of the world on a frame that does not say where the car
     heads: it would act in the wrong one; and for a learned law along what a frame does not say.
     """
-    known = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
+    motion = {"time": time_s, "speed": speed_mps, "heading": heading_rad}
     for law in model.learned:
-        law.check_known({what: value is not None for what, value in known.items()})
+        law.check_known({what: value is not None for what, value in motion.items()})
     for name, region in model.regions.items():
         if region.tag is not None or not region.acts:
             what = "no tags" if region.tag is not None else "nothing of which"
@@ -133,7 +133,7 @@ def check_motion(
             )
     for name, _ in model.effects:
         what = get_effect(name).needs
-        if not what or known[what] is not None:
+        if not what or motion[what] is not None:
             continue
         if what == "heading":
             raise ValueError(
@@ -176,7 +176,7 @@ def refuse_others(folder: Path, names: Sequence[str]) -> None:
 
 
 def write_pairs(
-    sensor: LearnedSensor,
+    learned: LearnedSensor,
     dataset: Dataset,
     positions: Sequence[int],
     *,
@@ -197,11 +197,11 @@ def write_pairs(
     folders = out / "simulated", out / "measured"
     for folder in folders:
         refuse_others(folder, names)
-    window, lines = sensor.window, sensor.run.spec.rows
+    window, lines = learned.window, learned.run.spec.rows
     about: dict[str, dict[str, Any]] = {}
     for first in range(0, len(positions), BATCH):
         frames = [dataset[p] for p in positions[first : first + BATCH]]
-        images, painted, _ = simulate_batch(sensor, frames, min(BATCH, len(positions)))
+        images, painted, _ = simulate_batch(learned, frames, min(BATCH, len(positions)))
         for k, frame in enumerate(frames):
             image, under = take((images, painted), k)
             write_frame(folders[0], frame.name, image, **rasters(under, window[0]))

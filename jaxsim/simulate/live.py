@@ -132,9 +132,9 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     check_image(size, run)
     cropped = crop_image(view, prepare.image_crop)
     check_view(cropped, prepare)
-    grid, row = window_of(view.camera, size, run.spec, config=prepare)
+    grid, row_share = window_of(view.camera, size, run.spec, config=prepare)
     compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
-    weights, window = jax.device_put((params, (grid, row)))
+    weights, window = jax.device_put((params, (grid, row_share)))
     call = lambda seen: compiled(weights, with_cameras(seen), window)  # noqa: E731
     latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
     log.info("live: %s views, %.0f ms a call", _times(view.rgb.shape[:-1]), 1000 * latency)
@@ -186,8 +186,8 @@ def _cloud_of_view(
     generate: Generate,
     prepare: PrepareConfig,
 ) -> Cloud:
-    grid, row = window
-    image, _ = simulate_frame(params, view, grid, row=row, generate=generate, prepare=prepare)
+    grid, row_share = window
+    image, _ = simulate_frame(params, view, grid, row_share=row_share, generate=generate, prepare=prepare)
     return polar_to_points(image, grid)
 
 
@@ -199,10 +199,10 @@ def _cloud_of_rays(
     generate: Generate,
     prepare: PrepareConfig,
 ) -> Cloud:
-    (painted, incidence_rad), (grid, row) = met, window
+    (painted, incidence_rad), (grid, row_share) = met, window
     angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
-    rows = jnp.broadcast_to(row[:, None], angle.shape)
-    seen = {"incidence_rad": angle, "row": rows}
+    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
+    seen = {"incidence_rad": angle, "row_share": row_shares}
     return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 
 

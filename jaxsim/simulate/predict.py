@@ -38,13 +38,13 @@ VIEW = 0.05
 
 @struct.dataclass
 class Prediction:
-    """What a network says of each cell. Only one that gives a distribution has `levels` and `drop_share`."""
+    """What a network says of each cell. Only one that gives a distribution has `quantiles` and `drop_share`."""
 
     intensity: Rays
     """0..0.99 in steps of 1/100, also of a cell that drops: what it would report, by the median."""
     drops: Bool[Array, "*b rows columns"]
-    levels: Float[Array, "*b rows columns k"] | None = None
-    """Quantiles LEVELS of the intensity, 0..1, of a ray that comes back."""
+    quantiles: Float[Array, "*b rows columns k"] | None = None
+    """Those of LEVELS of the intensity, 0..1, of a ray that comes back."""
     drop_share: Rays | None = None
     """Probability that the ray is lost or reports 0."""
 
@@ -62,7 +62,7 @@ def drawn(says: Prediction, key: Array) -> Rays:
 
     Raises ValueError where the network gives no distribution.
     """
-    if says.levels is None or says.drop_share is None:
+    if says.quantiles is None or says.drop_share is None:
         raise ValueError(
             "simulate: this run's network gives one intensity a cell, not a distribution to draw from; leave out "
             "--draws, or train one with --generator.form unet"
@@ -71,7 +71,7 @@ def drawn(says: Prediction, key: Array) -> Rays:
         return jax.vmap(drawn)(says, key)
     of_level, of_drop = jax.random.split(key)
     u = jax.random.uniform(of_level, says.intensity.shape)
-    values, levels = jnp.moveaxis(says.levels, -1, 0), LEVELS
+    values, levels = jnp.moveaxis(says.quantiles, -1, 0), LEVELS
     # Pieces from level to level; the first and the last go on beyond their ends.
     intensity = values[0]
     for k in range(len(levels) - 1):
@@ -117,7 +117,7 @@ def predict_cells(
     painted: Painted,
     *,
     incidence_rad: Rays,
-    row: Rays,
+    row_share: Rays,
     prepare: PrepareConfig,
 ) -> Prediction:
     """What the network says of each cell of the polar window.
@@ -125,8 +125,8 @@ def predict_cells(
     The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer. A network
     that gives a distribution sees each window and its mirror image, and the mean of both answers counts.
     """
-    *batch, rows, columns = row.shape
-    inputs = network_inputs(painted, incidence_rad, row, prepare=prepare)
+    *batch, rows, columns = row_share.shape
+    inputs = network_inputs(painted, incidence_rad, row_share, prepare=prepare)
     inputs = inputs.reshape(-1, *inputs.shape[-3:])
     outputs = generate(params, inputs)
     distribution = outputs.shape[-1] > len(LEVELS)
@@ -139,9 +139,9 @@ def predict_cells(
     if not distribution:
         intensity = _on_steps(values[0])
         return Prediction(intensity, intensity < STEP / 2)
-    levels = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(LEVELS)], 0, -1), axis=-1), 0, 1)
+    quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(LEVELS)], 0, -1), axis=-1), 0, 1)
     share = jax.nn.sigmoid(channels[-1])
-    return Prediction(_on_steps(levels[..., LEVELS.index(0.5)]), share > 0.5, levels, share)
+    return Prediction(_on_steps(quantiles[..., LEVELS.index(0.5)]), share > 0.5, quantiles, share)
 
 
 def _on_steps(intensity: Rays) -> Rays:
@@ -153,7 +153,7 @@ def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, P
 
     @jax.jit
     def predict(params: Any, pair: Pair) -> Prediction:
-        seen = {"incidence_rad": pair.incidence_rad, "row": pair.row}
+        seen = {"incidence_rad": pair.incidence_rad, "row_share": pair.row}
         return predict_cells(generate, params, pair.painted, **seen, prepare=prepare)
 
     return predict
@@ -164,7 +164,7 @@ def simulate_frame(
     view: CameraFrame,
     grid: PolarGrid,
     *,
-    row: Float[Array, " rows"],
+    row_share: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
     key: Array | None = None,
@@ -173,12 +173,12 @@ def simulate_frame(
     what the network holds possible (`drawn`), else what it holds most likely.
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
-    intensity there, drop the rays of zero intensity. `row` is each beam's place in the sensor, 0 top, 1 bottom.
+    intensity there, drop the rays of zero intensity. `row_share` is each beam's place in the sensor, 0 top, 1 bottom.
     """
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
-    rows = jnp.broadcast_to(row[:, None], angle.shape)
-    seen = {"incidence_rad": angle, "row": rows}
+    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
+    seen = {"incidence_rad": angle, "row_share": row_shares}
     return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key), painted
 
 
@@ -187,13 +187,13 @@ def simulate_painted(
     painted: Painted,
     *,
     incidence_rad: Rays,
-    row: Rays,
+    row_share: Rays,
     generate: Generate,
     prepare: PrepareConfig,
     key: Array | None = None,
 ) -> PolarImage:
     """What the LiDAR reports of rays whose surfaces are known already; `key` as in `simulate_frame`."""
-    says = predict_cells(generate, params, painted, incidence_rad=incidence_rad, row=row, prepare=prepare)
+    says = predict_cells(generate, params, painted, incidence_rad=incidence_rad, row_share=row_share, prepare=prepare)
     return _reported(painted, says.reported if key is None else drawn(says, key))
 
 
@@ -202,20 +202,22 @@ def camera_intensity(
     view: CameraFrame,
     grid: PolarGrid,
     *,
-    row: Float[Array, " rows"],
+    row_share: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
 ) -> Float[Array, "*b h w"]:
     """Intensity 0..0.99 of every pixel of a cropped view; 0 is a ray that does not come back.
 
-    `grid` gives the size that the view is scaled to, and `row` its lines' places in the sensor: the image's rows stand
-    for them from top to bottom. Each pixel takes the intensity of the cell that its centre falls into.
+    `grid` gives the size that the view is scaled to, and `row_share` its lines' places in the sensor: the image's rows
+    stand for them from top to bottom. Each pixel takes the intensity of the cell that its centre falls into.
     """
     shrunk = shrink(view, (len(grid.elevation_rad), len(grid.azimuth_rad)))
     angle, _ = incidence(shrunk.range_m, shrunk.valid, grid)
-    rows = jnp.broadcast_to(row[:, None], angle.shape)
+    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
     # Intensity in steps of 1/100, 0 for a ray that does not come back.
-    intensity = predict_cells(generate, params, shrunk, incidence_rad=angle, row=rows, prepare=prepare).reported
+    intensity = predict_cells(
+        generate, params, shrunk, incidence_rad=angle, row_share=row_shares, prepare=prepare
+    ).reported
     return resample(intensity, view.rgb.shape[-3:-1], batch_dims=intensity.ndim - 2)
 
 
@@ -224,12 +226,12 @@ def simulate_unprojected(
     view: CameraFrame,
     grid: PolarGrid,
     *,
-    row: Float[Array, " rows"],
+    row_share: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
 ) -> tuple[PolarImage, Painted]:
     """As `simulate_frame`, but the network sees the view without projection; then its answer is carried to the grid."""
-    intensity = camera_intensity(params, view, grid, row=row, generate=generate, prepare=prepare)
+    intensity = camera_intensity(params, view, grid, row_share=row_share, generate=generate, prepare=prepare)
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     carried = paint_raster(intensity, view, grid, occlusion_m=prepare.occlusion_m)
     return _reported(painted, carried), painted

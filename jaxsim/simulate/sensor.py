@@ -80,9 +80,9 @@ class LearnedSensor:
             )
         check_view(view, self.run.experiment.prepare)
         self._check_projection(view, projection)
-        grid, row = window or self.window
+        grid, row_share = window or self.window
         draws = {} if key is None else {"key": key}
-        return self._simulate[projection](self.params, with_cameras(view), grid, row=row, **draws)
+        return self._simulate[projection](self.params, with_cameras(view), grid, row_share=row_share, **draws)
 
     def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:
         """Intensity 0..0.99 of every pixel of an image with depth, predicted without projection; 0 outside the crop.
@@ -96,8 +96,8 @@ class LearnedSensor:
         cropped = crop_image(view, prepare.image_crop)
         check_view(cropped, prepare)
         self._check_projection(cropped, "none")
-        grid, row = self.window
-        intensity = self._intensity(self.params, cropped, grid, row=row)
+        grid, row_share = self.window
+        intensity = self._intensity(self.params, cropped, grid, row_share=row_share)
         return place_intensity(np.asarray(intensity), size, crop=prepare.image_crop)
 
     def attach(self, view: CameraFrame) -> Live:

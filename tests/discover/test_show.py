@@ -7,7 +7,7 @@ import pytest
 
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.read import Comparison, Division
-from jaxsim.discover.show import WHY_NOT, judge, sensor_of, with_mounting, without_unconfirmed
+from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Verdict
 from jaxsim.effects.chain import SensorModel
 from tests.discover.toy import toy
@@ -21,7 +21,7 @@ def shown(standard_promotion):
     names = tuple(f"frame {k}" for k in range(FRAMES))
     division = Division.of(Comparison(scan, measured, names, names))
     null = find_dependences(division).null
-    return judge(division, null, [], noise=null.noise)
+    return gap_with(division, null, [], noise=null.noise)
 
 
 def test_without_an_effect_the_gap_stays_and_there_is_no_closure(shown):

@@ -326,7 +326,7 @@ MADE: dict[str, Reader] = {
     ),
     "simulation.json": Reader(
         one("simulation.json", '{"sensor": "x", "data": "y", "seed": 0}'),
-        lambda f: (one("polar/a.npz", b"")(f), claim_frames(f, sensor="x", data="y", seed=0))[1:],
+        lambda f: (one("polar/a.npz", b"")(f), claim_frames(f, fingerprint="x", data="y", seed=0))[1:],
         ("simulation.json",),
     ),
     "record of settings": _claimed("plan.json", '{"a": 1, "b": [1, 2]}', {"a": 1, "b": [1, 2]}),

@@ -40,9 +40,9 @@ def test_quantiles_come_in_order_and_the_mirror_image_counts_as_much():
 
     rgb = np.random.default_rng(0).random((*SHAPE, 3)).astype(np.float32)
     flat = np.zeros(SHAPE, np.float32)
-    found = predict_cells(generate, None, painted(rgb), incidence_rad=flat, row=flat, prepare=PREPARE)
-    np.testing.assert_allclose(found.levels[0, 0], [0.45, 0.55, 0.65, 0.75, 0.85], atol=1e-6)
-    assert np.ptp(found.levels, axis=(0, 1)).max() < 1e-6
+    found = predict_cells(generate, None, painted(rgb), incidence_rad=flat, row_share=flat, prepare=PREPARE)
+    np.testing.assert_allclose(found.quantiles[0, 0], [0.45, 0.55, 0.65, 0.75, 0.85], atol=1e-6)
+    assert np.ptp(found.quantiles, axis=(0, 1)).max() < 1e-6
     np.testing.assert_allclose(found.intensity, 0.65, atol=1e-6)
     assert bool(found.drops.all())
     assert not np.asarray(found.reported).any()
@@ -84,7 +84,7 @@ def test_coverage_counts_what_lies_between_the_levels():
     assert 0 < found["coverage_50"].value < found["coverage_90"].value
     drops = ~pair.measured.valid[pair.painted.valid]
     assert found["drop_brier"].value == pytest.approx(((0.3 - drops) ** 2).mean(), rel=1e-4)
-    plain = SimpleNamespace(levels=None, drop_share=None)
+    plain = SimpleNamespace(quantiles=None, drop_share=None)
     assert coverage(lambda params, pair: plain, None, [pair]) == {}
 
 

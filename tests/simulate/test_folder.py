@@ -2,7 +2,7 @@ import pytest
 
 from jaxsim.simulate.folder import Batch, FrameMaker, Made, _overlapped, claim_frames
 
-MADE = {"sensor": "4f2a", "data": "synthetic", "seed": 0}
+MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0}
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def test_the_same_making_resumes(out):
 @pytest.mark.parametrize(
     ("change", "meaning"),
     [
-        ({"sensor": "93c1"}, r"sensor was 4f2a, now 93c1"),
+        ({"fingerprint": "93c1"}, r"sensor was 4f2a, now 93c1"),
         ({"data": "kitti_raw"}, "data was synthetic, now kitti_raw"),
         ({"seed": 1}, "seed was 0, now 1"),
     ],

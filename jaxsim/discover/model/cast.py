@@ -215,11 +215,11 @@ def bends(
 def with_planes(scan: Scan) -> Scan:
     """The scan with incidence angles from its range image wherever that shows a plane: a simulator's normals may be
     noisy, and effects that grow with the tangent of the angle would look weaker than they are."""
-    slant, known = incidence(scan.range_m, scan.hit, scan.grid)
+    slant, has_normal = incidence(scan.range_m, scan.hit, scan.grid)
     row = jnp.broadcast_to(jnp.arange(scan.range_m.shape[1])[:, None], scan.range_m.shape)
     sides, stack = bends(scan.range_m, neighbours_m(scan), row, elevation_rad=scan.grid.elevation_rad)
     # Both ways, or the edge of a kerb would get the normal of neither side.
-    plane = scan.hit & known & (sides < PLANAR) & (stack < PLANAR)
+    plane = scan.hit & has_normal & (sides < PLANAR) & (stack < PLANAR)
     return replace(scan, incidence_rad=jnp.where(plane, slant, scan.incidence_rad))
 
 

@@ -143,7 +143,7 @@ def implied_level(ev: Evidence, eq: NormalEquations) -> Float[np.ndarray, "b c r
 
 def _group_offset(
     value: Float[np.ndarray, "b c r"],
-    known: Float[np.ndarray, "b c r"],
+    already: Float[np.ndarray, "b c r"],
     counted: Bool[np.ndarray, "b c r"],
     *,
     group: Int[np.ndarray, "b c r"],
@@ -155,7 +155,7 @@ def _group_offset(
     total = np.bincount(of, value.reshape(-1))
     count = np.bincount(of, counted.reshape(-1))
     # Shrinkage: the mean of a group's own rays, as if FEW more had read what is known already.
-    expected = np.bincount(of, known.reshape(-1)) / np.maximum(count, 1)
+    expected = np.bincount(of, already.reshape(-1)) / np.maximum(count, 1)
     return ((total - count * expected) / (count + FEW))[of].reshape(group.shape)
 
 

@@ -74,7 +74,7 @@ class Meant:
     scan: Scan
     noise: Levels
     """The simulator's."""
-    sensor: Levels
+    measured_noise: Levels
     """The sensor's own, by the same rule: real texture counts as noise where it is as fine as the rays."""
     ranges: MeantRanges | None = None
     """None where ranges are not noisy."""
@@ -95,7 +95,7 @@ def meant(
     Rays lost within a surface are put back, ranges and intensities made smooth within each surface. `levels` are the
     simulator's and the sensor's noise where other frames have told them.
     """
-    noise, sensor = levels or (
+    noise, measured_noise = levels or (
         noise_levels(scan),
         noise_levels(replace(scan, range_m=range_m, intensity=intensity, hit=valid)),
     )
@@ -122,7 +122,7 @@ def meant(
         # Slopes of surfaces follow from ranges, which have changed.
         slopes = [slopes_of(scan.grid, r, h) for r, h in zip(scan.range_m, scan.hit, strict=True)]
         scan = replace(scan, slopes=jnp.stack(slopes))
-    return Meant(scan, noise, sensor, ranges, intensities)
+    return Meant(scan, noise, measured_noise, ranges, intensities)
 
 
 def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan, MeantIntensities]:
@@ -180,7 +180,7 @@ def at_rays(
         trusted=nothing == 0,
         log_kept=np.float32(np.log1p(-noise.loss)),
         step=np.array([noise.intensity_step, noise.range_step_m], np.float32),
-        constant=np.float32(0.0 if simulator is None else simulator.sensor.intensity),
+        constant=np.float32(0.0 if simulator is None else simulator.measured_noise.intensity),
     )
     if simulator is None or simulator.intensities is None:
         return simulated

@@ -153,21 +153,21 @@ def _readings(
     usual = reading + np.sqrt(np.asarray(range_variance(ev, noise))) * rng.standard_t(DEGREES, shape)
 
     # The parts of the range's mixture: the usual reading, a neighbour's, and one far off (Cauchy of 1 m).
-    beside, known = _one_beside(rays, rng)
+    beside, has_neighbour = _one_beside(rays, rng)
     neighbour = beside + near_sd(beside) * _normal(rng, shape)
     log_switch, log_wide = log_stray(ev, noise)
     switch = np.exp(np.asarray(log_switch))
     wide = np.exp(np.asarray(log_wide))
     # One number a ray decides between its neighbour's reading, a far outlier and the usual one.
     luck = rng.random(shape)
-    astray = np.where(luck < switch, np.where(known, neighbour, usual), reading + rng.standard_cauchy(shape))
+    astray = np.where(luck < switch, np.where(has_neighbour, neighbour, usual), reading + rng.standard_cauchy(shape))
     of_surface = np.where(luck < switch + wide, astray, usual)
     # Where the data compare a reading, its own residual stays, with the scene's sign.
     smooth = hit & np.asarray(ev.rays.hit & ev.returned & ~ev.edge)
     of_surface = np.where(smooth, reading + sign[:, None, None] * residual_m, of_surface)
     anywhere = rng.uniform(0, CLUTTER_REACH_M, shape)
     # Of a ray that hits nothing: its neighbour's surface or anything within reach, half and half.
-    of_nothing = np.where((rng.random(shape) < 0.5) & known, neighbour, anywhere)
+    of_nothing = np.where((rng.random(shape) < 0.5) & has_neighbour, neighbour, anywhere)
 
     reported = log_reported(rays, ev, noise)
     false = ~hit & (rng.random(shape) < np.exp(np.asarray(reported)))
@@ -179,8 +179,8 @@ def _one_beside(rays: Rays, rng: np.random.Generator) -> tuple[Float[np.ndarray,
     """The range of one of the four neighbours, by chance, and whether that hits anything (0 m where not)."""
     beside = np.asarray(rays.beside_m)
     one = np.take_along_axis(beside, rng.integers(0, 4, (*beside.shape[:-1], 1)), axis=-1)[..., 0]
-    known = np.isfinite(one)
-    return np.where(known, one, 0), known
+    finite = np.isfinite(one)
+    return np.where(finite, one, 0), finite
 
 
 def _correlated(rng: np.random.Generator, covariance: Float[np.ndarray, "b k k"]) -> Float[np.ndarray, "b k"]:

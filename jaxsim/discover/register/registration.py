@@ -83,8 +83,8 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     # Frames of fewer points are filled up with ones that do not count.
     cell = np.zeros((len(range_m), count), int)
     counts = np.zeros(cell.shape, bool)
-    for k, known in enumerate(valid & (range_m > 0)):
-        at = rng.permutation(np.flatnonzero(known))[:count]
+    for k, returned in enumerate(valid & (range_m > 0)):
+        at = rng.permutation(np.flatnonzero(returned))[:count]
         cell[k, : len(at)] = at
         counts[k, : len(at)] = True
     row, column = np.unravel_index(cell, range_m.shape[1:])
@@ -165,8 +165,8 @@ def predicted(sides: Sides, motion: Motion) -> Float[np.ndarray, "f n"]:
     towards = np.sum(met.normal * ray, -1) / sides.range_m
     away = met.away_m - np.sum(met.normal * origin, -1)
     # A plane that lies behind the ray, or that it sees from behind, predicts nothing.
-    known = met.inside & (towards > 0) & (away > 0)
-    return np.where(known, away / np.where(known, towards, 1), np.nan)
+    meets = met.inside & (towards > 0) & (away > 0)
+    return np.where(meets, away / np.where(meets, towards, 1), np.nan)
 
 
 @dataclass(frozen=True)
@@ -284,10 +284,10 @@ def speeds_read(speeds: Mapping[str, float]) -> str:
 
 
 def _near(predicted_m: Float[np.ndarray, "f n"], measured_m: Float[np.ndarray, "f n"]) -> Float[np.ndarray, " f"]:
-    known = np.isfinite(predicted_m) & np.isfinite(measured_m)
-    off = np.abs(np.where(known, measured_m - predicted_m, 0))
-    limit = np.maximum(RULES.near_m, RULES.near_share * np.where(known, predicted_m, 0))
+    both = np.isfinite(predicted_m) & np.isfinite(measured_m)
+    off = np.abs(np.where(both, measured_m - predicted_m, 0))
+    limit = np.maximum(RULES.near_m, RULES.near_share * np.where(both, predicted_m, 0))
     # A moved sensor sees a little of what the simulated image does not hold; a street must not agree by being out of
     # sight.
     least = RULES.in_sight * np.isfinite(measured_m).sum(-1)
-    return np.sum(known & (off < limit), -1) / np.maximum(known.sum(-1), np.maximum(least, 1))
+    return np.sum(both & (off < limit), -1) / np.maximum(both.sum(-1), np.maximum(least, 1))

@@ -141,23 +141,23 @@ def find_repeats(
         if best is None:
             break
         channel, scale, k, p = best
-        known = remaining[channel]
+        left = remaining[channel]
         phase = complex(looked[channel].sums[scale.name, scale.along][finding, k].sum()) if scale.pattern else 1.0
         # Where all patterns are asked about, the mean map of the find scenes is what judge scenes must show again.
-        pattern = scale.pattern(k, phase) if scale.pattern else mean_map(known, finding, scale)
-        response = known.centred(known.response(pattern))
-        shows = np.einsum("nrc,rc->n", known.total, pattern)
+        pattern = scale.pattern(k, phase) if scale.pattern else mean_map(left, finding, scale)
+        response = left.centred(left.response(pattern))
+        shows = np.einsum("nrc,rc->n", left.total, pattern)
         answers = np.einsum("nrc,rc->n", response, pattern)
         # Judge scenes must show it with the sign that the find scenes give it.
         height = shows[finding].sum() / max(answers[finding].sum(), 1e-12)
         p_judge = p_value(np.sign(height) * shows[~finding])
-        size = height_of(shows, answers, channel) if scale.pattern else common_size(known, scale, channel)
-        large = abs(size.value) >= np.hypot(least[channel], known.rounding(pattern))
+        size = height_of(shows, answers, channel) if scale.pattern else common_size(left, scale, channel)
+        large = abs(size.value) >= np.hypot(least[channel], left.rounding(pattern))
         if large and convincing(p_judge, int((~finding).sum())):
             repeat = repeat_of(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
-        remaining[channel] = replace(known, total=known.total - height * response)
+        remaining[channel] = replace(left, total=left.total - height * response)
         looked[channel] = Look.at(remaining[channel], finding, signs, bins=bins)
     return tuple(sorted(patterns, key=lambda one: one.repeat.p_value))
 
@@ -174,13 +174,13 @@ class Look:
     @classmethod
     def at(cls, maps: Maps, finding: Bool[np.ndarray, " n"], signs: Float[np.ndarray, "f s"], *, bins: int) -> Look:
         """Looks at a channel's maps, already centred."""
-        known = scales(*maps.total.shape[1:], bins=bins)
-        sums = {(one.name, one.along): one.sums(maps.total) for one in known}
+        every = scales(*maps.total.shape[1:], bins=bins)
+        sums = {(one.name, one.along): one.sums(maps.total) for one in every}
         seen = {key: one[finding] for key, one in sums.items()}
-        worth = {(one.name, one.along): one.information(maps.weight[finding]) for one in known}
+        worth = {(one.name, one.along): one.information(maps.weight[finding]) for one in every}
         usual = {key: scatter(seen[key], worth[key]) for key in seen}
         agreement = []
-        for one in known:
+        for one in every:
             key = one.name, one.along
             if one.pattern is None:
                 agreement.append(of_maps(seen[key], worth[key], signs))
@@ -188,7 +188,7 @@ class Look:
                 # A parity is the shortest of waves, and scatters like these.
                 kind = ("wave", one.along) if one.name == "parity" else key
                 agreement.append(of_patterns(seen[key], worth[key], signs, usual=usual[kind]))
-        return cls(known, sums, agreement)
+        return cls(every, sums, agreement)
 
 
 def strongest(looked: Mapping[str, Look]) -> tuple[str, Scale, int, float] | None:

@@ -134,8 +134,8 @@ def compare(
     simulated = learn & ~sensed
     mixture = one_hot(classes_of(comparison), _common(classes_of(comparison)[simulated]))
     # Regressed on the law's columns: class shares and ln I, as the simulated side has them there.
-    known = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
-    expected = law @ _regressed(known, (find & ~comparison.measured).astype(float))
+    by_law = equations_of(np.concatenate([mixture, y[:, None]], axis=1))
+    expected = law @ _regressed(by_law, (find & ~comparison.measured).astype(float))
     predicted = expected[:, -1]
     spread = np.quantile((y - predicted)[simulated], QUANTILES)
     # The law is the readings' mean: what stands for them must lie about it.

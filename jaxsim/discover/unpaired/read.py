@@ -240,14 +240,14 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
     # Every beam from its own origin: those of a turning head stand centimetres apart.
     height = scan.range_m * np.asarray(directions(grid))[..., 2] + np.asarray(grid.origin_m)[:, None]
     rise = np.zeros_like(height)
-    known = np.zeros(height.shape, bool)
+    has_normal = np.zeros(height.shape, bool)
     for k in range(len(height)):
         normal, sure = normals(scan.range_m[k], scan.hit[k], grid)
         rise[k] = np.abs(np.asarray(normal)[..., 2])
-        known[k] = np.asarray(sure)
+        has_normal[k] = np.asarray(sure)
     for side in (slice(None, simulated), slice(simulated, None)):
         # Roofs of cars and bridges are level too, but not below the sensor.
-        level = known[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
+        level = has_normal[side] & (rise[side] > FLAT_RISE) & (height[side] < -0.3)
         if level.any():
             # Zero is the ground under each side's own sensor, whatever height its grid claims.
             height[side] -= np.median(height[side][level])
@@ -258,7 +258,7 @@ def _surface(scan: Scan, simulated: int) -> tuple[np.ndarray, np.ndarray, np.nda
         along_column = np.abs((1 / np.roll(r, 1, 1) + 1 / np.roll(r, -1, 1)) / 2 * r - 1)
     # np.roll carries the other end's rays to the borders.
     along_row[..., [0, -1]] = np.nan
-    smooth = known & scan.hit & (along_row < BEND)
+    smooth = has_normal & scan.hit & (along_row < BEND)
     return height, rise, np.nan_to_num(np.minimum(along_column, 1.0), nan=1.0), smooth
 
 

@@ -160,11 +160,11 @@ def _curves(
     keep: Bool[np.ndarray, " n"],
 ) -> tuple[CurveLine, ...]:
     """Mean residual of the rays to `keep` along the named effects' own covariates."""
-    known = problem.comparison.covariates
-    names = {name: None for step in steps for name in step.chosen.effect.covariates if name in known}
+    covariates = problem.comparison.covariates
+    names = {name: None for step in steps for name in step.chosen.effect.covariates if name in covariates}
     lines = []
     for name in names:
-        bins = Bins.of(known[name][keep], name, problem.comparison.scene[keep])
+        bins = Bins.of(covariates[name][keep], name, problem.comparison.scene[keep])
         if bins is not None:
             lines.append(CurveLine("intensity", name, CURVE_UNIT, bins.centre, *bins.curve(before[keep], after[keep])))
     return tuple(lines)

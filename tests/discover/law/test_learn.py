@@ -15,7 +15,7 @@ from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
-from jaxsim.discover.show import judge
+from jaxsim.discover.show import gap_with
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.learned import Learned
 from tests.discover.toy import toy
@@ -75,7 +75,7 @@ def test_its_formula_is_a_sine_of_its_period(added):
 
 def test_unseen_scenes_gain_by_it_and_nothing_is_left_of_it_once_it_is_known(division, null, added):
     noise = refitted(in_place(null, added.chain)).noise
-    shown = judge(division, null, added.chain, noise=noise)
+    shown = gap_with(division, null, added.chain, noise=noise)
     gap = shown.gap["intensity"]
     assert gap.gained
     assert gap.gained.low > 0
