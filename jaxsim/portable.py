@@ -287,7 +287,7 @@ def _reverse(op: Operation) -> str:
 
 
 def _pad(op: Operation) -> str:
-    low, high, between = (np.array(v, np.int64) for v in zip(*op.parameters["padding_config"], strict=True))
+    low, high, between = np.array(op.parameters["padding_config"], np.int64).T
     if between.any() or min(low.min(), high.min()) < 0:
         raise NotImplementedError("convert: padding between cells or less than none has no translation to ONNX here")
     return op.graph.add("Pad", op.given[0], np.concatenate([low, high]), op.given[1], mode="constant")
@@ -303,7 +303,7 @@ def _gather(op: Operation) -> str:
     (axis,) = axes
     places = np.clip(op.given[1].reshape(-1), 0, op.shapes[0][axis] - 1).astype(np.int64)
     gathered = op.graph.add("Gather", op.given[0], places, axis=axis)
-    (batch,) = (k for k in range(len(op.shape)) if k not in numbers.offset_dims)
+    [batch] = [k for k in range(len(op.shape)) if k not in numbers.offset_dims]
     order = [k for k in range(len(op.shape)) if k != axis]
     order.insert(batch, axis)
     return gathered if order == sorted(order) else op.graph.add("Transpose", gathered, perm=order)
@@ -329,7 +329,8 @@ def _convolve(op: Operation) -> str:
     if isinstance(kernel, str) or op.parameters["batch_group_count"] != 1:
         raise NotImplementedError("convert: a convolution whose kernel is not known has no translation to ONNX here")
     kernel = kernel.transpose(numbers.rhs_spec)  # out, in, rows, columns
-    low, high = (list(v) for v in zip(*op.parameters["padding"], strict=True))
+    low = [before for before, _ in op.parameters["padding"]]
+    high = [after for _, after in op.parameters["padding"]]
     spread = list(op.parameters["rhs_dilation"])
     shared = {"group": op.parameters["feature_group_count"], "dilations": spread}
     if all(step == 1 for step in op.parameters["lhs_dilation"]):

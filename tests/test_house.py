@@ -93,3 +93,12 @@ def test_no_file_is_long_and_no_function_takes_more_than_three_by_place(module):
             names = [one.arg for one in (*node.args.posonlyargs, *node.args.args) if one.arg not in ("self", "cls")]
             name = getattr(node, "name", "lambda")
             assert len(names) <= 3 or name in BY_PLACE, f"{module}:{node.lineno} {name}({', '.join(names)})"
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_name_of_several_is_given_its_value_in_sight(module):
+    """No tuple is unpacked from a generator, and no three values are given in one line."""
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple | ast.List):
+            assert not isinstance(node.value, ast.GeneratorExp), f"{module}:{node.lineno}"
+            assert not (isinstance(node.value, ast.Tuple) and len(node.value.elts) > 2), f"{module}:{node.lineno}"

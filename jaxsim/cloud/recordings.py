@@ -103,14 +103,18 @@ def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
 
 
 def _detections(detections: Any, table: np.ndarray) -> None:
-    x, y, z = (table[name].astype(np.float64) for name in ("x", "y", "z"))
+    x = table["x"].astype(np.float64)
+    y = table["y"].astype(np.float64)
+    z = table["z"].astype(np.float64)
     level = np.hypot(x, y)
     columns = [np.hypot(level, z), np.arctan2(y, x), np.arctan2(z, level), 100 * table["intensity"].astype(np.float64)]
     rings = table["ring"].tolist() if "ring" in (table.dtype.names or ()) else None
     for k, (distance, azimuth, elevation, intensity) in enumerate(np.stack(columns, axis=1).tolist()):
         one = detections.add()
         one.existence_probability = 1.0
-        one.position.distance, one.position.azimuth, one.position.elevation = distance, azimuth, elevation
+        one.position.distance = distance
+        one.position.azimuth = azimuth
+        one.position.elevation = elevation
         one.intensity = intensity
         if rings is not None:
             one.beam_id.value = rings[k]

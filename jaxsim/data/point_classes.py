@@ -39,10 +39,14 @@ def classes_in_image(
     inside = (depth > 0.1) & (column >= 0) & (column < w) & (row >= 0) & (row < h)
     if not inside.any():
         return np.zeros(size, np.int32), np.zeros(size, np.int32)
-    column, row, depth = column[inside].astype(int), row[inside].astype(int), depth[inside].astype(np.float32)
+    column = column[inside].astype(int)
+    row = row[inside].astype(int)
+    depth = depth[inside].astype(np.float32)
     # The last write to a pixel stays: the nearest point.
     order = np.argsort(-depth, kind="stable")
-    column, row, depth = column[order], row[order], depth[order]
+    column = column[order]
+    row = row[order]
+    depth = depth[order]
     nearest = np.full(size, np.inf, np.float32)
     nearest[row, column] = depth
     share, metres = _HIDDEN

@@ -124,7 +124,8 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
 
 
 def _bev(a: Folder, b: Folder, compared: int) -> dict[str, Score]:
-    first, second = (_histograms(folder, {*spaced(folder.names, compared)}) for folder in (a, b))
+    first = _histograms(a, {*spaced(a.names, compared)})
+    second = _histograms(b, {*spaced(b.names, compared)})
     count = min(len(a.names), len(b.names))
     scores = {}
     for name in COUNTS:

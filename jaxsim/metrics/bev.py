@@ -145,7 +145,9 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
     kept orthogonal to those before; and how far off it may be. A third of the time of all eigenvalues."""
     count, _, columns = difference.shape
     start = jax.random.normal(jax.random.key(0), (columns,))
-    along, diagonal, beside = [jnp.tile(start / jnp.linalg.norm(start), (count, 1))], [], []
+    along = [jnp.tile(start / jnp.linalg.norm(start), (count, 1))]
+    diagonal = []
+    beside = []
     for _ in range(min(LANCZOS, columns)):
         v, basis = along[-1], jnp.stack(along, 1)
         w = jnp.einsum("nrc,nc->nr", difference, v, precision=jax.lax.Precision.HIGHEST)
@@ -164,7 +166,9 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
 def _norms_squared(difference: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, " n"]:
     # Scaled by 100, squares of tiny shares stay far from float32's smallest numbers.
     scaled = (100 * difference).astype(np.float32)
-    squares, off = (np.array(part, np.float64) for part in _spectral_squares(scaled))
+    found, doubt = _spectral_squares(scaled)
+    squares = np.array(found, np.float64)
+    off = np.array(doubt, np.float64)
     for k in np.flatnonzero(off > UNSURE * squares):
         squares[k] = np.linalg.norm(scaled[k], 2) ** 2
     return squares / 1e4

@@ -298,7 +298,9 @@ def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, A
     Raises ValueError where a network without levels is to have them wider.
     """
     definition = generator_definition(experiment.generator, in_channels, spectral=False)
-    form, widen, median = experiment.generator.form, experiment.generator.widen, LEVELS.index(0.5)
+    form = experiment.generator.form
+    widen = experiment.generator.widen
+    median = LEVELS.index(0.5)
     if form != "unet" and widen != 1:
         raise ValueError(f"generator.widen is {widen}; {form} gives no levels that could be wider: only unet does")
 

@@ -179,7 +179,9 @@ def _frame_targets(
     times = [frame.time_s for _, frame in ordered]
     rims = [ends[0], *((a + b) / 2 for a, b in pairwise(times)), ends[1]]
     for place, (k, frame) in enumerate(ordered):
-        at, left, right = across(frame.time_s), across(rims[place]), across(rims[place + 1])
+        at = across(frame.time_s)
+        left = across(rims[place])
+        right = across(rims[place + 1])
         canvas.area([(at - MARK, TOP - 16), (at + MARK, TOP - 16), (at, TOP - 6)], colour=INK)
         acts = ""
         if one.where.time_s:

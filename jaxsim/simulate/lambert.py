@@ -31,7 +31,9 @@ def write_lambert(measured: Path, out: Path) -> Path:
     for name in frames.names:
         image, rasters = frames.read(name)
         labels = {key: rasters[key] for key in ("semantic", "instance") if key in rasters}
-        angle, has_normal = (np.asarray(raster) for raster in incidence(image.range_m, image.valid, frames.grid))
+        angles, where = incidence(image.range_m, image.valid, frames.grid)
+        angle = np.asarray(angles)
+        has_normal = np.asarray(where)
         shade = np.where(has_normal, np.cos(angle), SLANT_COS)
         angle = np.where(has_normal, angle, np.float32(np.pi / 2))
         write_frame(simulated, name, replace(image, intensity=ALBEDO * shade), incidence=angle, **labels)

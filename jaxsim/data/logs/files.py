@@ -81,7 +81,9 @@ def _check_records(file: Path) -> None:
         head = raw.read(104)
     if len(head) < 104:
         raise ValueError("its header is cut off")
-    size, points, records = (int.from_bytes(head[a:b], "little") for a, b in ((94, 96), (96, 100), (100, 104)))
+    size = int.from_bytes(head[94:96], "little")
+    points = int.from_bytes(head[96:100], "little")
+    records = int.from_bytes(head[100:104], "little")
     if records * _RECORD_BYTES > max(points - size, 0):
         raise ValueError(f"its header promises {records} records in {points - size} bytes")
 
@@ -218,7 +220,8 @@ def _attribute(
 def _carla_spec(about: dict[str, str], where: Path) -> LidarSpec:
     """CARLA spaces its channels evenly from upper_fov to lower_fov; a channel fires points_per_second over channels."""
     channels = int(_attribute(about, "channels", where, span=(2, MOST_BEAMS)))
-    upper, lower = (_attribute(about, key, where, span=(-90, 90)) for key in ("upper_fov", "lower_fov"))
+    upper = _attribute(about, "upper_fov", where, span=(-90, 90))
+    lower = _attribute(about, "lower_fov", where, span=(-90, 90))
     rate = _attribute(about, "points_per_second", where, span=(1, 1e9))
     turn = rate / channels / _attribute(about, "rotation_frequency", where, span=(0.01, 1e4))
     if not lower < upper or turn > MOST_COLUMNS:
