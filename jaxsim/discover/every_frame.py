@@ -115,8 +115,8 @@ def block_of(
     new = _new_blocks(old, part.scenes, number=number)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
-    levels = old.simulator.noise, old.simulator.measured_noise
-    fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, levels=levels)
+    noises = old.simulator.noise, old.simulator.measured_noise
+    fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, noises=noises)
     find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
     fitted = np.concatenate([np.ones(int(found.sum())), np.zeros(len(new.frame))]).astype(np.float32)

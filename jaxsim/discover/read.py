@@ -256,9 +256,9 @@ class Division:
         *,
         chosen: Blocks | None = None,
         parts: Split | None = None,
-        levels: tuple[Levels, Levels] | None = None,
+        noises: tuple[Levels, Levels] | None = None,
     ) -> Division:
-        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `levels` of noise that
+        """A comparison divided, or with blocks that were `chosen`, `parts` that are known, and `noises` that
         other frames of the two sides have told.
 
         Raises ValueError where the scenes are too few, or the sectors of a single drive too narrow."""
@@ -268,7 +268,7 @@ class Division:
             range_m=measured.range_m,
             intensity=measured.intensity,
             valid=measured.valid,
-            levels=levels,
+            noises=noises,
         )
         if comparison.other_moments:
             # Not before: a ray that counts on neither side would look like one that the simulator lost.

@@ -127,20 +127,20 @@ def placebo_of(null: Problem, rival: Candidate) -> tuple[Chain, Noise]:
 
 @one_blas_thread
 def judge_known(
-    comparison: Comparison, known: Mapping[str, Mapping[str, Any]]
+    comparison: Comparison, answer: Mapping[str, Mapping[str, Any]]
 ) -> tuple[dict[str, Gap], Interval | None]:
     """The gap on judge scenes, and its closure, that an answer known in advance reaches.
 
-    `known` are the effects and the parameters that their fits begin at. What `discover` finds can be held against it;
+    `answer` has the effects and the parameters that their fits begin at. What `discover` finds can be held against it;
     nothing is named, and there is no placebo.
 
     Raises ValueError for unknown effects and where the scenes are too few.
     """
-    effects = [get_effect(name) for name in known]
+    effects = [get_effect(name) for name in answer]
     division = Division.of(comparison)
     ev, _ = division.evidence(division.parts.find)
     null, _ = fit_null(division.scan, ev, ev.all_blocks)
-    starts = [to_z(effect, dict(known[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
+    starts = [to_z(effect, dict(answer[effect.name]), ev.rays.row.shape[-1]) for effect in effects]
     chain = [(one.effect, one.fit.z) for one in refit(null, effects, starts)]
     shown = gap_with(division, null, chain, noise=refitted(in_place(null, chain)).noise)
     return shown.gap, shown.closure

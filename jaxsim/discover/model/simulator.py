@@ -88,14 +88,14 @@ def meant(
     range_m: Float[Array, "f r c"],
     intensity: Float[Array, "f r c"],
     valid: Bool[Array, "f r c"],
-    levels: tuple[Levels, Levels] | None = None,
+    noises: tuple[Levels, Levels] | None = None,
 ) -> Meant:
     """The frames that a simulator means, and the noise on them; the other three are what the sensor read.
 
-    Rays lost within a surface are put back, ranges and intensities made smooth within each surface. `levels` are the
+    Rays lost within a surface are put back, ranges and intensities made smooth within each surface. `noises` are the
     simulator's and the sensor's noise where other frames have told them.
     """
-    noise, measured_noise = levels or (
+    noise, measured_noise = noises or (
         noise_levels(scan),
         noise_levels(replace(scan, range_m=range_m, intensity=intensity, hit=valid)),
     )
