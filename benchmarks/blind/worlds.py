@@ -14,7 +14,7 @@ Development cases have seeds below 10000; `--sealed` ones, on which nothing may 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from itertools import zip_longest
@@ -51,7 +51,8 @@ def main(argv: list[str] | None = None) -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
-    tasks = plan_cells(cells(args), args.severity, cases=args.cases, nulls=args.nulls, effects=args.only or HIDDEN)
+    nulls = range(args.first_null, args.first_null + args.nulls)
+    tasks = plan_cells(cells(args), args.severity, cases=args.cases, nulls=nulls, effects=args.only or HIDDEN)
     for settings in {settings.cell: settings for _, settings in tasks}.values():
         check_settings([r for r in rows.values() if cell_of(r) == settings.cell], asdict(settings))
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
@@ -81,7 +82,12 @@ def cells(args: argparse.Namespace) -> list[Settings]:
 
 
 def plan_cells(
-    groups: Sequence[Settings], severities: Sequence[float], *, cases: int, nulls: int, effects: Sequence[str] = HIDDEN
+    groups: Sequence[Settings],
+    severities: Sequence[float],
+    *,
+    cases: int,
+    nulls: Iterable[int],
+    effects: Sequence[str] = HIDDEN,
 ) -> list[tuple[Job, Settings]]:
     """The same jobs for every cell, the cells in turn, so that a run that is stopped has seen of each.
 
@@ -93,7 +99,7 @@ def plan_cells(
         turn, place = divmod(n, len(effects))
         severity = float(severities[(place + turn) % len(severities)])
         planted.append(Job(effects[place], severity, "default", turn // len(severities)))
-    none = [Job("none", 1.0, NULLS[k % 2], k // 2) for k in range(nulls)]
+    none = [Job("none", 1.0, NULLS[k % 2], k // 2) for k in nulls]
     jobs = [job for pair in zip_longest(none, planted) for job in pair if job]
     return [(job, settings) for job in jobs for settings in groups]
 
@@ -159,6 +165,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--given", nargs="+", choices=("all", "bare"), default=["all"])
     parser.add_argument("--cases", type=int, default=len(HIDDEN), help="single effects a cell")
     parser.add_argument("--nulls", type=int, default=10, help="nulls a cell")
+    parser.add_argument("--first-null", type=int, default=0, help="nulls from this on: fresh ones where some were seen")
     parser.add_argument("--severity", type=float, nargs="+", default=[1.0, 2.0, 4.0])
     parser.add_argument("--only", nargs="+", choices=HIDDEN, metavar="EFFECT", help="hide these alone")
     parser.add_argument("--sealed", action="store_true", help="the sealed cases instead of the development ones")

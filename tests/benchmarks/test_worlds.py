@@ -28,8 +28,8 @@ def _answered(job, settings, **more):
 
 
 def test_every_cell_has_the_same_jobs_and_more_cases_keep_the_first():
-    few = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=4, nulls=3)
-    many = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=45, nulls=8)
+    few = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=4, nulls=range(3))
+    many = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=45, nulls=range(8))
     assert {worlds.key_of(*task) for task in few} < {worlds.key_of(*task) for task in many}
     jobs = {settings.cell: [job for job, s in many if s == settings] for settings in (HOME, NOISY)}
     assert len(jobs) == 2

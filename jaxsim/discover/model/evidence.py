@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float, Int
+from scipy.ndimage import gaussian_filter1d
 
 from jaxsim.discover.model.cast import Cast, RayIndex, Surfaces, cast, edges, ray_index, surfaces_of
 from jaxsim.discover.model.noise_levels import FINEST, STEEPEST_COSINE, lattice_step
@@ -45,6 +46,14 @@ CLASS_SD = 0.3
 CURVATURE_SD = 0.002
 """Standard deviation of the curvature 0.5 sec(incidence)**2 that noise of 2.5 degrees on the simulator's normals
 leaves."""
+SHIFT_SD = 0.002
+"""Standard deviation of the variance of the simulator's angles, rad^2, of noise of 2.5 degrees on its normals ..."""
+STEP_RAD = np.deg2rad(1.0)
+"""... which moves angles towards what is common: by steps of the angle in which rays are counted ..."""
+SMOOTH_STEPS = 2.0
+"""... and by so many, standard deviation, over which counts are smoothed ..."""
+MOST_SCORE = 20.0
+"""... and at most by this slope of ln density, 1/rad: rays without noise have steps in it."""
 NORMALS_SD = 1.0
 """Standard deviation of the share of the disagreement between given and fitted normals that the measured intensity
 follows."""
@@ -71,8 +80,9 @@ POSE_SD = np.array([0.02, 0.02, 0.02, 0.001, 0.001, 0.001])
 """Standard deviation of a frame's pose: m along x, y, z and rad about them."""
 DETAIL_SD = 1.0
 """Of how much more, or less, than a noisy simulator's detail the measured intensity follows it within a surface."""
-AFTER_KINDS = 4
-"""Features behind the kinds: curvature and the three of disagreeing normals; of a noisy simulator, its detail too."""
+AFTER_KINDS = 5
+"""Features behind the kinds: curvature, shift and the three of disagreeing normals; of a noisy simulator, its detail
+too."""
 
 
 class Kinds(NamedTuple):
@@ -159,8 +169,9 @@ class Evidence:
     """Change of range with the sensor's pose (x, y, z, and rotations about them); 0 at grazing incidence."""
     features: Float[Array, "b c r p"]
     """Columns of the design matrix of ln I, 0 where not `compared`: 1 (the gain), kinds of surfaces, curvature in the
-    incidence, and how much brighter the surface would be with the normal of the simulator's own range image, on flat
-    ground, on terrain and elsewhere (the simulator's normals may be noisy)."""
+    incidence, where noise on the simulator's normals shifts it from (`angle_scores`), and how much brighter the surface
+    would be with the normal of the simulator's own range image, on flat ground, on terrain and elsewhere (the
+    simulator's normals may be noisy)."""
     ridge: Float[Array, " p"]
     """1 / prior variance of each feature's coefficient in all scenes."""
     strip: Int[Array, "b c r"]
@@ -234,6 +245,7 @@ def gather(
         rays or cast(scan, frame, column),
         index=index,
         given_rad=given,
+        score=angle_scores(given, hit=scan.hit, semantic=scan.semantic)[index],
         surfaces=surfaces,
         scene=scene.astype(np.int32),
         darkest=np.float32(BLURRED * step),
@@ -254,6 +266,7 @@ def _gather(
     *,
     index: RayIndex,
     given_rad: Float[Array, "f r n"],
+    score: Float[Array, "b c r"],
     surfaces: Surfaces,
     scene: Int[Array, " b"],
     darkest: Float[Array, ""],
@@ -295,7 +308,7 @@ def _gather(
     known_variance = own.variance + blur
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
-    features = _features(rays, given, kinds)
+    features = _features(rays, given, kinds, score=score)
     ridge = _ridge(len(kind_names))
     if own.detail is not None:
         features = jnp.concatenate([features, own.detail], axis=-1)
@@ -340,7 +353,31 @@ def _cut_off(
     return full | (share > MOST_FULL)[surface]
 
 
-def _features(rays: Rays, given_rad: Float[Array, "b c r"], kinds: Float[Array, "b c r k"]) -> Float[Array, "b c r p"]:
+def angle_scores(
+    given_rad: Float[Array, "*f"], *, hit: Bool[Array, "*f"], semantic: Int[Array, "*f"]
+) -> Float[np.ndarray, "*f"]:
+    """The slope of ln density of the simulator's angles of incidence at each ray, 1/rad: of flat ground, of terrain and
+    of all else.
+
+    An angle that is known with noise of variance v stands, in the mean, for one that lies v times this slope away
+    (Tweedie's formula; Efron 2011, eq. 1.4): rays of the road that seem to be seen steeply are mostly others.
+    """
+    given = np.minimum(np.asarray(given_rad), np.pi / 2)
+    score = np.zeros(given.shape, np.float32)
+    returns, semantic = np.asarray(hit), np.asarray(semantic)
+    borders = np.arange(0, np.pi / 2 + STEP_RAD, STEP_RAD)
+    ground, terrain = np.isin(semantic, GROUND), np.isin(semantic, TERRAIN)
+    for kind in (ground, terrain, ~ground & ~terrain):
+        count, _ = np.histogram(given[kind & returns], borders)
+        slope = np.gradient(np.log(gaussian_filter1d(count.astype(float), SMOOTH_STEPS) + 1), STEP_RAD)
+        middle = (borders[1:] + borders[:-1]) / 2
+        score[kind] = np.interp(given[kind], middle, np.clip(slope, -MOST_SCORE, MOST_SCORE))
+    return score
+
+
+def _features(
+    rays: Rays, given_rad: Float[Array, "b c r"], kinds: Float[Array, "b c r k"], *, score: Float[Array, "b c r"]
+) -> Float[Array, "b c r p"]:
     """`Evidence.features`, of all rays."""
     given = jnp.minimum(given_rad, STEEPEST_RAD)
     fitted = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
@@ -350,12 +387,12 @@ def _features(rays: Rays, given_rad: Float[Array, "b c r"], kinds: Float[Array, 
     # Apart, since a range image gives the normals of ground better than those of hedges.
     disagreements = [jnp.where(kind, disagreement, 0) for kind in (ground, terrain, ~ground & ~terrain)]
     # E ln cos(angle + noise) is below ln cos(angle) by half the variance times sec^2.
-    return jnp.stack(
-        [jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), 0.5 / jnp.cos(given) ** 2, *disagreements], axis=-1
-    )
+    curvature = 0.5 / jnp.cos(given) ** 2
+    shift = -jnp.tan(given) * score
+    return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
 def _ridge(kinds: int) -> Float[np.ndarray, " p"]:
     """`Evidence.ridge` for so many kinds of surfaces."""
-    others = [1 / CURVATURE_SD**2, *[1 / NORMALS_SD**2] * 3]
+    others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
     return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others], np.float32)

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, gather
+from jaxsim.discover.model.evidence import BLURRED, STEEPEST_RAD, angle_scores, gather
 from tests.discover.toy import device, toy
 
 COLUMNS = np.broadcast_to(np.arange(0, 60, 4), (6, 15))
@@ -57,3 +57,21 @@ def test_surfaces_at_the_end_of_the_sensors_scale_are_not_compared(frames):
     # Most of the wall reads 1; those that noise left a little below say nothing of it either.
     assert not cut[wall].any()
     np.testing.assert_array_equal(cut[~wall], before[~wall])
+
+
+def test_angles_with_noise_stand_for_what_is_common():
+    """Against angles that are known: of those that seem to be 60 degrees, the true ones are, in the mean, elsewhere."""
+    rng = np.random.default_rng(0)
+    sd, shape = np.deg2rad(3.0), (8, 100, 1000)
+    # A road, of which grazing angles are many, and walls of a broad hump.
+    road = np.arange(shape[1])[None, :, None] % 2 == 0
+    true = np.where(road, np.deg2rad(85) - rng.exponential(0.2, shape), rng.normal(0.6, 0.2, shape))
+    true = np.clip(true, 0.2, None)
+    seen = true + rng.normal(0, sd, shape)
+    semantic = np.broadcast_to(np.where(road, 7, 11), shape)
+    expected = sd**2 * angle_scores(seen, hit=np.ones(shape, bool), semantic=semantic)
+    for kind, low, high in ((road, 0.7, 1.3), (~road, 0.3, 1.0)):
+        for middle in np.arange(low, high, 0.1):
+            near = (np.abs(seen - middle) < 0.02) & kind
+            shift = (true - seen)[near].mean()
+            assert shift == pytest.approx(expected[near].mean(), abs=0.003)
