@@ -41,8 +41,9 @@ g, C, G, M, keep, r, scatter come from effects (fields of `Rays`); without effec
 Random effects in closed form (`random_effects`; Laird & Ware 1982)
 
     level_i = x_i (beta + street_b) + surface_s(i) + strip_t(i)
-    x_i     = 1 (gain), kinds of surfaces, sec^2(incidence) / 2, three disagreements of normals (`Evidence.features`);
-              of a noisy simulator its detail on bright and on dark surfaces, and levels over their trend (`simulator`)
+    x_i     = 1 (gain), kinds of surfaces, sec^2(incidence) / 2, -tan(incidence) d ln density / d incidence, three
+              disagreements of normals (`Evidence.features`); of a noisy simulator its detail on bright and on dark
+              surfaces, and levels over their trend (`simulator`)
     shift_i = what the block's pose moves range i by: 1 / range is linear in the pose on planes
     beta is shared by the fitted blocks; street, surface, strip, pose are each block's own and pay their priors:
     cost(u) = street^2 / 2 sd^2 + surface^2 / 2 sd^2 + strip^2 / 2 sd^2;   cost(pose) = |pose / sd|^2 / 2
@@ -58,7 +59,7 @@ noise by L-BFGS-B, twice; noise once more. The weights then stay for all effects
 Priors and bounds, and where they are set
     z       scalars N(0, 3), entries of vectors N(0, 1); the effect's bounds       parameters.LOOSE, effects/catalogue
     n       N(n_0, 2), n_0 where the fit begins; bounds                            noise.NOISE_SD, START, MOST, LEAST
-    beta    kinds 0.3 nats, at most 0.7; curvature; normals; gain free           evidence, random_effects.CLASS_MOST
+    beta    kinds 0.3 nats, at most 0.7; curvature; shift; normals; gain free    evidence, random_effects.CLASS_MOST
     street  0.1 nats; object 0.2, patch of 6 m 0.15; strip 0.1                     cast.STREET_SD, OBJECT_SD ...
     pose    2 cm, 1 mrad an axis; at most 15 % of a range       evidence.POSE_SD, random_effects.POSE_MOST
     tails; widths of near, wide, mixed pixels, pile at the top                     noise.DEGREES, likelihood
