@@ -72,7 +72,7 @@ def simulation() -> Program:
         semantic=raster(dtype=jnp.int32),
         instance=raster(dtype=jnp.int32),
     )
-    return partial(sensor._simulate["lidar"], grid=grid, row=row), (sensor.params, view)
+    return partial(sensor._simulate["lidar"], grid=grid, row_share=row), (sensor.params, view)
 
 
 def intensity_training() -> Program:

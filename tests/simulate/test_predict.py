@@ -44,7 +44,7 @@ def view(seed: int = 0) -> CameraFrame:
 
 def test_each_pixel_takes_the_answer_of_the_cell_it_falls_into():
     whole = view()
-    intensity = np.asarray(INTENSITY(jnp.float32(1), whole, GRID, row=ROW))
+    intensity = np.asarray(INTENSITY(jnp.float32(1), whole, GRID, row_share=ROW))
     small = shrink(whole, (16, 64))
     expected = np.where(small.valid, np.round(np.asarray(small.rgb)[..., 0] * 100) / 100, 0)
     for v, u in [(5, 0), (20, 63), (39, 127), (1, 4)]:
@@ -54,11 +54,11 @@ def test_each_pixel_takes_the_answer_of_the_cell_it_falls_into():
 
 def test_points_lie_where_the_lidar_has_them_with_the_intensity_of_their_pixel():
     whole = view()
-    image, painted = UNPROJECTED(jnp.float32(1), whole, GRID, row=ROW)
+    image, painted = UNPROJECTED(jnp.float32(1), whole, GRID, row_share=ROW)
     plain = paint(whole, GRID)
     np.testing.assert_array_equal(image.range_m, plain.range_m)
     np.testing.assert_array_equal(painted.valid, plain.valid)
-    per_pixel = INTENSITY(jnp.float32(1), whole, GRID, row=ROW)
+    per_pixel = INTENSITY(jnp.float32(1), whole, GRID, row_share=ROW)
     carried = np.asarray(paint_raster(per_pixel, whole, GRID))
     np.testing.assert_array_equal(image.intensity, carried)
     np.testing.assert_array_equal(image.valid, np.asarray(plain.valid) & (carried > 0))
@@ -74,9 +74,9 @@ def test_a_carried_raster_is_that_of_the_painted_pixel():
 def test_a_batch_is_simulated_as_its_views_are():
     views = [view(k) for k in range(2)]
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
-    together, _ = UNPROJECTED(jnp.float32(1), batch, GRID, row=ROW)
+    together, _ = UNPROJECTED(jnp.float32(1), batch, GRID, row_share=ROW)
     for k, one in enumerate(views):
-        alone, _ = UNPROJECTED(jnp.float32(1), one, GRID, row=ROW)
+        alone, _ = UNPROJECTED(jnp.float32(1), one, GRID, row_share=ROW)
         np.testing.assert_array_equal(together.intensity[k], alone.intensity)
 
 
