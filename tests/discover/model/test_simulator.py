@@ -19,7 +19,7 @@ def test_an_ideal_simulator_means_the_very_frames():
     assert result.scan is frames
     assert result.ranges is None
     assert result.intensities is None
-    assert result.sensor.range_m == pytest.approx(0.015, rel=0.1)
+    assert result.measured_noise.range_m == pytest.approx(0.015, rel=0.1)
 
 
 def test_lost_rays_are_put_back_between_their_neighbours():
