@@ -75,8 +75,10 @@ def write_log(
                 already += 1
                 continue
             with named(kind, path):
-                sweep = _sweep(item.read(), sensor, grid, options=options, by=kind)
-            if np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
+                scan = item.read()
+                sweep = _sweep(scan, sensor, grid, options=options, by=kind)
+            is_partial = isinstance(scan, LogScan) and scan.is_partial
+            if is_partial or np.asarray(sweep.image.valid).any(axis=0).mean() < WHOLE:
                 partial += 1
                 continue
             write_frame(out, sweep.name, sweep.image, **sweep.rasters)

@@ -50,6 +50,8 @@ class LogScan:
     """Firings of a turn, where they are known."""
     mount: Literal["sensor", "fit"] = "sensor"
     """`fit`: the points are in a car's frame, and where the sensor was is told from its rings."""
+    is_partial: bool = False
+    """Whether the turn is known to have begun before the recording, or to end after it."""
     layers: dict[str, np.ndarray] = field(default_factory=dict)
     """Further values of each point by the names of polar frames: semantic, instance, incidence."""
 
