@@ -126,7 +126,7 @@ class Pair:
     painted: Painted
     incidence_rad: Float[Array, "*b rows columns"]
     """Angle between ray and surface normal of the painted range; pi/2 where it cannot be told."""
-    row: Float[Array, "*b rows columns"]
+    row_share: Float[Array, "*b rows columns"]
     """Laser line as a fraction of the sensor's lines, 0 top, 1 bottom."""
     target: Float[Array, "*b rows columns"]
     """Intensity to learn: measured, denoised if configured; 0 where the beam did not come back."""

@@ -21,7 +21,7 @@ import numpy as np
 from jax.extend import core
 from jaxtyping import Float
 
-from jaxsim.config import LEVELS
+from jaxsim.config import QUANTILES
 from jaxsim.files import need, replacing, write_text
 from jaxsim.frame import Array
 from jaxsim.pix2pix import make_generate
@@ -108,9 +108,9 @@ def describe(sensor: LearnedSensor) -> dict[str, Any]:
         count = CHANNELS[name] or len(prepare.classes)
         kinds = [f"{name} {k}" for k in (range(count) if CHANNELS[name] else prepare.classes)]
         names += [name] if count == 1 else kinds
-    distribution = sensor.run.experiment.generator.channels > len(LEVELS)
+    distribution = sensor.run.experiment.generator.channels > len(QUANTILES)
     meaning = (
-        f"quantiles {', '.join(map(str, LEVELS))} of the intensity as 2 x - 1, then the logit of a drop"
+        f"quantiles {', '.join(map(str, QUANTILES))} of the intensity as 2 x - 1, then the logit of a drop"
         if distribution
         else "intensity as 2 x - 1; below 0.005 the ray does not come back"
     )

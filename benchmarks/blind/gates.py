@@ -27,7 +27,7 @@ from tqdm import tqdm
 from benchmarks.blind import hidden
 from benchmarks.blind.tables import rate
 from jaxsim.data.polar_frames import open_polar_frames
-from jaxsim.discover.gate import CHANNELS, Gate, colour_of, distance_of, frame_distances, judge_quickly, thresholds_of
+from jaxsim.discover.gate import CHANNELS, Gate, check_distances, colour_of, distance_of, frame_distances, thresholds_of
 from jaxsim.discover.verdict import Interval
 from jaxsim.report.results import markdown_table
 
@@ -87,7 +87,7 @@ def colours(rows: Sequence[Row], simulator: str, rule: Callable[[Interval], floa
     for row in own:
         thresholds = {name: rule(one) for name, one in before[row["seed"]].items()}
         gate = Gate({name: most for name, most in thresholds.items() if most > 0}, frozenset(), None)
-        told.append((row["effect"], colour_of(judge_quickly(gate, halves(row)[1]))))
+        told.append((row["effect"], colour_of(check_distances(gate, halves(row)[1]))))
     return told
 
 

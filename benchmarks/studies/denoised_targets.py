@@ -65,7 +65,7 @@ def without_noise(world: SyntheticWorld, record: PairRecord) -> np.ndarray:
     measured = world.measure(record.position, truth)
     cloud = cloud_of(replace(measured, intensity=truth.image.intensity), world.spec, world.columns)
     frame = Frame(name=record.name, scene=record.scene, camera=record.view, cloud=cloud)
-    clean = measured_in((record.grid, record.pair.row[:, 0]), frame, lines=world.spec.rows)
+    clean = measured_in((record.grid, record.pair.row_share[:, 0]), frame, lines=world.spec.rows)
     if not (clean.valid == record.pair.measured.valid).all():
         raise ValueError(f"{record.name}: the beams that came back are not those of its pair")
     return np.where(clean.valid, clean.intensity, 0)

@@ -31,7 +31,7 @@ from tqdm import tqdm
 import jaxsim
 from configs.kitti_drives import FOLDS
 from jaxsim.cli import enable_compilation_cache
-from jaxsim.config import LEVELS, DataConfig, Experiment
+from jaxsim.config import QUANTILES, DataConfig, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.polar_frames import frame_names, read_grid, write_grid
 from jaxsim.evaluate.baselines import fit_baselines, fit_trees
@@ -52,7 +52,7 @@ from jaxsim.train.loop import train_apart
 
 BAR = "trees, context"
 FACTORS = np.arange(0.5, 2.51, 0.05)
-"""By which levels may lie farther from the median than they do (`--generator.widen` times them)."""
+"""By which quantiles may lie farther from the median than they do (`--generator.widen` times them)."""
 
 
 def baselines_of(fold: int, data: DataConfig, experiment: Experiment, out: Path) -> dict[str, Sums]:
@@ -95,8 +95,8 @@ def joined(runs: Sequence[Path], fold: int, out: Path) -> Path:
     return run
 
 
-def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
-    """Of each frame of the fold the network's sums, and how many measurements its outer levels cover at each of
+def score_run(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
+    """Of each frame of the fold the network's sums, and how many measurements its outer quantiles cover at each of
     FACTORS; once, kept in OUT/sums. Draws a frame of each drive."""
     path = out / "sums" / f"{run.name}.json"
     if path.is_file():
@@ -112,9 +112,9 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
     for name, scene, pair in zip(pairs.names, pairs.scenes, pairs, strict=True):
         says = predict(sensor.params, pair)
         assert says.quantiles is not None
-        levels, value = np.asarray(says.quantiles), np.asarray(pair.measured.intensity)
+        quantiles, value = np.asarray(says.quantiles), np.asarray(pair.measured.intensity)
         seen = np.asarray(pair.painted.valid & pair.measured.valid)
-        below, middle, above = (levels[..., k][seen] for k in (0, LEVELS.index(0.5), -1))
+        below, middle, above = (quantiles[..., k][seen] for k in (0, QUANTILES.index(0.5), -1))
         value = value[seen]
         covered.append(
             [
@@ -131,7 +131,7 @@ def judge(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, Any]:
         widths.append(float((above - below).sum()))
         if scene not in drawn:
             drawn.add(scene)
-            spread = levels[..., -1] - levels[..., 0]
+            spread = quantiles[..., -1] - quantiles[..., 0]
             picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
             save_picture(out / "pictures" / f"{name}.png", picture)
     found = {
@@ -204,7 +204,7 @@ def by_drive(sums: Sums, scenes: Sequence[str]) -> dict[str, float]:
 
 @dataclass
 class Coverage:
-    """What the outer levels cover, a frame an entry; the fold that each is of."""
+    """What the outer quantiles cover, a frame an entry; the fold that each is of."""
 
     scenes: list[str] = field(default_factory=list)
     folds: list[int] = field(default_factory=list)
@@ -222,7 +222,7 @@ class Coverage:
     def told(self) -> str:
         """Coverage as it stands; and at the factor of each fold that the drives of all other folds ask for."""
         own = int(np.argmin(np.abs(FACTORS - 1)))
-        aim = LEVELS[-1] - LEVELS[0]
+        aim = QUANTILES[-1] - QUANTILES[0]
         text = f"{round(100 * aim)} % intervals cover {self._share([own] * len(self.counts))}"
         folds = np.array(self.folds)
         if len(set(self.folds)) == 1:
@@ -236,8 +236,9 @@ class Coverage:
         every = FACTORS[np.argmin(np.abs(inside.sum(0) / counts.sum() - aim))]
         of_others = self._share([asked[fold] for fold in self.folds])
         return (
-            f"{text}. With the levels of each fold {factors[0]:.2f} to {factors[-1]:.2f} times as far from the median, "
-            f"which is what the drives of the other folds ask for, {of_others}. All drives together ask for {every:.2f}"
+            f"{text}. With the quantiles of each fold {factors[0]:.2f} to {factors[-1]:.2f} times as far from the "
+            f"median, which is what the drives of the other folds ask for, {of_others}. "
+            f"All drives together ask for {every:.2f}"
         )
 
     def _share(self, at: Sequence[int]) -> str:
@@ -279,14 +280,14 @@ def main(
         rows = baselines_of(fold, data, experiment, out)
         runs = {seed: network_of(fold, seed, data, config=config, out=out, flags=flags) for seed in seeds}
         if len(runs) > 1:
-            rows |= {f"network, seed {seed}": judge(run, fold, data, out)["sums"] for seed, run in runs.items()}
+            rows |= {f"network, seed {seed}": score_run(run, fold, data, out)["sums"] for seed, run in runs.items()}
         run = joined(list(runs.values()), fold, out)
-        judged = judge(run, fold, data, out)
+        scored = score_run(run, fold, data, out)
         if frames:
             as_folders(run, fold, data, out)
-        rows |= {"network": judged["sums"]}
-        scenes += judged["scenes"]
-        coverage.add(fold, judged)
+        rows |= {"network": scored["sums"]}
+        scenes += scored["scenes"]
+        coverage.add(fold, scored)
         for name, of_frames in rows.items():
             sums.setdefault(name, []).extend(of_frames)
     order = sorted(sums, key=lambda name: -total_scores(sums[name])["mae"].value)

@@ -21,9 +21,9 @@ from jaxsim.discover.gate import (
     Check,
     Colour,
     Gate,
+    check_distances,
+    check_verdict,
     colour_of,
-    judge,
-    judge_quickly,
     quick_distances,
     read_gate,
     save_gate,
@@ -36,7 +36,7 @@ from jaxsim.files import write_text
 from jaxsim.report import verdict_sentence, write_answer
 from jaxsim.report.gate import markdown, write_gate
 
-say = logging.getLogger(__name__).info
+log = logging.getLogger(__name__).info
 EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
 """How the command ends where it asks a gate."""
 TITLES: dict[Colour, str] = {
@@ -123,7 +123,7 @@ class Discover(Checked):
         if self.gate and self.write_gate:
             raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
         if self.gate:
-            sys.exit(self.judged(read_gate(self.gate)))
+            sys.exit(self.exit_code(read_gate(self.gate)))
         if self.write_gate:
             self.make_gate(self.write_gate)
             return
@@ -142,11 +142,11 @@ class Discover(Checked):
             save_gate(path, baseline=self.out / "verdict.json")
         print(f"{path}: {' '.join(path.read_text().split())}")
 
-    def judged(self, gate: Gate) -> int:
+    def exit_code(self, gate: Gate) -> int:
         """The exit code of a gate, whose checks are written; where frames cannot be compared, that of "unsure"."""
         begun = time.monotonic()
         try:
-            checks = judge_quickly(gate, self.distances()) if self.fast else judge(gate, self.answer())
+            checks = check_distances(gate, self.distances()) if self.fast else check_verdict(gate, self.answer())
         except ValueError as error:
             checks = (Check("comparison", "unsure", str(error)),)
         colour = colour_of(checks)
@@ -163,7 +163,7 @@ class Discover(Checked):
     def both_sides(self) -> tuple[Path, Path]:
         """The simulated and the measured folder."""
         given = {"simulated": self.simulated, "measured": self.measured, "lambert": self.lambert}
-        return sides(self.run, self.data, frames=self.frames, out=self.out, say=say, **given)
+        return sides(self.run, self.data, frames=self.frames, out=self.out, log=log, **given)
 
     def answer(self) -> Verdict:
         """The whole answer, written to `out`."""
@@ -171,9 +171,9 @@ class Discover(Checked):
             refuse_with_unpaired({name: getattr(self, name) for name in NOT_UNPAIRED})
         known_effects(self.effects_from)
         simulated, measured = self.both_sides()
-        say(f"reading {simulated} and {measured}")
+        log(f"reading {simulated} and {measured}")
         if self.unpaired:
-            result = discover_unpaired(simulated=simulated, measured=measured, log=say)
+            result = discover_unpaired(simulated=simulated, measured=measured, log=log)
         else:
             rows = len(read_grid(simulated)[0].elevation_rad) if self.effects else None
             known = SensorModel.load(self.effects, rows=rows) if self.effects else SensorModel()
@@ -183,7 +183,7 @@ class Discover(Checked):
                 known=known,
                 nulls=self.nulls,
                 every_frame=self.every_frame,
-                log=say,
+                log=log,
             )
         report = write_answer(self.out, result)
         print(f"\n{verdict_sentence(result.verdict)}\n")

@@ -42,7 +42,7 @@ def sides(
     simulated: Path | None = None,
     measured: Path | None = None,
     lambert: bool = False,
-    say: Callable[[str], None] = print,
+    log: Callable[[str], None] = print,
 ) -> tuple[Path, Path]:
     """The simulated and the measured folder: those that were given; those of a run, made in `out`; or, with `lambert`,
     the measured one and Lambert's law on its ranges, made in `out` too.
@@ -59,7 +59,7 @@ def sides(
             )
         sensor = load(run)
         dataset, positions = data.open(sensor.run.experiment.data, frames=frames)
-        return write_pairs(sensor, dataset, positions, out=out, say=say)
+        return write_pairs(sensor, dataset, positions, out=out, log=log)
     of_runs = [f"data.{field.name}" for field in fields(Source) if getattr(data, field.name) != field.default]
     for flag in [*of_runs, *["frames"] * bool(frames)]:
         raise ValueError(f"discover: --{flag} is for a trained run: jaxsim discover RUN --{flag} ...")
@@ -67,7 +67,7 @@ def sides(
     if not lambert:
         return _folder("--simulated", simulated), sensed
     written = write_lambert(sensed, out)
-    say(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
+    log(f"{written}: Lambert's law on the measured ranges; of ranges and losses nothing can be asked")
     return written, sensed
 
 

@@ -19,7 +19,7 @@ from jaxsim.config.detector import (
     VoxelConfig,
 )
 from jaxsim.config.intensity import (
-    LEVELS,
+    QUANTILES,
     DiscriminatorConfig,
     Experiment,
     Form,
@@ -30,7 +30,7 @@ from jaxsim.config.intensity import (
 from jaxsim.config.studies import CloudRecipe, LoopConfig, SegmentationConfig
 
 __all__ = [
-    "LEVELS",
+    "QUANTILES",
     "AnchorConfig",
     "AugmentConfig",
     "BackboneConfig",

@@ -11,7 +11,7 @@ from jaxsim.config.ranges import Checked, Count, NotNegative, Positive, Share, W
 
 Form = Literal["imaginaire", "original"]
 """Whose pix2pixHD: NVlabs/imaginaire's, or NVIDIA/pix2pixHD's own."""
-LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of a cell's intensity that a `unet` gives: the median, the middle half, and nine tenths."""
 
 
@@ -37,13 +37,13 @@ class GeneratorConfig(Checked):
     """Of `unet`: so many networks, whose mean is the answer (Lakshminarayanan et al. 2017). Each learns from its own
     share of the batch; or `jaxsim join` makes one of runs that were trained apart."""
     widen: NotNegative = 1.0
-    """Of `unet`: how far its levels lie from the median, times what was learned. A network is surer of the drives that
-    it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""
+    """Of `unet`: how far its quantiles lie from the median, times what was learned. A network is surer of the drives
+    that it learned from than of others; how much is told by drives that it has not seen. Nothing is trained by it."""
 
     @property
     def channels(self) -> int:
-        """Channels that come out: of `unet` LEVELS and the drop's."""
-        return len(LEVELS) + 1 if self.form == "unet" else self.out_channels
+        """Channels that come out: of `unet` QUANTILES and the drop's."""
+        return len(QUANTILES) + 1 if self.form == "unet" else self.out_channels
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def magnified(pair: Pair, factor: float, position: tuple[float, float], *, size:
 
 def cut(pair: Pair, columns: int, position: float) -> Pair:
     """So many columns of the pair; `position` says where, from 0 (left) to 1."""
-    start = min(int(position * (pair.row.shape[1] - columns + 1)), pair.row.shape[1] - columns)
+    start = min(int(position * (pair.target.shape[1] - columns + 1)), pair.target.shape[1] - columns)
     return jax.tree.map(lambda raster: raster[:, start : start + columns], pair)
 
 

@@ -90,7 +90,9 @@ _SCALARS = {"name": ("", np.str_), "scene": ("", np.str_), "position": ("", np.i
 def _names() -> list[str]:
     """The names of the tree's leaves, in their order."""
     paths = jax.tree_util.tree_flatten_with_path(_TREE)[0]
-    return [jax.tree_util.keystr(path, simple=True, separator="/").removeprefix("pair/") for path, _ in paths]
+    names = [jax.tree_util.keystr(path, simple=True, separator="/").removeprefix("pair/") for path, _ in paths]
+    # Sets that are written already call it so.
+    return ["row" if name == "row_share" else name for name in names]
 
 
 def example_of(record: PairRecord) -> Example:

@@ -133,11 +133,11 @@ def pad_scene(
 
 
 def cutouts(scenes: Sequence[Scene], config: AugmentConfig) -> list[Cutout]:
-    """All objects of the class with enough points and a level of difficulty (the ground-truth database)."""
+    """All objects of the class with enough points and a difficulty (the ground-truth database)."""
     cutouts_found = []
     for scene in scenes:
-        for box, target, level in zip(scene.boxes, scene.target, scene.difficulty, strict=True):
-            if target and level >= 0:
+        for box, target, difficulty in zip(scene.boxes, scene.target, scene.difficulty, strict=True):
+            if target and difficulty >= 0:
                 points = scene.points[in_box(scene.points, box)]
                 if len(points) >= config.min_points:
                     cutouts_found.append(Cutout(box, points))

@@ -16,7 +16,7 @@ from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.geometry.points import check_points as points_of_lidar
 from jaxsim.progress import Progress
 
-LEVELS = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
+DIFFICULTIES = ((40.0, 0, 0.15), (25.0, 1, 0.30), (25.0, 2, 0.50))
 """Height in pixels (and more), occlusion and truncation (and less) of an easy, a moderate and a hard object."""
 
 
@@ -71,16 +71,16 @@ def seen_by(points: Float[np.ndarray, "n c"], view: View) -> Bool[np.ndarray, " 
     return (u >= 0) & (u < columns) & (v >= 0) & (v < rows) & (rect >= 0)
 
 
-def levels(labels: Boxes) -> Int[np.ndarray, " g"]:
+def difficulties(labels: Boxes) -> Int[np.ndarray, " g"]:
     """Difficulty of each label as OpenPCDet has it: the height counts both of its rows."""
     height = np.asarray(labels.bbox_px)[:, 3] - np.asarray(labels.bbox_px)[:, 1] + 1
-    level = np.full(len(labels.kind), -1)
-    # From hard to easy: the easiest level that fits is written last.
-    for k in reversed(range(len(LEVELS))):
-        least, occluded, truncated = LEVELS[k]
+    difficulty = np.full(len(labels.kind), -1)
+    # From hard to easy: the easiest difficulty that fits is written last.
+    for k in reversed(range(len(DIFFICULTIES))):
+        least, occluded, truncated = DIFFICULTIES[k]
         fits = (height >= least) & (np.asarray(labels.occluded) <= occluded)
-        level[fits & (np.asarray(labels.truncated) <= truncated)] = k
-    return level
+        difficulty[fits & (np.asarray(labels.truncated) <= truncated)] = k
+    return difficulty
 
 
 def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
@@ -105,7 +105,7 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     things = np.array([name.lower() != "dontcare" for name in labels.kind], bool)
     boxes = lidar_boxes(labels, view.rect_from_velo)[things].astype(np.float32)
     target = np.array([name == kind for name in labels.kind], bool)[things]
-    return Scene(frame.name, points, boxes, target, levels(labels)[things], view, labels, frame.ground)
+    return Scene(frame.name, points, boxes, target, difficulties(labels)[things], view, labels, frame.ground)
 
 
 def check_points(points: Float[np.ndarray, "n c"], name: str) -> None:

@@ -56,7 +56,7 @@ class Sums:
     """Residuals on the grid before and after, by channel."""
 
 
-class Judge(NamedTuple):
+class HeldAnswer(NamedTuple):
     """What frames are judged by: an answer, as `show.gap_with` takes it."""
 
     division: Division
@@ -69,7 +69,7 @@ class Judge(NamedTuple):
 
 @one_blas_thread
 def judge_rest(
-    comparison: Comparison, mounting: Mounting, by: Judge, *, size: int = 0
+    comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
 ) -> tuple[EveryFrame, tuple[Maps, Maps]] | None:
     """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
     and the maps of their residuals before and after; None where there are none, or each frame is of a moment of its
@@ -105,7 +105,14 @@ class Block(NamedTuple):
 
 
 def block_of(
-    comparison: Comparison, mounting: Mounting, rest: Rest, *, names: Sequence[str], by: Judge, size: int, number: int
+    comparison: Comparison,
+    mounting: Mounting,
+    rest: Rest,
+    *,
+    names: Sequence[str],
+    by: HeldAnswer,
+    size: int,
+    number: int,
 ) -> Block:
     """The next frames as they are judged; the last one is repeated until there are `size`."""
     padded = [*names, *[names[-1]] * (size - len(names))]
@@ -125,7 +132,7 @@ def block_of(
     )
 
 
-def add(sums: Sums, block: Block, by: Judge) -> None:
+def add(sums: Sums, block: Block, by: HeldAnswer) -> None:
     """Judges a block's frames and adds them to the sums."""
     division = block.division
     scenes = tuple(dict.fromkeys(division.blocks.scene))
@@ -149,7 +156,7 @@ def add(sums: Sums, block: Block, by: Judge) -> None:
         sums.maps[channel] = (was, now) if old is None else (old[0] + was, old[1] + now)
 
 
-def told(sums: Sums, by: Judge) -> EveryFrame:
+def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     """The sums as a verdict tells them."""
     scenes = sorted(sums.gain)
     count = np.array([len(sums.frames_of[scene]) for scene in scenes])

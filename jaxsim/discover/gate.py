@@ -8,8 +8,8 @@ gate.json, all of it optional but one thing at least:
 
 `save_gate` makes one from frames that are held to be right, so that nobody has to invent numbers.
 
-Asked of a whole answer (`judge`), or at every commit in seconds and without a model, of distances alone
-(`quick_distances`, `judge_quickly`): a frame after the other is read and forgotten, so that any number of them takes
+Asked of a whole answer (`check_verdict`), or at every commit in seconds and without a model, of distances alone
+(`quick_distances`, `check_distances`): a frame after the other is read and forgotten, so that any number of them takes
 the memory of one.
 """
 
@@ -146,7 +146,7 @@ def _is_verdict(effects: Any, gap: Any) -> bool:
     )
 
 
-def judge(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
+def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     """The checks of a whole answer."""
     before = {one.get("name") for one in (gate.baseline or {}).get("effects", [])}
     checks = [_named(gate, verdict, before)]
@@ -180,7 +180,7 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
 
 
-def judge_quickly(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
+def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:
     """The checks of --fast: a channel is a gap where its whole interval lies above its threshold.
 
     Where the value alone does, chance can have done it, and the answer is unsure. Raises ValueError without thresholds,

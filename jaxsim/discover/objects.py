@@ -18,8 +18,6 @@ from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval
 from jaxsim.discover.verdict import Fidelity, Interval
 
-FEWEST_POINTS = 10
-"""Of a target on either side: with fewer, counts are chance."""
 TILE = (8, 32)
 """Rows and columns of a tile of the raster."""
 BESIDE_M = 0.5
@@ -92,7 +90,7 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
             low, high = range_m[ours].min() - BESIDE_M, range_m[ours].max() + BESIDE_M
             theirs = mask & returned & (sensed_m >= low) & (sensed_m <= high)
             points = int(ours.sum()), int(theirs.sum())
-            if max(points) < FEWEST_POINTS or not points[1]:
+            if max(points) < RULES.fewest_target_points or not points[1]:
                 continue
             name = NAMES.get(kind, f"class {kind}")
             name = name if numbered[mask].any() else f"{name}, patches"

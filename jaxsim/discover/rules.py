@@ -305,6 +305,8 @@ class Rules:
     # Gate, watch and targets: whether a simulation passes, and whether a sensor is as it was.
     fewest_for_scatter: int = 4
     """Scenes below which the scatter between them says nothing of a distance, of a day, or of a kind of targets."""
+    fewest_target_points: int = 10
+    """Points of a target, on the side that has more of them, below which their counts are chance."""
     odd_frames: int = 5
     """Frames that are listed as those which an answer serves worst, of folders that do not fit into memory."""
     gate_worse_share: float = 0.10

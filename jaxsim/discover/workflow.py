@@ -10,7 +10,7 @@ from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects, in_place
-from jaxsim.discover.every_frame import Judge, in_words, judge_rest
+from jaxsim.discover.every_frame import HeldAnswer, in_words, judge_rest
 from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, simulator_noise, why_not
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import form_of
@@ -114,7 +114,7 @@ def discover(
     every = None
     if every_frame and comparison.rest:
         log(f"judging the other {len(comparison.rest.names)} frames")
-        answer_held = Judge(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
+        answer_held = HeldAnswer(division, null, model.added.chain, model.choice.problem.noise, mounting.known)
         every, maps = judge_rest(comparison, mounting, answer_held) or (None, maps)
     levels = compare_levels(comparison)
     rows = len(null.scan.grid.elevation_rad)

@@ -59,7 +59,7 @@ def row_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
 
 def table_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     """The cell's place in the table of line, range and incidence."""
-    line = np.round(np.asarray(pair.row) * (PLACES - 1)).astype(int)
+    line = np.round(np.asarray(pair.row_share) * (PLACES - 1)).astype(int)
     away = np.searchsorted(RANGES_M, np.asarray(pair.painted.range_m))
     angle = np.searchsorted(ANGLES_RAD, np.asarray(pair.incidence_rad))
     return (line * (len(RANGES_M) + 1) + away) * (len(ANGLES_RAD) + 1) + angle
@@ -176,7 +176,7 @@ def _features(pair: Pair, *, context: bool) -> Float[np.ndarray, "rows columns k
     angle = np.where(seen, pair.incidence_rad, unknown).astype(np.float32)
     column = np.broadcast_to(np.abs(np.linspace(-1, 1, columns, dtype=np.float32)), (rows, columns))
     depth = np.where(seen, painted.depth_m, unknown)
-    channels = [away, angle, np.asarray(pair.row), *np.moveaxis(rgb, -1, 0), column, depth]
+    channels = [away, angle, np.asarray(pair.row_share), *np.moveaxis(rgb, -1, 0), column, depth]
     if context:
         channels += _surroundings(rgb, away, angle, seen=seen)
     return np.stack([np.asarray(channel, np.float32) for channel in channels], axis=-1)

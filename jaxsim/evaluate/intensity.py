@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.config import LEVELS, PrepareConfig
+from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.evaluate.baselines import Baseline, fit_baselines, fit_trees, previous_frame
 from jaxsim.frame import Array, Pair
 from jaxsim.geometry import resample
@@ -57,8 +57,8 @@ def score_pairs(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[st
 
 
 def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, Score]:
-    """Share of returned cells whose measured intensity lies between the outer LEVELS, and between the inner ones; and
-    the Brier score of the drop's probability. Nothing for a network that gives no distribution.
+    """Share of returned cells whose measured intensity lies between the outer QUANTILES, and between the inner ones;
+    and the Brier score of the drop's probability. Nothing for a network that gives no distribution.
 
     Zeros are drops, which have a probability of their own: a cell counts where it reports more than 0.
     """
@@ -70,19 +70,19 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
         says = predict(params, pair)
         if says.quantiles is None or says.drop_share is None:
             return {}
-        levels, share = np.asarray(says.quantiles), np.asarray(says.drop_share)
+        quantiles, share = np.asarray(says.quantiles), np.asarray(says.drop_share)
         value, back = np.asarray(pair.measured.intensity), np.asarray(pair.measured.valid)
         looked = np.asarray(pair.painted.valid)
         counts = looked & back
-        half = STEP / 2  # the sensor rounds: a level within a step's half of what it reports covers it
+        half = STEP / 2  # the sensor rounds: a quantile within a step's half of what it reports covers it
         for k in range(2):
-            low, high = levels[..., k] - half, levels[..., -1 - k] + half
+            low, high = quantiles[..., k] - half, quantiles[..., -1 - k] + half
             inside[k] += ((value >= low) & (value <= high))[counts].sum()
         cells += int(counts.sum())
         drops = ~back | (value < DROP_BELOW)
         square += float(((share - drops)[looked] ** 2).sum())
         seen += int(looked.sum())
-    percent = [round(100 * (LEVELS[-1 - k] - LEVELS[k])) for k in range(2)]
+    percent = [round(100 * (QUANTILES[-1 - k] - QUANTILES[k])) for k in range(2)]
     covered = {f"coverage_{percent[k]}": Score(inside[k] / cells, "1", cells) for k in range(2)}
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
 
@@ -129,7 +129,9 @@ def make_images(generate: Generate, prepare: PrepareConfig) -> tuple[Callable[..
 
     @jax.jit
     def predicted(params: Any, pair: Pair) -> Array:
-        return generate(params, network_inputs(pair.painted, pair.incidence_rad, pair.row, prepare=prepare))[..., :1]
+        return generate(params, network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare))[
+            ..., :1
+        ]
 
     @jax.jit
     def measured(pair: Pair) -> Array:

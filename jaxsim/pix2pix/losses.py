@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from jaxsim.config import LEVELS, Form
+from jaxsim.config import QUANTILES, Form
 from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
@@ -100,15 +100,15 @@ def quantile_loss(
     *,
     mean: Callable[[Array], Array] = lambda x: x,
 ) -> Float[Array, ""]:
-    """Weighted pinball losses of the LEVELS that `outputs` (in [-1, 1]) begin with, summed (Koenker & Bassett 1978).
+    """Weighted pinball losses of the QUANTILES that `outputs` (in [-1, 1]) begin with, summed (Koenker & Bassett 1978).
 
-    The median's is the absolute error; each other level's has half its scale, so that the median decides. `mean` as
+    The median's is the absolute error; each other quantile's has half its scale, so that the median decides. `mean` as
     in `reconstruction`.
     """
-    error = intensity[..., None] - (outputs[..., : len(LEVELS)] + 1) / 2
-    level = jnp.asarray(LEVELS, jnp.float32)[None, None, None]
-    share = jnp.where(level == 0.5, 2.0, 0.5)
-    loss = (share * jnp.maximum(level * error, (level - 1) * error)).sum(-1)
+    error = intensity[..., None] - (outputs[..., : len(QUANTILES)] + 1) / 2
+    quantile = jnp.asarray(QUANTILES, jnp.float32)[None, None, None]
+    share = jnp.where(quantile == 0.5, 2.0, 0.5)
+    loss = (share * jnp.maximum(quantile * error, (quantile - 1) * error)).sum(-1)
     return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 
 

@@ -18,7 +18,7 @@ from flax import nnx, struct
 from jax.sharding import Mesh
 from jaxtyping import Float
 
-from jaxsim.config import LEVELS, Experiment, GeneratorConfig, OptimConfig
+from jaxsim.config import QUANTILES, Experiment, GeneratorConfig, OptimConfig
 from jaxsim.devices import CUT, DATA, WHOLE, everywhere
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
@@ -175,8 +175,8 @@ def make_train_step(
         vgg = load_vgg(weights.vgg_weights)
     precision = experiment.optim.precision
     compute = None if precision == "float32" else jnp.dtype(precision)
-    generator = generator_definition(experiment.generator, in_channels, precision=precision)
-    discriminator = discriminator_definition(experiment, in_channels) if adversary else None
+    generator_graph = generator_definition(experiment.generator, in_channels, precision=precision)
+    discriminator_graph = discriminator_definition(experiment, in_channels) if adversary else None
     adam = optimiser(experiment.optim)
 
     def mean(tree: Tree) -> Tree:
@@ -184,22 +184,22 @@ def make_train_step(
         return tree if mesh is None else jax.lax.pmean(tree, DATA)
 
     def generate(network: Network, inputs: Array) -> tuple[Array, Network]:
-        module = join(generator, network)
+        module = join(generator_graph, network)
         return module(inputs, train=True), split(module)[1]
 
-    def judge(network: Network, inputs: Array, image: Array) -> tuple[Any, Network]:
-        module = join(discriminator, network)
+    def discriminate(network: Network, inputs: Array, image: Array) -> tuple[Any, Network]:
+        module = join(discriminator_graph, network)
         return module(inputs, image, train=True), split(module)[1]
 
-    def of_generator(network: Network, judges: Network | None, batch: Batch, *, vgg: Weights | None):
+    def of_generator(network: Network, discriminator: Network | None, batch: Batch, *, vgg: Weights | None):
         """The generator's loss; and its terms, the image and both networks after their passes."""
         inputs, target = batch["inputs"], batch["target"]
         image, network = generate(network, inputs)
         terms = {}
-        if judges is not None:
-            on_fake, judges = judge(judges, inputs, image)
+        if discriminator is not None:
+            on_fake, discriminator = discriminate(discriminator, inputs, image)
             # Every pass moves the spectral norms' vectors on, so that the order, fake and then real, counts.
-            on_real, judges = judge(judges, inputs, target)
+            on_real, discriminator = discriminate(discriminator, inputs, target)
             terms |= generator_terms(on_fake, on_real, weights.form)
             if not weights.feature_matching:
                 del terms["feature_matching"]
@@ -214,37 +214,39 @@ def make_train_step(
         elif weights.reconstruction:
             terms["reconstruction"] = reconstruction(image, target, batch["weight"], mean=mean)
         total = sum(getattr(weights, name) * term for name, term in terms.items())
-        return total, (terms, image, network.vectors, judges)
+        return total, (terms, image, network.vectors, discriminator)
 
     def train_discriminator(
-        judges: Network, optim: Tree, batch: Batch, *, fake: Array
+        discriminator: Network, optim: Tree, batch: Batch, *, fake: Array
     ) -> tuple[Network, Tree, Metrics]:
         def of_discriminator(parameters: Tree):
-            on_fake, network = judge(Network(parameters, judges.vectors), batch["inputs"], fake)
-            on_real, network = judge(network, batch["inputs"], batch["target"])
+            on_fake, network = discriminate(Network(parameters, discriminator.vectors), batch["inputs"], fake)
+            on_real, network = discriminate(network, batch["inputs"], batch["target"])
             return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
 
-        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(judges.parameters)
+        (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(discriminator.parameters)
         loss, gradient = mean((loss, gradient))
         updates, optim = adam.update(gradient, optim)
-        judges = Network(optax.apply_updates(judges.parameters, updates), vectors)
-        return judges, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
+        discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)
+        return discriminator, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
     def train_step(state: TrainState, batch: Batch, vgg: Weights | None) -> tuple[TrainState, Metrics]:
         metrics: Metrics = {"lr": learning_rate(experiment.optim, state.step)}
-        judges = state.discriminator
-        judges_optim = state.discriminator_optim
+        discriminator = state.discriminator
+        discriminator_optim = state.discriminator_optim
         vectors = state.generator.vectors
         # Imaginaire's order: the generator then learns from a discriminator that has seen an image of this step.
         first = experiment.optim.updates == "discriminator_first"
-        if judges is not None and first:
+        if discriminator is not None and first:
             fake, network = generate(state.generator, batch["inputs"])
             vectors = network.vectors
-            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake=fake)
+            discriminator, discriminator_optim, told = train_discriminator(
+                discriminator, discriminator_optim, batch, fake=fake
+            )
             metrics |= told
 
-        loss_of = lambda parameters: of_generator(Network(parameters, vectors), judges, batch, vgg=vgg)  # noqa: E731
-        (loss, (terms, fake, vectors, judges)), gradient = jax.value_and_grad(loss_of, has_aux=True)(
+        loss_of = lambda parameters: of_generator(Network(parameters, vectors), discriminator, batch, vgg=vgg)  # noqa: E731
+        (loss, (terms, fake, vectors, discriminator)), gradient = jax.value_and_grad(loss_of, has_aux=True)(
             state.generator.parameters
         )
         loss, terms, gradient = mean((loss, terms, gradient))
@@ -253,8 +255,10 @@ def make_train_step(
         metrics |= {f"loss/{name}": term for name, term in terms.items()}
         metrics |= {"loss/generator": loss, "grad_norm/generator": optax.tree.norm(gradient)}
 
-        if judges is not None and not first:
-            judges, judges_optim, told = train_discriminator(judges, judges_optim, batch, fake=fake)
+        if discriminator is not None and not first:
+            discriminator, discriminator_optim, told = train_discriminator(
+                discriminator, discriminator_optim, batch, fake=fake
+            )
             metrics |= told
         metrics["finite"] = jnp.stack([jnp.isfinite(value) for value in metrics.values()]).all()
         step = state.step + 1
@@ -262,8 +266,8 @@ def make_train_step(
             step=step,
             generator=trained,
             generator_optim=optim,
-            discriminator=judges,
-            discriminator_optim=judges_optim,
+            discriminator=discriminator,
+            discriminator_optim=discriminator_optim,
             ema=_average(experiment, state.ema, trained, step=step),
         )
         return state, metrics
@@ -292,24 +296,24 @@ def _average(experiment: Experiment, ema: Tree, generator: Network, *, step: Arr
 
 
 def make_generate(experiment: Experiment, in_channels: int) -> Callable[[Tree, Array], Array]:
-    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]; of a U-Net LEVELS so, as far
+    """Jitted (`TrainState.ema`, inputs (b, h, w, c)) -> image (b, h, w, k) in [-1, 1]; of a U-Net QUANTILES so, as far
     from the median as `generator.widen` says, and the logit of a drop.
 
-    Raises ValueError where a network without levels is to have them wider.
+    Raises ValueError where a network without quantiles is to have them wider.
     """
     definition = generator_definition(experiment.generator, in_channels, spectral=False)
     form = experiment.generator.form
     widen = experiment.generator.widen
-    median = LEVELS.index(0.5)
+    median = QUANTILES.index(0.5)
     if form != "unet" and widen != 1:
-        raise ValueError(f"generator.widen is {widen}; {form} gives no levels that could be wider: only unet does")
+        raise ValueError(f"generator.widen is {widen}; {form} gives no quantiles that could be wider: only unet does")
 
     def generate(parameters: Tree, inputs: Float[Array, "b h w c"]) -> Float[Array, "b h w k"]:
         outputs = nnx.merge(definition, parameters)(inputs)
         if widen == 1:
             return outputs
-        levels, rest = outputs[..., : len(LEVELS)], outputs[..., len(LEVELS) :]
-        middle = levels[..., median : median + 1]
-        return jnp.concatenate([middle + widen * (levels - middle), rest], axis=-1)
+        quantiles, rest = outputs[..., : len(QUANTILES)], outputs[..., len(QUANTILES) :]
+        middle = quantiles[..., median : median + 1]
+        return jnp.concatenate([middle + widen * (quantiles - middle), rest], axis=-1)
 
     return jax.jit(generate)

@@ -82,14 +82,14 @@ class UNet(nnx.Module):
         _, h, w, _ = inputs.shape
         rows, columns = -h % self.multiple, -w % self.multiple
         x = self.stem(jnp.pad(inputs, ((0, 0), (0, rows), (0, columns), (0, 0))))
-        levels = []
+        skips = []
         for widen, blocks in zip(self.widen, self.down, strict=True):
-            levels.append(x)
+            skips.append(x)
             x = widen(_halved(x))
             for block in blocks:
                 x = block(x)
-        for k in reversed(range(len(levels))):
-            x = levels[k] + _doubled(self.narrow[k](x))
+        for k in reversed(range(len(skips))):
+            x = skips[k] + _doubled(self.narrow[k](x))
             for block in self.up[k - 1] if k else ():
                 x = block(x)
         own = jax.nn.relu(self.response(jax.nn.relu(self.own(inputs))))

@@ -48,7 +48,7 @@ def prepare_frame(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple
             f"prepare: {frame.name}: the cloud has no laser lines; give it cloud.row (recover_rows, rows_by_elevation)"
         )
     pair, grid = prepare_view(frame, spec, config)
-    measured = scan_on_window(cloud, grid, pair.row[:, 0], lines=spec.rows)
+    measured = scan_on_window(cloud, grid, pair.row_share[:, 0], lines=spec.rows)
     _check_gaps(frame.name, measured.valid)
     with placed(frame.name):
         target = denoise(
@@ -77,7 +77,7 @@ def prepare_view(frame: Frame, spec: LidarSpec, config: PrepareConfig) -> tuple[
     pair = Pair(
         painted=painted,
         incidence_rad=np.where(known, angle, np.float32(np.pi / 2)),
-        row=np.broadcast_to(rows[:, None], angle.shape).copy(),
+        row_share=np.broadcast_to(rows[:, None], angle.shape).copy(),
         target=nothing,
         measured=PolarImage(range_m=nothing, intensity=nothing, valid=np.zeros(angle.shape, bool)),
     )

@@ -244,8 +244,8 @@ def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: S
         # The first and the last strip, and those of narrow charts, stay wide enough to hit.
         left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
         target = Target(name, k)
-        say = words[k] if k < len(words) else words[0]
-        canvas.target(target, say, x=left, y=14, width=right - left, height=canvas.height - 58)
+        label = words[k] if k < len(words) else words[0]
+        canvas.target(target, label, x=left, y=14, width=right - left, height=canvas.height - 58)
 
 
 def interval_chart(

@@ -109,7 +109,7 @@ class MetricsLog:
         for track in self._trackers:
             track(step, values)
 
-    def judged(self, step: int) -> bool:
+    def validated(self, step: int) -> bool:
         """Whether the validation scores of a step are written down; their line holds nothing else."""
         names = [{*line} - {"step"} for line in read_metrics(self.path) if line["step"] == step]
         return any(all(name.startswith("validation/") for name in line) for line in names)

@@ -181,7 +181,7 @@ def write_pairs(
     positions: Sequence[int],
     *,
     out: Path,
-    say: Callable[[str], None] = lambda line: None,
+    log: Callable[[str], None] = lambda line: None,
 ) -> tuple[Path, Path]:
     """Simulates frames of a data set with a run and writes them to OUT/simulated, and the scans themselves, on the
     same polar window, to OUT/measured. Returns the two folders.
@@ -208,11 +208,11 @@ def write_pairs(
             scan = measured_in(window, frame, lines=lines)
             write_frame(folders[1], frame.name, comparable(scan, under.valid))
             about[frame.name] = about_frame(frame.scene, **motion_of(frame))
-        say(f"{len(about)} of {len(positions)} frames simulated")
+        log(f"{len(about)} of {len(positions)} frames simulated")
     for key in ("time", "speed", "heading"):
         lacking = [name for name, entry in about.items() if key not in entry]
         if 0 < len(lacking) < len(about):
-            say(f"{len(lacking)} of {len(about)} frames do not say their {key} ({lacking[0]} ...): it is left out")
+            log(f"{len(lacking)} of {len(about)} frames do not say their {key} ({lacking[0]} ...): it is left out")
             for entry in about.values():
                 entry.pop(key, None)
     for folder in folders:

@@ -16,7 +16,7 @@ import numpy as np
 from flax import struct
 from jaxtyping import Bool, Float
 
-from jaxsim.config import LEVELS, PrepareConfig
+from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.frame import Array, Camera, CameraFrame, Painted, Pair, PolarGrid, PolarImage
 from jaxsim.geometry import incidence, resample
 from jaxsim.geometry.points import FAR_M
@@ -24,7 +24,7 @@ from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 from jaxsim.runs.kinds import Run
 
 Generate = Callable[[Any, Array], Array]
-"""(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or LEVELS so, and the logit of a drop."""
+"""(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or QUANTILES so, and the logit of a drop."""
 STEP = 0.01  # KITTI's sensor reports hundredths, 0.99 at most
 Rays = Float[Array, "*b rows columns"]
 Window = tuple[PolarGrid, Float[Array, " rows"]]
@@ -44,7 +44,7 @@ class Prediction:
     """0..0.99 in steps of 1/100, also of a cell that drops: what it would report, by the median."""
     drops: Bool[Array, "*b rows columns"]
     quantiles: Float[Array, "*b rows columns k"] | None = None
-    """Those of LEVELS of the intensity, 0..1, of a ray that comes back."""
+    """Those of QUANTILES of the intensity, 0..1, of a ray that comes back."""
     drop_share: Rays | None = None
     """Probability that the ray is lost or reports 0."""
 
@@ -57,7 +57,7 @@ class Prediction:
 def drawn(says: Prediction, key: Array) -> Rays:
     """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
 
-    A ray drops with its own probability; else its intensity is that of a level drawn evenly: linear between LEVELS,
+    A ray drops with its own probability; else its intensity is the quantile of an even draw: linear between QUANTILES,
     and as steep as beside the outer ones beyond them. Cells are drawn each for itself. `key` has the batch's dims.
 
     Raises ValueError where the network gives no distribution.
@@ -69,15 +69,15 @@ def drawn(says: Prediction, key: Array) -> Rays:
         )
     if key.ndim:
         return jax.vmap(drawn)(says, key)
-    of_level, of_drop = jax.random.split(key)
-    u = jax.random.uniform(of_level, says.intensity.shape)
-    values, levels = jnp.moveaxis(says.quantiles, -1, 0), LEVELS
-    # Pieces from level to level; the first and the last go on beyond their ends.
+    of_intensity, of_drop = jax.random.split(key)
+    u = jax.random.uniform(of_intensity, says.intensity.shape)
+    values = jnp.moveaxis(says.quantiles, -1, 0)
+    # Pieces from quantile to quantile; the first and the last go on beyond their ends.
     intensity = values[0]
-    for k in range(len(levels) - 1):
-        slope = (values[k + 1] - values[k]) / (levels[k + 1] - levels[k])
-        piece = values[k] + slope * (u - levels[k])
-        intensity = jnp.where((u >= levels[k]) | (k == 0), piece, intensity)
+    for k in range(len(QUANTILES) - 1):
+        slope = (values[k + 1] - values[k]) / (QUANTILES[k + 1] - QUANTILES[k])
+        piece = values[k] + slope * (u - QUANTILES[k])
+        intensity = jnp.where((u >= QUANTILES[k]) | (k == 0), piece, intensity)
     drops = jax.random.uniform(of_drop, u.shape) < says.drop_share
     return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
 
@@ -101,7 +101,7 @@ def make_batch(
         rasters = (pair.target, counts, pair.measured.valid)
         target, weight, came_back = resample(rasters, prepare.network_size, batch_dims=1)
         return {
-            "inputs": network_inputs(pair.painted, pair.incidence_rad, pair.row, prepare=prepare),
+            "inputs": network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare),
             "target": 2 * target[..., None] - 1,
             "weight": weight,
             "returned": came_back,
@@ -129,7 +129,7 @@ def predict_cells(
     inputs = network_inputs(painted, incidence_rad, row_share, prepare=prepare)
     inputs = inputs.reshape(-1, *inputs.shape[-3:])
     outputs = generate(params, inputs)
-    distribution = outputs.shape[-1] > len(LEVELS)
+    distribution = outputs.shape[-1] > len(QUANTILES)
     if distribution:
         outputs = (outputs + generate(params, inputs[:, :, ::-1])[:, :, ::-1]) / 2
     channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
@@ -139,9 +139,9 @@ def predict_cells(
     if not distribution:
         intensity = _on_steps(values[0])
         return Prediction(intensity, intensity < STEP / 2)
-    quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(LEVELS)], 0, -1), axis=-1), 0, 1)
+    quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(QUANTILES)], 0, -1), axis=-1), 0, 1)
     share = jax.nn.sigmoid(channels[-1])
-    return Prediction(_on_steps(quantiles[..., LEVELS.index(0.5)]), share > 0.5, quantiles, share)
+    return Prediction(_on_steps(quantiles[..., QUANTILES.index(0.5)]), share > 0.5, quantiles, share)
 
 
 def _on_steps(intensity: Rays) -> Rays:
@@ -153,7 +153,7 @@ def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, P
 
     @jax.jit
     def predict(params: Any, pair: Pair) -> Prediction:
-        seen = {"incidence_rad": pair.incidence_rad, "row_share": pair.row}
+        seen = {"incidence_rad": pair.incidence_rad, "row_share": pair.row_share}
         return predict_cells(generate, params, pair.painted, **seen, prepare=prepare)
 
     return predict

@@ -31,7 +31,7 @@ from flax import nnx
 from jaxtyping import Float, Int
 from pydantic import TypeAdapter
 
-from jaxsim.config import LEVELS, GeneratorConfig, SegmentationConfig
+from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import RangeImage, read_range_images
 from jaxsim.descent import descend
 from jaxsim.files import claim, parse_json, parse_settings, read_entry, replacing, write_arrays
@@ -171,9 +171,9 @@ def simulate(
     """Intensities of the images, drawn from what the sensor holds possible; 0 where nothing came back."""
     pictures = []
     for k, (x, image) in enumerate(zip(inputs, images, strict=True)):
-        levels = jnp.clip(jnp.sort((network(x)[..., : len(LEVELS)] + 1) / 2, axis=-1), 0, 1)
+        quantiles = jnp.clip(jnp.sort((network(x)[..., : len(QUANTILES)] + 1) / 2, axis=-1), 0, 1)
         lost = jnp.where(image.valid, 0.0, 1.0)
-        says = Prediction(levels[..., LEVELS.index(0.5)], ~image.valid, levels, lost)
+        says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
         pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k))))
     return pictures
 
@@ -260,7 +260,7 @@ class Study:
                 [inputs[i] for i in learned],
                 targets,
                 sensor_loss,
-                out_channels=len(LEVELS) + 1,
+                out_channels=len(QUANTILES) + 1,
                 steps=config.sensor_steps,
                 seed=0,
                 config=config,

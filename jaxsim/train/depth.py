@@ -126,7 +126,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
             norms=stage.norms,
         )
 
-    def judge(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(values: PyTree, step: int, *, count: int = SHOWN) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's scores of the first validation frames, and a picture of the very first."""
         part, count = config.stages[number_of(step - 1)].part, min(count, len(validation))
         errors, picture = [], np.zeros((1, 1, 3), np.uint8)
@@ -150,7 +150,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
     def finish(values: PyTree) -> Scores:
         """Writes the weights for preparation; scores all validation frames."""
         save_penet(folder / "weights.npz", devices.to_host(values))
-        return judge(values, steps, count=len(validation))[0]
+        return validate(values, steps, count=len(validation))[0]
 
     def scored(scores: Scores) -> str:
         lines = (f"- {n}: {s.value:.4g} {s.unit} ({s.count} of {len(validation)} images)" for n, s in scores.items())
@@ -168,7 +168,7 @@ def depth_training(experiment: DepthExperiment) -> Training:
         step=step,
         network="network",
         used=lambda state: state.values,
-        judge=judge,
+        validate=validate,
         facts=(),
         scored=scored,
         use=f"`{use}`",

@@ -42,7 +42,7 @@ def detector_training(experiment: DetectorExperiment) -> Training:
     train_step = detect.make_train_step(experiment, steps, mesh=mesh)
     find = make_find(experiment)
 
-    def judge(network: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(network: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
         """KITTI's average precision."""
         curves, scored = score_detector(find, network, validation, experiment=experiment)
         picture = detection_picture(validation[0], scored[0], experiment.voxels.range_m, title=f"step {step}")
@@ -60,7 +60,7 @@ def detector_training(experiment: DetectorExperiment) -> Training:
         step=lambda state, batch, k: train_step(state, batch),
         network="network",
         used=lambda state: state.network,
-        judge=judge,
+        validate=validate,
         facts=(
             f"data: {data.kind}, frames {data.train} (validation {data.validation})",
             f"class: {experiment.detector.anchors.kind}",

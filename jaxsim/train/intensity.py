@@ -83,7 +83,7 @@ def intensity_training(experiment: Experiment) -> Training:
     train_step = make_train_step(experiment, channels, vgg=vgg, mesh=mesh)
     predict = make_predict(make_generate(experiment, channels), prepare)
 
-    def judge(params: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
+    def validate(params: PyTree, step: int) -> tuple[Scores, UInt8[np.ndarray, "h w 3"]]:
         """Scores of the averaged generator."""
         picture = pair_picture(validation[0], np.asarray(predict(params, validation[0]).reported), title=f"step {step}")
         return score_pairs(predict, params, validation), picture
@@ -100,7 +100,7 @@ def intensity_training(experiment: Experiment) -> Training:
         step=lambda state, batch, k: train_step(state, batch),
         network="generator",
         used=lambda state: state.ema,
-        judge=judge,
+        validate=validate,
         facts=(
             f"data: {data.kind}, frames {data.train} (validation {data.validation})",
             f"inputs: {', '.join(prepare.inputs)}",

@@ -66,11 +66,11 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     def tell(scores: Scores) -> None:
         _log.info(f"step {step}: validation " + ", ".join(f"{name} {s.value:.4g}" for name, s in scores.items()))
 
-    def judge() -> Scores:
+    def validate() -> Scores:
         """Validation scores and a picture; meanwhile other processes wait in their step."""
         if not writes:
             return {}
-        scores, picture = training.judge(devices.nearby(training.used(state)), step)
+        scores, picture = training.validate(devices.nearby(training.used(state)), step)
         # The scores last: a resumed run takes a step that has them for judged, and draws no picture of it.
         save_picture(folder / "figures" / f"step_{step:06d}.png", picture)
         log.write(step, {f"validation/{name}": score.value for name, score in scores.items()})
@@ -84,8 +84,8 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
     told = False
     shown = {"desc": settings.name, "unit": "step", "smoothing": 0.1, "mininterval": 1.0}
     bar = Progress(total=training.steps, initial=start, disable=not writes, **shown)
-    if start and due(training.judge_every) and writes and not log.judged(start):
-        scores = judge()  # killed after it saved this step, before it judged it
+    if start and due(training.judge_every) and writes and not log.validated(start):
+        scores = validate()  # killed after it saved this step, before it judged it
     try:
         for k, batch in enumerate(training.batches(start, training.steps), start):
             # A step gives the memory of the old state to the new one: between them there is none to save.
@@ -109,7 +109,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
                 if due(training.save_every):
                     save()
             if due(training.judge_every):
-                scores = judge()
+                scores = validate()
     except KeyboardInterrupt as stop:
         bar.close()
         with uninterrupted():  # half a checkpoint would stand in the way of the next one of its step
@@ -125,7 +125,7 @@ def train(experiment: AnyExperiment, description: str = "") -> None:
             scores = training.finish(used)
             tell(scores)
         elif not scores:  # all steps were done before
-            scores = training.judge(used, step)[0]
+            scores = training.validate(used, step)[0]
         write_card(folder, training, description, scores=scores, seconds=time.monotonic() - begun)
         _log.info(f"{folder}: {step} steps done. {training.hint}")
     devices.wait("the end")

@@ -46,7 +46,7 @@ class Training:
     """Name, in checkpoints, of the part of the state that is used."""
     used: Callable[[PyTree], PyTree]
     """That part of a state."""
-    judge: Callable[[PyTree, int], tuple[Scores, UInt8[np.ndarray, "h w 3"]]]
+    validate: Callable[[PyTree, int], tuple[Scores, UInt8[np.ndarray, "h w 3"]]]
     """(the used part, its step) -> validation scores, and a picture."""
     facts: tuple[str, ...]
     """Lines of the card that say what was trained, and on what."""

@@ -131,7 +131,7 @@ def test_real_labels_reach_the_cells_of_their_points(samples, tmp_path):
     cloud = frame.cloud
     of_points, _ = read_point_labels(samples / "semantickitti_00/labels/000000.label", len(cloud.xyz_m))
     labelled = Cloud(cloud.xyz_m, of_points.astype(np.float32), cloud.valid, cloud.row)
-    truth = scan_on_window(labelled, grid, pair.row[:, 0], lines=64)
+    truth = scan_on_window(labelled, grid, pair.row_share[:, 0], lines=64)
     classes = np.round(np.asarray(truth.intensity)).astype(int)
     both = np.asarray(truth.valid) & pair.painted.valid & ~pair.painted.occluded & (classes > 0)
     same = pair.painted.semantic == classes

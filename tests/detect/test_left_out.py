@@ -68,7 +68,7 @@ def training(drops, experiment):
         step=step,
         network="network",
         used=lambda state: {"step": np.int32(state.step)},
-        judge=lambda used, step: ({"AP": Score(0.0, "%", 1)}, np.zeros((8, 8, 3), np.uint8)),
+        validate=lambda used, step: ({"AP": Score(0.0, "%", 1)}, np.zeros((8, 8, 3), np.uint8)),
         facts=(),
         scored=lambda scores: "",
         use="",

@@ -9,7 +9,7 @@ import pytest
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import every_frame, read
 from jaxsim.discover.add import refit
-from jaxsim.discover.every_frame import Judge, block_of, judge_rest
+from jaxsim.discover.every_frame import HeldAnswer, block_of, judge_rest
 from jaxsim.discover.model.cast import cast
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_z
@@ -49,7 +49,7 @@ def judged(tmp_path_factory, standard_promotion):
     effect = get_effect("beam_gain")
     start = to_z(effect, {}, ev.rays.row.shape[-1])
     chain = [(one.effect, one.fit.z) for one in refit(null, [effect], [start])]
-    return comparison, Judge(division, null, chain, null.noise, NOTHING_YET)
+    return comparison, HeldAnswer(division, null, chain, null.noise, NOTHING_YET)
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import pytest
 
 from jaxsim.cli import discover, main
 from jaxsim.discover.gate import (
+    check_distances,
+    check_verdict,
     colour_of,
     distance_of,
-    judge,
-    judge_quickly,
     quick_distances,
     read_gate,
     save_gate,
@@ -60,47 +60,47 @@ def gate(tmp_path, **content):
 def test_fast_is_red_for_a_gap_green_without_and_unsure_between(tmp_path):
     simulated, measured = sides(tmp_path / "null")
     asked = gate(tmp_path, thresholds={"intensity": 0.02, "range": 0.05, "drop": 0.05})
-    checks = judge_quickly(asked, quick_distances(simulated, measured))
+    checks = check_distances(asked, quick_distances(simulated, measured))
     assert {check.colour for check in checks} == {"pass"}
     simulated, measured = sides(tmp_path / "bright", gain=1.2)
-    checks = judge_quickly(asked, quick_distances(simulated, measured))
+    checks = check_distances(asked, quick_distances(simulated, measured))
     assert {check.name: check.colour for check in checks} == {"intensity": "gap", "range": "pass", "drop": "pass"}
     near = quick_distances(simulated, measured)["drop"]
     asked = gate(tmp_path, thresholds={"drop": near.value - (near.value - near.low) / 2})
-    assert colour_of(judge_quickly(asked, quick_distances(simulated, measured))) == "unsure"
+    assert colour_of(check_distances(asked, quick_distances(simulated, measured))) == "unsure"
 
 
 def test_a_whole_answer_is_red_for_effects_that_may_not_be_missing(tmp_path):
     verdict = results.named().verdict
     effect = verdict.effects[0].name
     most = {channel: 2 * gap.before for channel, gap in verdict.gap.items()}
-    (checks) = judge(gate(tmp_path, thresholds=most), verdict)
+    (checks) = check_verdict(gate(tmp_path, thresholds=most), verdict)
     assert checks[0].colour == "gap"
     assert effect in checks[0].words
     assert {check.colour for check in checks[1:]} == {"pass"}
-    assert colour_of(judge(gate(tmp_path, thresholds=most, allowed=[effect]), verdict)) == (
+    assert colour_of(check_verdict(gate(tmp_path, thresholds=most, allowed=[effect]), verdict)) == (
         "pass" if len(verdict.effects) == 1 else "gap"
     )
     everything = [one.name for one in verdict.effects]
     least = {channel: gap.before / 2 for channel, gap in verdict.gap.items()}
-    checks = judge(gate(tmp_path, thresholds=least, allowed=everything), verdict)
+    checks = check_verdict(gate(tmp_path, thresholds=least, allowed=everything), verdict)
     assert [check.colour for check in checks] == ["pass", *["gap"] * len(least)]
 
 
 def test_a_baseline_allows_what_was_so_before(tmp_path):
     verdict = results.named().verdict
     verdict.save(tmp_path)
-    assert colour_of(judge(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
+    assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "pass"
     none = results.none().verdict
     none.save(tmp_path)
-    assert colour_of(judge(gate(tmp_path, baseline="verdict.json"), verdict)) == "gap"
+    assert colour_of(check_verdict(gate(tmp_path, baseline="verdict.json"), verdict)) == "gap"
 
 
 def test_what_has_no_name_is_a_gap_unless_allowed(tmp_path):
     verdict = results.not_in_catalogue().verdict
-    assert colour_of(judge(gate(tmp_path, allowed=[]), verdict)) == "gap"
+    assert colour_of(check_verdict(gate(tmp_path, allowed=[]), verdict)) == "gap"
     allowed = ["not_in_catalogue", *(one.name for one in verdict.effects)]
-    assert colour_of(judge(gate(tmp_path, allowed=allowed), verdict)) == "pass"
+    assert colour_of(check_verdict(gate(tmp_path, allowed=allowed), verdict)) == "pass"
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_whole_answer_becomes_the_baseline_of_the_gate_that_is_written(tmp_pat
     asked = discover.Discover(out=tmp_path / "out", write_gate=tmp_path / "gates/gate.json")
     asked()
     assert json.loads((tmp_path / "gates/gate.json").read_text()) == {"baseline": "../out/verdict.json"}
-    assert colour_of(judge(read_gate(tmp_path / "gates/gate.json"), results.named().verdict)) == "pass"
+    assert colour_of(check_verdict(read_gate(tmp_path / "gates/gate.json"), results.named().verdict)) == "pass"
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def _metrics(folder: Path) -> None:
 
 def _read_metrics(folder: Path) -> Any:
     log = MetricsLog(folder, 2)
-    judged = [log.judged(step) for step in (1, 2, 3)]
+    judged = [log.validated(step) for step in (1, 2, 3)]
     return judged, read_metrics(log.path)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flax import nnx
 
-from jaxsim.config import LEVELS, Experiment, GeneratorConfig, LossConfig, OptimConfig
+from jaxsim.config import QUANTILES, Experiment, GeneratorConfig, LossConfig, OptimConfig
 from jaxsim.pix2pix import create_state, make_generate, make_train_step
 from jaxsim.pix2pix.losses import drop_loss, quantile_loss
 from jaxsim.pix2pix.unet import UNet
@@ -30,7 +30,7 @@ def standard_promotion():
 
 def test_any_number_of_rows_and_columns_comes_out_as_it_went_in():
     make = lambda x: UNet(CONFIG, 3, nnx.Rngs(0))(x)  # noqa: E731
-    assert jax.eval_shape(make, jnp.ones((2, 11, 13, 3))).shape == (2, 11, 13, len(LEVELS) + 1)
+    assert jax.eval_shape(make, jnp.ones((2, 11, 13, 3))).shape == (2, 11, 13, len(QUANTILES) + 1)
 
 
 def test_a_far_part_of_the_frame_changes_nothing_here():
@@ -54,12 +54,12 @@ def test_the_quantile_loss_is_least_at_the_quantiles():
     draws = np.random.default_rng(0).uniform(0, 1, 4001).astype(np.float32)
     cells, weight = jnp.asarray(draws)[None, None], jnp.ones((1, 1, 4001))
 
-    def loss(levels):
-        outputs = jnp.broadcast_to(2 * jnp.asarray([*levels, 0.0]) - 1, (1, 1, 4001, len(LEVELS) + 1))
+    def loss(quantiles):
+        outputs = jnp.broadcast_to(2 * jnp.asarray([*quantiles, 0.0]) - 1, (1, 1, 4001, len(QUANTILES) + 1))
         return float(quantile_loss(outputs, cells, weight))
 
-    best = np.quantile(draws, LEVELS).astype(np.float32)
-    for k in range(len(LEVELS)):
+    best = np.quantile(draws, QUANTILES).astype(np.float32)
+    for k in range(len(QUANTILES)):
         for step in (-0.02, 0.02):
             moved = best.copy()
             moved[k] += step
@@ -67,9 +67,9 @@ def test_the_quantile_loss_is_least_at_the_quantiles():
 
 
 def test_the_medians_part_is_the_absolute_error():
-    outputs = jnp.full((1, 1, 2, len(LEVELS) + 1), -0.4)  # all quantiles 0.3
+    outputs = jnp.full((1, 1, 2, len(QUANTILES) + 1), -0.4)  # all quantiles 0.3
     cells = jnp.asarray([[[0.5, 0.1]]])
-    # Beside |0.2| of the median, each pair of levels (a, 1 - a) has 0.5 (a + 1 - a) |0.2|.
+    # Beside |0.2| of the median, each pair of quantiles (a, 1 - a) has 0.5 (a + 1 - a) |0.2|.
     assert float(quantile_loss(outputs, cells, jnp.ones((1, 1, 2)))) == pytest.approx(0.2 * (1 + 0.5 + 0.5), rel=1e-5)
     assert float(quantile_loss(outputs, cells, jnp.asarray([[[1.0, 0.0]]]))) == pytest.approx(0.4, rel=1e-5)
 
@@ -113,8 +113,8 @@ def test_levels_are_as_much_wider_as_the_settings_say():
     x = jax.random.normal(jax.random.key(0), (1, 8, 12, 3))
     as_learned = np.asarray(make_generate(EXPERIMENT, 3)(parameters, x))
     wider = np.asarray(make_generate(replace(EXPERIMENT, generator=replace(CONFIG, widen=1.5)), 3)(parameters, x))
-    middle = LEVELS.index(0.5)
-    for k in range(len(LEVELS)):
+    middle = QUANTILES.index(0.5)
+    for k in range(len(QUANTILES)):
         np.testing.assert_allclose(
             wider[..., k] - wider[..., middle], 1.5 * (as_learned[..., k] - as_learned[..., middle]), atol=1e-6
         )
@@ -122,5 +122,5 @@ def test_levels_are_as_much_wider_as_the_settings_say():
 
 
 def test_a_network_without_levels_has_none_to_widen():
-    with pytest.raises(ValueError, match=r"generator\.widen is 1\.5; imaginaire gives no levels"):
+    with pytest.raises(ValueError, match=r"generator\.widen is 1\.5; imaginaire gives no quantiles"):
         make_generate(Experiment(generator=GeneratorConfig(filters=4, widen=1.5)), 3)

@@ -65,7 +65,7 @@ def test_camera_and_lidar_agree_and_every_line_keeps_its_row():
     assert np.percentile(off, 99) < 1.0
     first = int(np.argmin(np.abs(SPEC.elevation_rad - grid.elevation_rad[0])))
     line = first + np.arange(rows)
-    np.testing.assert_allclose(pair.row, (line / 63)[:, None] * np.ones(columns), atol=1e-6)
+    np.testing.assert_allclose(pair.row_share, (line / 63)[:, None] * np.ones(columns), atol=1e-6)
     np.testing.assert_allclose(pair.target[both], (line / 100)[:, None].repeat(columns, 1)[both], atol=1e-6)
     assert set(np.unique(painted.semantic[painted.valid])) == {7, 11}
     wall = painted.valid & (painted.semantic == 11)
@@ -181,7 +181,7 @@ def test_real_frames_give_the_papers_window(real):
     for pair, grid in real:
         assert isinstance(pair, Pair)
         assert pair.target.shape == (44, 372)
-        assert pair.row[0, 0] == 0
+        assert pair.row_share[0, 0] == 0
         assert len(grid.elevation_rad) == 44
     np.testing.assert_array_equal(real[0][1].azimuth_rad, real[1][1].azimuth_rad)
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.config import LEVELS, PrepareConfig
+from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.evaluate.intensity import coverage
 from jaxsim.frame import Painted
 from jaxsim.simulate.predict import STEP, Prediction, drawn, make_batch, predict_cells
@@ -16,8 +16,8 @@ from tests.evaluate.made import SHAPE, street
 PREPARE = PrepareConfig(inputs=("rgb",), network_size=SHAPE)
 
 
-def says(levels, share, shape=(200, 200)) -> Prediction:
-    whole = jnp.broadcast_to(jnp.asarray(levels, jnp.float32), (*shape, len(LEVELS)))
+def says(quantiles, share, shape=(200, 200)) -> Prediction:
+    whole = jnp.broadcast_to(jnp.asarray(quantiles, jnp.float32), (*shape, len(QUANTILES)))
     share = jnp.full(shape, share, jnp.float32)
     return Prediction(whole[..., 2], share > 0.5, whole, share)
 
@@ -30,13 +30,13 @@ def painted(rgb) -> Painted:
 
 
 def test_quantiles_come_in_order_and_the_mirror_image_counts_as_much():
-    """A network whose levels fall, and that adds a step on the left half alone: the mean with its mirror has none."""
+    """A network whose quantiles fall, with a step on the left half alone: the mean with its mirror has none."""
 
     def generate(params, inputs):
         left = (jnp.arange(SHAPE[1]) < SHAPE[1] // 2).astype(jnp.float32)[None, None]
         falling = jnp.asarray([0.6, 0.4, 0.2, 0.0, -0.2])
-        levels = falling[None, None, None] + 0.2 * jnp.broadcast_to(left, inputs.shape[:3])[..., None]
-        return jnp.concatenate([levels, jnp.full((*levels.shape[:3], 1), 2.0)], -1)
+        quantiles = falling[None, None, None] + 0.2 * jnp.broadcast_to(left, inputs.shape[:3])[..., None]
+        return jnp.concatenate([quantiles, jnp.full((*quantiles.shape[:3], 1), 2.0)], -1)
 
     rgb = np.random.default_rng(0).random((*SHAPE, 3)).astype(np.float32)
     flat = np.zeros(SHAPE, np.float32)
@@ -50,11 +50,11 @@ def test_quantiles_come_in_order_and_the_mirror_image_counts_as_much():
 
 
 def test_draws_have_the_quantiles_and_the_drops_that_were_said():
-    levels = [0.1, 0.3, 0.4, 0.6, 0.9]
-    draw = np.asarray(drawn(says(levels, 0.25), jax.random.key(0)))
+    quantiles = [0.1, 0.3, 0.4, 0.6, 0.9]
+    draw = np.asarray(drawn(says(quantiles, 0.25), jax.random.key(0)))
     assert (draw == 0).mean() == pytest.approx(0.25, abs=0.01)
     back = draw[draw > 0]
-    np.testing.assert_allclose(np.quantile(back, LEVELS), levels, atol=0.02)
+    np.testing.assert_allclose(np.quantile(back, QUANTILES), quantiles, atol=0.02)
     np.testing.assert_allclose(back / STEP, np.round(back / STEP), atol=1e-3)
 
 

@@ -40,7 +40,7 @@ class Adding:
         finite = self.at.get("diverge") != k
         return Sum(state.step + 1, total), {"loss/sum": total if finite else np.float32(np.nan), "finite": finite}
 
-    def judge(self, total, step):
+    def validate(self, total, step):
         if self.at.get("fail") == step:
             raise RuntimeError("no frame to judge by")
         self.judged.append(step)
@@ -58,7 +58,7 @@ class Adding:
             step=self.step,
             network="total",
             used=lambda state: state.total,
-            judge=self.judge,
+            validate=self.validate,
             facts=("numbers: 0 to 6",),
             scored=lambda scores: f"sum {scores['sum'].value:g}",
             use="Add more.",

@@ -8,7 +8,7 @@ In the order in which to read it:
     questions       what may divide it: moments, tags, sectors (`questions`)
     ask             exact tests over scenes, the best of all regions; false discovery rates (`chance`)
     confine         the effect fitted in its region, and whether another is the better name there (`confine`)
-    Judges          whether scenes that nothing was fitted to gain by it (`confine` too)
+    JudgeScenes     whether scenes that nothing was fitted to gain by it (`confine` too)
     regime_of       the verdict's entry (`find`)
 """
 

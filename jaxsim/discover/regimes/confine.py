@@ -113,7 +113,7 @@ def sharpened(region: Region, effect: Law, result: Fit, *, problem: Problem, fac
 
 
 @dataclass(frozen=True)
-class Judges:
+class JudgeScenes:
     """All scenes with the null in place."""
 
     base: Problem
@@ -123,7 +123,7 @@ class Judges:
     frame: Int[np.ndarray, " b"]
 
     @classmethod
-    def of(cls, division: Division, null: Problem, known: SensorModel) -> Judges:
+    def of(cls, division: Division, null: Problem, known: SensorModel) -> JudgeScenes:
         """All find and judge scenes of a division."""
         ev, scene = division.all_evidence(known)
         fitted = (scene < len(division.parts.find)).astype(np.float32)

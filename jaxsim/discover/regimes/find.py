@@ -17,7 +17,7 @@ from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.name.select import Choice, FittedStep, Log, with_steps, worse
 from jaxsim.discover.read import Division
 from jaxsim.discover.regimes.chance import FoundRegion, ask, disputed, false_discovery_rates, scenes_by_size
-from jaxsim.discover.regimes.confine import Confined, Judges, confine, sharpened
+from jaxsim.discover.regimes.confine import Confined, JudgeScenes, confine, sharpened
 from jaxsim.discover.regimes.questions import Cells, Facts, Question, cells, questions
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import ratio_interval
@@ -155,7 +155,7 @@ def find_regimes(
     asked = questions(facts)
     choice = answer.choice
     regimes: list[Regime] = []
-    judges = None
+    judge_scenes = None
     for stage in (_of_named, _of_candidates):
         # What is named comes first; other candidates are asked about where nothing divides it.
         for lead in [] if regimes else _ranked(stage(null, choice, facts=facts, asked=asked)):
@@ -164,10 +164,10 @@ def find_regimes(
             placed = _placed(lead, null, choice, facts=facts)
             if placed is None:
                 continue
-            # Judges are dear to make, and mostly nobody asks them.
-            judges = judges or Judges.of(division, null, known)
+            # They are dear to make, and mostly nobody asks them.
+            judge_scenes = judge_scenes or JudgeScenes.of(division, null, known)
             trial = _with(null, choice, placed.confined.step, at=lead.step)
-            confined, gained = judges.gained(placed.confined, trial, choice, facts=facts)
+            confined, gained = judge_scenes.gained(placed.confined, trial, choice, facts=facts)
             if gained <= 0:
                 continue
             log(f"{confined.plain.name} acts in a part alone: {confined.advantage:.0f} nats more than everywhere")

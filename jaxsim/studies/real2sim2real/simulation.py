@@ -25,7 +25,7 @@ def discover_lacking(loop: Loop) -> None:
     data = sensor.run.experiment.data
     dataset = open_dataset(data)
     judged = frames_to_judge("", dataset, validation=data.validation)
-    simulated, measured = write_pairs(sensor, dataset, judged, out=out, say=_log.info)
+    simulated, measured = write_pairs(sensor, dataset, judged, out=out, log=_log.info)
     result = discover_folders(simulated=simulated, measured=measured, log=_log.info)
     page = write_answer(out, result)
     _log.info(f"{verdict_sentence(result.verdict)} {page}")

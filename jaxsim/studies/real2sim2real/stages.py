@@ -80,26 +80,26 @@ class Stages:
     def all(self) -> None:
         """Runs all that is missing, and writes tables and page after each seed."""
         loop = self.loop
-        self.say("the sensor: an intensity network on real pairs")
+        self.log("the sensor: an intensity network on real pairs")
         self.train(loop.sensor, loop.intensity_experiment())
         if {*WITH_EFFECTS} & {*loop.config.kinds}:
-            self.say("what the sensor lacks: discover on real frames that it did not learn from")
+            self.log("what the sensor lacks: discover on real frames that it did not learn from")
             self.discover()
-        self.say(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
+        self.log(f"clouds of the renderer's frames: {', '.join(loop.config.kinds)}")
         self.export(loop)
-        self.say("the clouds themselves: points on objects, histograms, directions without a return")
+        self.log("the clouds themselves: points on objects, histograms, directions without a return")
         self.checks()
         for seed in loop.config.seeds:
             for kind in loop.trained:
-                self.say(f"seed {seed}: a detector of {kind} clouds")
+                self.log(f"seed {seed}: a detector of {kind} clouds")
                 self.train(loop.detector(kind, seed), loop.detector_experiment(kind, seed))
-            self.say(f"seed {seed}: scores")
+            self.log(f"seed {seed}: scores")
             for trained, judged in loop.judgements:
-                self.judge(trained, judged, seed)
-            self.say(f"seed {seed}: tables, checks of the clouds, pictures")
+                self.score(trained, judged, seed)
+            self.log(f"seed {seed}: tables, checks of the clouds, pictures")
             self.report()
 
-    def say(self, words: str) -> None:
+    def log(self, words: str) -> None:
         """Logs a line on the progress."""
         _log.info(f"real2sim2real: {words}")
 
@@ -128,7 +128,7 @@ class Stages:
             self.scenes_of[kind, part] = experiment_scenes(dataset, select(getattr(data, part), dataset), seen)
         return self.scenes_of[kind, part]
 
-    def judge(self, trained: str, judged: str, seed: int) -> None:
+    def score(self, trained: str, judged: str, seed: int) -> None:
         """Scores the last checkpoints of a detector, unless that is done."""
         loop, experiment = self.loop, self.loop.config.detector
         path, run = loop.score(trained, judged, seed), loop.detector(trained, seed)
