@@ -47,7 +47,7 @@ def test_a_half_last_line_is_left_out_and_written_again(tmp_path):
         log.write(step, {"loss": 0.5})
     whole = (tmp_path / "metrics.jsonl").read_bytes()
     (tmp_path / "metrics.jsonl").write_bytes(whole + b'{"step": 3, "lo')
-    assert not MetricsLog(tmp_path, 2).judged(3)
+    assert not MetricsLog(tmp_path, 2).validated(3)
     assert (tmp_path / "metrics.jsonl").read_bytes() == whole
 
 
