@@ -52,7 +52,7 @@ class DataConfig(Checked):
     """Frame numbers that training never sees."""
     seed: Whole = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
-    streets: Literal["town", "suburb"] = "town"
+    streets: Literal["town", "suburb", "wet_town", "wet_suburb"] = "town"
     """Traffic and houses of the embedded world: two places that differ in how often what stands there."""
     rows: Literal["file_order", "elevation"] = "file_order"
     """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""

@@ -69,10 +69,16 @@ class SegmentationConfig(Checked):
     intensity, and scored on measured ones."""
 
     root: Path | None = None
-    """Folder of labelled range images: NAME.npz with `scan` of (rows, columns, 6): x, y, z, intensity, range, label."""
+    """Folder of labelled range images: NAME.npz with `scan` of (rows, columns, 6): x, y, z, intensity, range, label.
+    None given: the embedded world, whose suburb is learned and whose town is judged."""
+    judged: Path | None = None
+    """Another folder of them, of the same sensor, to be judged in place of parts of the first: streets elsewhere."""
+    frames: Whole = 48
+    """Streets of the embedded world's suburb, where no folder is named; half as many of its town."""
     parts: Count = 3
     """The images, in order of name, are cut into so many parts; each is judged by what learned from the others. Frames
-    of one street lie in one part, but for those at its ends."""
+    of one street lie in one part, but for those at its ends. With `judged`, each part's intensities are simulated by
+    what learned from the others."""
     seeds: tuple[Whole, ...] = (0,)
     network: GeneratorConfig = field(
         default_factory=lambda: GeneratorConfig(

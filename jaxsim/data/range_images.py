@@ -1,7 +1,8 @@
 """Labelled range images: one NAME.npz a scan, whose `scan` holds x, y, z, intensity, range and class of each cell.
 
 This is the form in which SqueezeSeg and its successors keep spherical projections of SemanticKITTI and nuScenes: rows
-are laser lines from the top down, columns azimuths, and a cell of range 0 has no return. Class 0 is unlabelled.
+are laser lines from the top down, columns azimuths, and a cell of range 0 has no return. Class 0 is unlabelled. A
+classes.json beside them may name the classes: ["unlabelled", "road", ...].
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.files import files_in, read_arrays
+from jaxsim.files import files_in, parse_json, read_arrays, read_text
 from jaxsim.geometry.points import FAR_M
 
+NAMES = "classes.json"
 CHANNELS = ("x", "y", "z", "intensity", "range", "label")
 EIGHT_BITS = 255.0
 MOST_CLASSES = 256
@@ -58,6 +60,23 @@ def read_range_images(folder: Path) -> list[RangeImage]:
         raise ValueError(f"range images: {folder} holds images of {sorted(sizes)} cells; keep each sensor in a folder")
     scale = EIGHT_BITS if max(float(scan[..., 3].max()) for scan in scans.values()) > 1 else 1.0
     return [_image(name, scan, scale) for name, scan in scans.items()]
+
+
+def class_names(folder: Path, classes: int) -> tuple[str, ...]:
+    """Names of so many classes, by number: those of the folder's classes.json, else `class 1` and so on.
+
+    Raises ValueError where the file names fewer, or is no list of names.
+    """
+    path = folder / NAMES
+    if not path.is_file():
+        return tuple(f"class {number}" for number in range(classes))
+    names = parse_json(read_text(path, by="range images"))
+    if not isinstance(names, list) or len(names) < classes or not all(isinstance(name, str) for name in names):
+        raise ValueError(
+            f'range images: {path} must be a list of names, ["unlabelled", "road", ...], one for each of the {classes} '
+            "classes that the images hold"
+        )
+    return tuple(names)
 
 
 def intensity_scale(files: Sequence[Path]) -> float:

@@ -99,7 +99,10 @@ def test_a_place_that_cannot_be_written_to_is_told_before_any_work(tmp_path):
 
 
 NAMELESS = """
-import os, pwd
+import os, pwd, sys
+
+# Where it is installed flax asks it about colours, and it asks for a home.
+sys.modules["IPython"] = None
 
 def unknown(uid):
     raise KeyError(f"getpwuid(): uid not found: {uid}")

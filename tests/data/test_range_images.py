@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.range_images import read_range_images
+from jaxsim.data.range_images import class_names, read_range_images
 
 
 def scan(intensity=0.5, rows=4):
@@ -65,3 +65,14 @@ def test_an_empty_folder_and_two_sensors_in_one_are_told(tmp_path):
     np.savez(tmp_path / "01.npz", scan=scan(rows=2))
     with pytest.raises(ValueError, match="keep each sensor in a folder"):
         read_range_images(tmp_path)
+
+
+def test_classes_have_the_names_that_stand_beside_them(tmp_path):
+    assert class_names(tmp_path, 3) == ("class 0", "class 1", "class 2")
+    (tmp_path / "classes.json").write_text('["unlabelled", "road", "marking", "sign"]')
+    assert class_names(tmp_path, 3)[1:3] == ("road", "marking")
+    with pytest.raises(ValueError, match="one for each of the 5 classes"):
+        class_names(tmp_path, 5)
+    (tmp_path / "classes.json").write_text('{"road": 1}')
+    with pytest.raises(ValueError, match="must be a list of names"):
+        class_names(tmp_path, 2)

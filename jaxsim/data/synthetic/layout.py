@@ -7,7 +7,7 @@ the left of the middle. A drive takes a second: the ego car starts at x = 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,19 +36,25 @@ class Statistics:
     """Share of trucks in the traffic."""
     bodies: tuple[float, ...] = (0.3, 0.2, 0.16, 0.2, 0.14)
     """Shares of hatchbacks, saloons, estates, SUVs and vans (in the order of CAR_SHAPES)."""
+    wet: float = 0.0
+    """About the share of the road on which water stands."""
 
 
+AFTER_RAIN = 0.4
+_SUBURB = Statistics(
+    parking=0.35,
+    parked=(0.3, 0.7),
+    urban=0.15,
+    ahead=0.7,
+    oncoming=0.6,
+    trucks=0.2,
+    bodies=(0.15, 0.3, 0.1, 0.35, 0.1),
+)
 STATISTICS = {
     "town": Statistics(),
-    "suburb": Statistics(
-        parking=0.35,
-        parked=(0.3, 0.7),
-        urban=0.15,
-        ahead=0.7,
-        oncoming=0.6,
-        trucks=0.2,
-        bodies=(0.15, 0.3, 0.1, 0.35, 0.1),
-    ),
+    "suburb": _SUBURB,
+    "wet_town": Statistics(wet=AFTER_RAIN),
+    "wet_suburb": replace(_SUBURB, wet=AFTER_RAIN),
 }
 """By the name that `DataConfig.streets` takes."""
 
@@ -207,6 +213,7 @@ def _street(rng: np.random.Generator, statistics: Statistics) -> Street:
         "tone": rng.uniform(0.0, 1.0),
         "green": float(rng.random() < 0.55),
         "seed": float(rng.integers(1 << 16)),
+        "wet": statistics.wet,
     }
     return Street(**{name: np.asarray(value, np.float32) for name, value in numbers.items()})
 

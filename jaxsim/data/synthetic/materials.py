@@ -22,7 +22,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.data.synthetic.fields import cell, cell_hash, smooth_noise, smooth_noise3, vector
 from jaxsim.data.synthetic.raycast import GROUND, Hit
 from jaxsim.data.synthetic.solids import LOOK, Pattern, Solids
-from jaxsim.data.synthetic.street import Street, street_surface
+from jaxsim.data.synthetic.street import Ground, Street, street_surface
 from jaxsim.frame import Array
 
 FLOOR_M = 2.9
@@ -45,6 +45,8 @@ class Surface:
     retro: Bool[Array, "h w"]
     absorbing: Bool[Array, "h w"]
     """Paint that returns hardly anything at 905 nm."""
+    marking: Bool[Array, "h w"]
+    wet: Bool[Array, "h w"]
     semantic: Int[Array, "h w"]
     instance: Int[Array, "h w"]
     bend: Float[Array, "3 h w"]
@@ -104,7 +106,7 @@ def _marks(looks: Float[Array, "columns h w"], hit: Hit, pixel_m: Float[Array, "
 
 
 @jax.jit
-def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, ground) -> Surface:
+def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, ground: Ground) -> Surface:
     look = {name: looks[columns] for name, columns in LOOK.items()}
     printed = look["pattern"][0] == float(Pattern.SIGN)
 
@@ -122,7 +124,6 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
     nir = paint(look["nir"][0], look["nir2"][0], trim=TRIM_NIR, glass=GLASS_NIR, sheet=SHEET_NIR, contrast=0.7)
     # Numbers past the solids' stand for the ground and for nothing at all.
     on_ground, in_sky = hit.solid == GROUND, hit.solid > GROUND
-    ground_rgb, ground_nir, ground_class = ground
     things = ~(on_ground | in_sky)
     painted = things & ~marks.glass & ~marks.trim & ~marks.retro
     metal = (look["pattern"][0] == float(Pattern.CAR_BODY)) | (look["pattern"][0] == float(Pattern.CAR_CABIN))
@@ -130,14 +131,16 @@ def _compose(looks: Float[Array, "columns h w"], marks: Marks, hit: Hit, *, grou
     middle = look["centre"] + jnp.stack([0.0 * half[2], 0.0 * half[2], 0.55 * half[2]])
     # Flat facets would mirror one patch of sky each: sheet metal is curved.
     bend = jnp.where((metal & things)[None], 0.22 * (hit.at - middle) / half[1][None], 0.0)
-    semantic = jnp.where(on_ground, ground_class, look["semantic"][0].astype(jnp.int32))
+    semantic = jnp.where(on_ground, ground.semantic, look["semantic"][0].astype(jnp.int32))
     return Surface(
-        rgb=jnp.where(on_ground[None], ground_rgb, vector(*rgb)),
-        nir=jnp.clip(jnp.where(on_ground, ground_nir, nir), 0.0, 1.0),
+        rgb=jnp.where(on_ground[None], ground.rgb, vector(*rgb)),
+        nir=jnp.clip(jnp.where(on_ground, ground.nir, nir), 0.0, 1.0),
         gloss=jnp.where(things, jnp.where(marks.glass, 0.12, look["gloss"][0]), 0.01),
         glass=things & marks.glass,
         retro=things & marks.retro,
         absorbing=painted & (look["absorbing"][0] > 0.5) & (marks.second < 0.5),
+        marking=on_ground & ground.marking,
+        wet=on_ground & ground.wet,
         semantic=jnp.where(in_sky, IDS["sky"], semantic),
         instance=jnp.where(things, look["instance"][0].astype(jnp.int32), 0),
         bend=bend,

@@ -66,6 +66,8 @@ class IdealScan:
     glass: Bool[Array, "rows columns"]
     retro: Bool[Array, "rows columns"]
     absorbing: Bool[Array, "rows columns"]
+    marking: Bool[Array, "rows columns"]
+    wet: Bool[Array, "rows columns"]
     semantic: Int[Array, "rows columns"]
     instance: Int[Array, "rows columns"]
 
@@ -206,6 +208,8 @@ def scan(scene: Scene, grid: PolarGrid, *, velo_pose: Float[Array, "4 4"], candi
         glass=seen.glass,
         retro=seen.retro,
         absorbing=seen.absorbing,
+        marking=seen.marking,
+        wet=seen.wet,
         semantic=seen.semantic,
         instance=seen.instance,
     )

@@ -2,10 +2,14 @@
 
 Letters: x along the street at the ego car, y to its left. The middle of the road is y = c x^2 / 2; `aside` is the
 distance from it, positive to the left. The ground has two levels: the road at 0, all else at the kerb's height. It is
-made of asphalt with its markings, kerbs, paving and lawn.
+made of asphalt with its markings, kerbs, paving and lawn. After rain a film of water lies on a share of the road: it
+takes about half of the light at either wavelength (Twomey, Bohren and Mergenthaler, Reflectance and albedo differences
+between wet and dry surfaces, Applied Optics 25, 1986).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +27,8 @@ HALVINGS = 6
 ROAD, PAVEMENT = IDS["road"], IDS["sidewalk"]
 OPEN_GROUND, TERRAIN = IDS["ground"], IDS["terrain"]
 LINE_M = 0.13
+WET_RGB, WET_NIR = 0.55, 0.45
+"""What a film of water leaves of the albedo."""
 
 
 @struct.dataclass
@@ -50,6 +56,21 @@ class Street:
     green: Float[Array, ""]
     """1 where lawn lies behind the pavement, 0 where it is paved."""
     seed: Float[Array, ""]
+    wet: Float[Array, ""]
+    """About the share of the road that is wet."""
+
+
+class Ground(NamedTuple):
+    """The ground at every hit."""
+
+    rgb: Float[Array, "3 h w"]
+    """Linear albedo."""
+    nir: Float[Array, "h w"]
+    """Reflectance at 905 nm."""
+    semantic: Int[Array, "h w"]
+    marking: Bool[Array, "h w"]
+    """Painted road, as far as the paint is not worn off."""
+    wet: Bool[Array, "h w"]
 
 
 def aside(street: Street, x: Float[Array, "*r"], y: Float[Array, "*r"]) -> Float[Array, "*r"]:
@@ -118,8 +139,8 @@ def ground_normal(
 @jax.jit
 def street_surface(
     street: Street, at: Float[Array, "3 h w"], kerb: Bool[Array, "h w"], *, pixel_m: Float[Array, "h w"]
-) -> tuple[Float[Array, "3 h w"], Float[Array, "h w"], Int[Array, "h w"]]:
-    """Linear albedo, reflectance at 905 nm and Cityscapes id of the ground."""
+) -> Ground:
+    """What the ground is made of."""
     x, y = at[0], at[1]
     off, beyond = aside(street, x, y), past_kerb(street, x, y)
     seed = street.seed.astype(jnp.int32)
@@ -139,6 +160,7 @@ def street_surface(
 
     # Clearly above the road's level, so that rounding cannot put road on the pavement's side.
     is_road = (beyond < 0.0) & ~kerb
+    wet = is_road & (smooth_noise(x * 0.25, off * 0.6, seed + 11) < street.wet)
     is_kerb = kerb | (~is_road & (beyond < 0.16))
     green = (beyond > street.pavement_m) & (street.green > 0.5)
     colours = []
@@ -148,14 +170,14 @@ def street_surface(
         value = road + (line - road) * paint
         behind = jnp.where(green, lawn * (grass + (straw - grass) * dry), stone * (0.27 if line > 0.6 else 0.25))
         behind = jnp.where(is_kerb, kerbstone * (1.0 + 0.5 * fine * grain + 0.3 * blotch), behind)
-        colours.append(jnp.where(is_road, value, behind))
+        colours.append(jnp.where(is_road, value * jnp.where(wet, WET_RGB, 1.0), behind))
     nir = road_nir + (0.62 - road_nir) * paint
     behind = jnp.where(green, (0.52 - 0.12 * dry) * (1.0 + 0.5 * (lawn - 1.0)), stone_nir)
     behind = jnp.where(is_kerb, 0.40 * (1.0 + 0.3 * fine * grain + 0.2 * blotch), behind)
-    nir = jnp.where(is_road, nir, behind)
+    nir = jnp.where(is_road, nir * jnp.where(wet, WET_NIR, 1.0), behind)
     paved_plot = jnp.where(beyond > street.pavement_m + 1.0, OPEN_GROUND, PAVEMENT)
     semantic = jnp.where(is_road, ROAD, jnp.where(is_kerb, PAVEMENT, jnp.where(green, TERRAIN, paved_plot)))
-    return vector(*colours), nir, semantic.astype(jnp.int32)
+    return Ground(vector(*colours), nir, semantic.astype(jnp.int32), is_road & (paint > 0.5), wet)
 
 
 def _asphalt(street: Street, x, off, *, noise, seed):

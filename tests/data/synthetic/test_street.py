@@ -6,16 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.data.synthetic.street import Street, cast_ground, past_kerb
+from jaxsim.data.synthetic.street import WET_NIR, WET_RGB, Street, cast_ground, past_kerb, street_surface
 from tests.data.synthetic.made_raycast import bundle
 
 RAYS = 400
 
 
-def a_street() -> Street:
+def a_street(wet: float = 0.0) -> Street:
     sides = {"side_x_m": [15.0, 40.0], "side_half_m": [3.0, -1.0], "side_towards": [1.0, -1.0]}
     measures = {"curvature": 4e-4, "half_width_m": 4.0, "kerb_m": 0.12, "pavement_m": 2.0, "parking": 0.0}
-    looks = {"crossing_x_m": -500.0, "wear": 0.5, "tone": 0.5, "green": 1.0, "seed": 1.0}
+    looks = {"crossing_x_m": -500.0, "wear": 0.5, "tone": 0.5, "green": 1.0, "seed": 1.0, "wet": wet}
     numbers = {**sides, **measures, **looks}
     return Street(**{name: np.asarray(value, np.float32) for name, value in numbers.items()})
 
@@ -63,3 +63,22 @@ def test_rays_that_rise_never_meet_the_ground() -> None:
     eye, aim = np.array([0.0, 0.0, 1.7]), np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.3]])
     _, meets, _ = cast_ground(a_street(), *bundle(eye, aim))
     assert not np.asarray(meets).any()
+
+
+def test_water_lies_on_a_share_of_the_road_and_takes_light_at_both_wavelengths() -> None:
+    x, y = np.meshgrid(np.linspace(-20, 60, 400, dtype=np.float32), np.linspace(-8, 8, 160, dtype=np.float32))
+    at, kerb, pixel_m = np.stack([x, y, np.zeros_like(x)]), np.zeros(x.shape, bool), np.full(x.shape, 0.05, np.float32)
+    dry = street_surface(a_street(), at, kerb, pixel_m=pixel_m)
+    rained = street_surface(a_street(0.4), at, kerb, pixel_m=pixel_m)
+    road = np.asarray(dry.semantic == 7)
+    wet = np.asarray(rained.wet)
+    assert not np.asarray(dry.wet).any()
+    assert 0.3 < wet[road].mean() < 0.5
+    assert not wet[~road].any()
+    np.testing.assert_allclose(np.asarray(rained.nir)[wet], WET_NIR * np.asarray(dry.nir)[wet], rtol=1e-5)
+    np.testing.assert_allclose(np.asarray(rained.rgb)[:, wet], WET_RGB * np.asarray(dry.rgb)[:, wet], rtol=1e-5)
+    np.testing.assert_array_equal(np.asarray(rained.nir)[~wet], np.asarray(dry.nir)[~wet])
+    # Paint is brighter than the asphalt that it lies on.
+    marking = np.asarray(dry.marking)
+    assert 0.002 < marking[road].mean() < 0.2
+    assert np.asarray(dry.nir)[marking].min() > np.median(np.asarray(dry.nir)[road & ~marking])

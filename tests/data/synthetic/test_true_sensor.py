@@ -28,6 +28,8 @@ def a_scan() -> IdealScan:
         glass=chance[0] < 0.1,
         retro=chance[1] < 0.05,
         absorbing=chance[2] < 0.1,
+        marking=np.zeros(SHAPE, bool),
+        wet=np.zeros(SHAPE, bool),
         semantic=np.full(SHAPE, 7, np.int32),
         instance=np.zeros(SHAPE, np.int32),
     )

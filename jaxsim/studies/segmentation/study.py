@@ -1,0 +1,191 @@
+"""Which images simulate, learn or are judged when; their scores, each kept in a file of its own, and the table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxsim.config import QUANTILES, SegmentationConfig
+from jaxsim.data.range_images import RangeImage, class_names, read_range_images
+from jaxsim.files import read_entry, replacing, write_arrays
+from jaxsim.files.arrays import read_arrays
+from jaxsim.report.results import markdown_table, number_or_none
+from jaxsim.studies.segmentation.iou import KINDS, class_iou, confusion, mean_iou, worth
+from jaxsim.studies.segmentation.networks import (
+    class_loss,
+    classify,
+    of_segmentation,
+    of_sensor,
+    sensor_loss,
+    simulate,
+    train,
+)
+
+
+class Study:
+    """One folder's images, sensors and scores."""
+
+    def __init__(
+        self,
+        config: SegmentationConfig,
+        images: Sequence[RangeImage],
+        *,
+        judged: Sequence[RangeImage] | None = None,
+        names: Sequence[str] = (),
+    ):
+        fewest = 3 if judged is None else 2
+        if config.parts < fewest or len(images) < config.parts:
+            raise ValueError(
+                f"segmentation: {len(images)} images in {config.parts} parts; "
+                + ("a part is judged, and of two others each" if judged is None else "of two parts each")
+                + f" simulates for the other: give {fewest} parts or more, and an image for each"
+            )
+        self.config = config
+        self.images = images
+        self.judged = judged
+        self.classes = 1 + max(int(image.label.max()) for image in (*images, *(judged or ())))
+        self.names = names or [f"class {number}" for number in range(self.classes)]
+        self.part = np.arange(len(images)) * config.parts // len(images)
+        self.rounds: tuple[int | None, ...] = tuple(range(config.parts)) if judged is None else (None,)
+        """Parts that are judged one after the other; None: other images, by what learned from all parts."""
+
+    @classmethod
+    def of_folders(cls, config: SegmentationConfig, root: Path, judged: Path | None) -> Study:
+        """Reads the images. Raises ValueError where the two folders are of different sensors."""
+        images = read_range_images(root)
+        others = None if judged is None else read_range_images(judged)
+        if others is not None and others[0].range_m.shape != images[0].range_m.shape:
+            raise ValueError(
+                f"segmentation: images of {judged} have {others[0].range_m.shape} cells, those of {root} "
+                f"{images[0].range_m.shape}; judge frames of the same sensor"
+            )
+        classes = 1 + max(int(image.label.max()) for image in (*images, *(others or ())))
+        return cls(config, images, judged=others, names=class_names(root, classes))
+
+    def own(self, part: int) -> list[int]:
+        return [int(i) for i in np.flatnonzero(self.part == part)]
+
+    def others(self, *parts: int | None) -> list[int]:
+        return [int(i) for i in np.flatnonzero(~np.isin(self.part, [part for part in parts if part is not None]))]
+
+    def to_judge(self, part: int | None) -> Sequence[RangeImage]:
+        """The images of a part, or of the other folder."""
+        return (self.judged or ()) if part is None else [self.images[i] for i in self.own(part)]
+
+    def simulated(self, part: int, judged: int | None) -> list[Float[np.ndarray, "rows columns"]]:
+        """Intensities of a part's images by a sensor that learned from neither it nor the judged part; kept."""
+        config = self.config
+        path = config.out / "intensity" / f"part{part}{'' if judged is None else f'_without{judged}'}.npz"
+        if not path.is_file():
+            inputs = [of_sensor(image, self.classes) for image in self.images]
+            learned = self.others(part, judged)
+            targets = [
+                {"intensity": self.images[i].intensity, "weight": self.images[i].valid.astype(np.float32)}
+                for i in learned
+            ]
+            network = train(
+                [inputs[i] for i in learned],
+                targets,
+                sensor_loss,
+                out_channels=len(QUANTILES) + 1,
+                steps=config.sensor_steps,
+                seed=0,
+                config=config,
+            )
+            folder = self.own(part)
+            made = simulate(network, [inputs[i] for i in folder], [self.images[i] for i in folder], seed=part)
+            write_arrays(path, {"intensity": np.stack(made)})
+        again = "delete it, and it is made anew"
+        return [*read_arrays(path, by="segmentation", again=again, summed=True)["intensity"]]
+
+    def intensities(self, kind: str, judged: int | None) -> dict[int, Float[np.ndarray, "rows columns"]]:
+        """Of each training image."""
+        if kind == "simulated":
+            parts = [part for part in range(self.config.parts) if part != judged]
+            return {i: x for p in parts for i, x in zip(self.own(p), self.simulated(p, judged), strict=True)}
+        return {i: self.images[i].intensity * (kind == "measured") for i in self.others(judged)}
+
+    def path(self, kind: str, part: int | None, seed: int) -> Path:
+        judged = "elsewhere" if part is None else f"part{part}"
+        return self.config.out / "scores" / f"{kind}_{judged}_seed{seed}.json"
+
+    def score(self, kind: str, part: int | None, seed: int) -> None:
+        """Trains on all other parts with this kind of intensity and judges on the measured part, unless that is
+        done. A network without intensity is judged without."""
+        path = self.path(kind, part, seed)
+        if path.is_file():
+            return
+        chosen = self.intensities(kind, part)
+        count = np.bincount(np.concatenate([self.images[i].label.ravel() for i in chosen]), minlength=self.classes)
+        rarity = (1 / np.sqrt(np.maximum(count, 1) / max(count[1:].sum(), 1))).astype(np.float32)
+        rarity[0] = 0
+        inputs = [of_segmentation(self.images[i], x) for i, x in chosen.items()]
+        targets = [{"label": self.images[i].label, "weight": rarity[self.images[i].label]} for i in chosen]
+        network = train(
+            inputs,
+            targets,
+            class_loss,
+            out_channels=self.classes,
+            steps=self.config.steps,
+            seed=seed,
+            config=self.config,
+        )
+        judged = self.to_judge(part)
+        told = classify(network, [of_segmentation(image, image.intensity * (kind != "none")) for image in judged])
+        confusions = sum(confusion(image.label, guess, self.classes) for image, guess in zip(judged, told, strict=True))
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps({"confusion": np.asarray(confusions).tolist()}))
+
+    def iou(self, kind: str) -> Float[np.ndarray, "seeds known"]:
+        """IoU of each class over all parts; NaN where a class has no cell. Class 0 is left out."""
+        shares = []
+        for seed in self.config.seeds:
+            paths = [self.path(kind, part, seed) for part in self.rounds]
+            read = [read_entry(path, "confusion", list[list[int]], by="segmentation") for path in paths]
+            shares.append(class_iou(np.sum(np.array(read), axis=0)))
+        return np.stack(shares)
+
+    def plain(self) -> dict[str, object]:
+        """All figures for JSON."""
+        return {
+            "iou": {kind: [[number_or_none(x) for x in row] for row in self.iou(kind)] for kind in KINDS},
+            "mean": {kind: mean_iou(self.iou(kind)).mean for kind in KINDS},
+            "worth": number_or_none(worth({kind: self.iou(kind) for kind in KINDS})),
+        }
+
+    def text(self) -> str:
+        """Markdown: IoU a class and their mean, of each kind; what simulated intensity is worth."""
+        of = {kind: self.iou(kind) for kind in KINDS}
+        judged = [image for part in self.rounds for image in self.to_judge(part)]
+        cells = np.bincount(np.concatenate([image.label.ravel() for image in judged]), minlength=self.classes)
+        rows = [
+            [self.names[k + 1], str(int(cells[k + 1])), *(_cell(of[kind][:, k]) for kind in KINDS)]
+            for k in range(self.classes - 1)
+            if cells[k + 1]
+        ]
+        rows.append(["mean", str(int(cells[1:].sum())), *(_cell(np.nanmean(of[kind], axis=1)) for kind in KINDS)])
+        heads = ["IoU", "cells", "no intensity", "simulated", "measured"]
+        share = worth(of)
+        gain = mean_iou(of["measured"]).mean - mean_iou(of["none"]).mean
+        words = (
+            f"Measured intensity is worth {gain:+.3f} of mean IoU; simulated intensity {100 * share:.0f} % of that."
+            if np.isfinite(share)
+            else "Measured intensity is worth nothing here, so simulated intensity has nothing to be measured by."
+        )
+        seeds = len(self.config.seeds)
+        words += " One seed: the spread is not known." if seeds == 1 else ""
+        head = f"{len(self.images)} images, {self.config.parts} parts, each judged by what learned from the others; "
+        if self.judged is not None:
+            head = f"{len(self.images)} images, and {len(self.judged)} others to judge; "
+        return f"{head}{seeds} seed{'s' * (seeds > 1)}.\n\n{markdown_table(heads, rows)}\n\n{words}"
+
+
+def _cell(values: Float[np.ndarray, " seeds"]) -> str:
+    if not np.isfinite(values).any():
+        return "-"
+    spread = f" ± {np.nanstd(values, ddof=1):.3f}" if len(values) > 1 else ""
+    return f"{np.nanmean(values):.3f}{spread}"

@@ -1,0 +1,53 @@
+"""The worth of intensity, in a world whose classes differ in nothing else."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxsim.config import GeneratorConfig, SegmentationConfig
+from jaxsim.data.range_images import read_range_images
+from jaxsim.studies.segmentation.iou import KINDS, class_iou
+from jaxsim.studies.segmentation.study import Study
+
+
+def of(study, kind):
+    return class_iou(np.array(json.loads(study.path(kind, 0, 0).read_text())["confusion"]))
+
+
+def test_measured_intensity_tells_what_shape_does_not(study):
+    assert of(study, "measured").min() > 0.9
+    assert np.nanmean(of(study, "none")) < 0.7
+
+
+def test_simulated_intensity_of_a_sensor_that_saw_other_parts_is_worth_most_of_it(study):
+    assert of(study, "simulated").min() > 0.9
+    made = np.stack(study.simulated(1, 0))
+    truth = np.stack([study.images[i].intensity for i in study.own(1)])
+    valid = truth > 0
+    assert np.abs(made - truth)[valid].mean() < 0.1
+    assert not made[~valid].any()
+
+
+def test_a_sensor_learns_from_neither_the_part_it_simulates_nor_the_judged_one(study):
+    assert study.others(1, 0) == [4, 5]
+    assert {*study.intensities("simulated", 0)} == {2, 3, 4, 5}
+    assert study.own(0) == [0, 1]
+
+
+def test_what_is_scored_is_not_scored_again(study, monkeypatch):
+    monkeypatch.setattr("jaxsim.studies.segmentation.study.train", lambda *_, **__: pytest.fail("trained again"))
+    for kind in KINDS:
+        study.score(kind, 0, 0)
+
+
+def test_streets_elsewhere_are_judged_by_what_learned_from_all_parts(folder, tmp_path):
+    network = GeneratorConfig(form="unet", filters=4, downsamples=0, enhancers=0)
+    config = SegmentationConfig(root=folder, judged=folder, network=network, parts=2, steps=1, columns=8, out=tmp_path)
+    study = Study(config, read_range_images(folder)[:4], judged=read_range_images(folder)[4:])
+    assert study.rounds == (None,)
+    assert study.others(1, None) == [0, 1]
+    assert {*study.intensities("measured", None)} == {0, 1, 2, 3}
+    study.score("measured", None, 0)
+    cells = np.array(json.loads(study.path("measured", None, 0).read_text())["confusion"])
+    assert cells.sum() == sum((image.label > 0).sum() for image in study.judged)
