@@ -27,7 +27,7 @@ class Stamped(NamedTuple):
     """Records, as `export.table_of` gives."""
 
 
-def write_mcap(path: Path, clouds: Iterable[Stamped], *, topic: str = "/points", frame: str = "lidar") -> int:
+def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -> int:
     """Writes clouds to one MCAP, whole or not at all; how many they were."""
     typesys = need("rosbags.typesys", "ros", by="mcap")
     writer_of = need("mcap.writer", "ros", by="mcap").Writer
@@ -38,7 +38,7 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, topic: str = "/points",
         writer = writer_of(file)
         writer.start(profile="ros2", library="jaxsim")
         schema = writer.register_schema(name=_KIND, encoding="ros2msg", data=definition.encode())
-        channel = writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        channel = writer.register_channel(topic="/points", message_encoding="cdr", schema_id=schema)
         for stamped in clouds:
             nanoseconds = round(stamped.time_s * 1e9)
             data = store.serialize_cdr(_message(store.types, stamped.table, nanoseconds, frame=frame), _KIND)

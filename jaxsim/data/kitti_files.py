@@ -323,10 +323,10 @@ NO_BOXES = _boxes(Path(), [])
 """Boxes of a frame in which nothing is labelled."""
 
 
-def listing(folder: Path, most: int = 6) -> str:
+def listing(folder: Path) -> str:
     """What stands in a folder, for an error."""
     if not folder.is_dir():
         return f"there is no folder {folder}"
     names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
-    more = ", ..." if len(names) > most else ""
-    return f"{folder} holds {', '.join(names[:most]) or 'nothing'}{more}"
+    more = ", ..." if len(names) > 6 else ""
+    return f"{folder} holds {', '.join(names[:6]) or 'nothing'}{more}"

@@ -211,8 +211,8 @@ def verdict_fields(null: Problem, model: FittedAnswer, *, known: SensorModel) ->
 
 
 @one_blas_thread
-def disagreements(comparison: Comparison, *, known: SensorModel = NOTHING_YET) -> tuple[Where, ...]:
+def disagreements(comparison: Comparison) -> tuple[Where, ...]:
     """Only the first step of `discover`, in seconds: on which covariates the find scenes' residuals depend, strongest
     first. Raises ValueError where the scenes are too few to decide anything."""
-    mounting = place_mounting(comparison, {*EFFECTS}, known)
+    mounting = place_mounting(comparison, {*EFFECTS})
     return find_dependences(Division.of(mounting.comparison), mounting.known).where

@@ -129,9 +129,8 @@ def make_images(generate: Generate, prepare: PrepareConfig) -> tuple[Callable[..
 
     @jax.jit
     def predicted(params: Any, pair: Pair) -> Array:
-        return generate(params, network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare))[
-            ..., :1
-        ]
+        inputs = network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare)
+        return generate(params, inputs)[..., :1]
 
     @jax.jit
     def measured(pair: Pair) -> Array:

@@ -66,7 +66,7 @@ def unlock(folder: Path) -> None:
 
 
 @contextmanager
-def working_in(folder: Path | str, *, doing: str = "writing to", instead: str = "another --out") -> Iterator[None]:
+def working_in(folder: Path | str, *, doing: str = "writing to") -> Iterator[None]:
     """Keeps a folder for this process while the block runs. A folder that it has locked before stays locked after.
 
     Where the block wrote nothing, no folder is left that was not there. Raises ValueError as `lock`.
@@ -74,7 +74,7 @@ def working_in(folder: Path | str, *, doing: str = "writing to", instead: str = 
     folder = Path(folder)
     before = folder.resolve() / NAME in _held
     new = [place for place in (folder, *folder.parents) if not place.exists()]
-    lock(folder, doing=doing, instead=instead)
+    lock(folder, doing=doing, instead="another --out")
     try:
         yield
     finally:

@@ -130,7 +130,7 @@ def input_channels(prepare: PrepareConfig) -> int:
 def network_inputs(
     painted: Painted,
     incidence_rad: Float[Array, "*b rows columns"],
-    row: Float[Array, "*b rows columns"],
+    row_share: Float[Array, "*b rows columns"],
     *,
     prepare: PrepareConfig,
 ) -> Float[Array, "*b r c channels"]:
@@ -141,8 +141,8 @@ def network_inputs(
     after the scaling as pix2pixHD does. A cell that nothing was painted on is -1 in colour and lengths.
     """
     input_channels(prepare)
-    size, lead = prepare.network_size, row.ndim - 2
-    painted, incidence_rad, row = resample((painted, incidence_rad, row), size, batch_dims=lead)
+    size, lead = prepare.network_size, row_share.ndim - 2
+    painted, incidence_rad, row_share = resample((painted, incidence_rad, row_share), size, batch_dims=lead)
     seen = painted.valid
 
     def scaled(value: Array, largest: float) -> Array:
@@ -164,21 +164,23 @@ def network_inputs(
         "log_range": lambda: scaled(
             jnp.log(jnp.maximum(painted.range_m, 1.0)), math.log(max(prepare.max_range_m, 2.0))
         ),
-        "row": lambda: _row_code(row),
-        "beam": lambda: jax.nn.one_hot(jnp.round(row * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32),
+        "row": lambda: _row_code(row_share),
+        "beam": lambda: jax.nn.one_hot(jnp.round(row_share * (BEAMS - 1)).astype(jnp.int32), BEAMS, dtype=jnp.float32),
         "surroundings": lambda: surroundings(painted, incidence_rad),
     }
     return jnp.concatenate([make[name]() for name in prepare.inputs], axis=-1)
 
 
-def _row_code(row: Float[Array, "*b r c"]) -> Float[Array, "*b r c code"]:
+def _row_code(row_share: Float[Array, "*b r c"]) -> Float[Array, "*b r c code"]:
     """A laser line as its place in the sensor, -1 top to 1 bottom, and waves of that place.
 
     Every laser has a gain of its own: a smooth ramp does not tell neighbouring lines apart, a wave of two lines does.
     """
     # Octaves: each wave is half as long as the one before.
-    phase = 2 * jnp.pi * row[..., None] * 2.0 ** jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row.ndim]
-    return jnp.concatenate([2 * row[..., None] - 1, jnp.sin(phase), jnp.cos(phase)], axis=-1)
+    phase = (
+        2 * jnp.pi * row_share[..., None] * 2.0 ** jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row_share.ndim]
+    )
+    return jnp.concatenate([2 * row_share[..., None] - 1, jnp.sin(phase), jnp.cos(phase)], axis=-1)
 
 
 @jax.jit

@@ -17,7 +17,6 @@ from statistics import median
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -201,8 +200,7 @@ def _cloud_of_rays(
 ) -> Cloud:
     (painted, incidence_rad), (grid, row_share) = met, window
     angle = incidence(painted.range_m, painted.valid, grid)[0] if incidence_rad is None else incidence_rad
-    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
-    seen = {"incidence_rad": angle, "row_share": row_shares}
+    seen = {"incidence_rad": angle, "row_share": row_share}
     return polar_to_points(simulate_painted(params, painted, **seen, generate=generate, prepare=prepare), grid)
 
 

@@ -117,16 +117,18 @@ def predict_cells(
     painted: Painted,
     *,
     incidence_rad: Rays,
-    row_share: Rays,
+    row_share: Float[Array, "... rows"],
     prepare: PrepareConfig,
 ) -> Prediction:
-    """What the network says of each cell of the polar window.
+    """What the network says of each cell of the polar window. `row_share` is each beam's place in the sensor, 0 top,
+    1 bottom.
 
     The window is scaled to the network's size cell by cell and back, so each cell keeps its own answer. A network
     that gives a distribution sees each window and its mirror image, and the mean of both answers counts.
     """
-    *batch, rows, columns = row_share.shape
-    inputs = network_inputs(painted, incidence_rad, row_share, prepare=prepare)
+    *batch, rows, columns = incidence_rad.shape
+    row_shares = jnp.broadcast_to(row_share[..., None], incidence_rad.shape)
+    inputs = network_inputs(painted, incidence_rad, row_shares, prepare=prepare)
     inputs = inputs.reshape(-1, *inputs.shape[-3:])
     outputs = generate(params, inputs)
     distribution = outputs.shape[-1] > len(QUANTILES)
@@ -153,7 +155,7 @@ def make_predict(generate: Generate, prepare: PrepareConfig) -> Callable[[Any, P
 
     @jax.jit
     def predict(params: Any, pair: Pair) -> Prediction:
-        seen = {"incidence_rad": pair.incidence_rad, "row_share": pair.row_share}
+        seen = {"incidence_rad": pair.incidence_rad, "row_share": pair.row_share[..., 0]}
         return predict_cells(generate, params, pair.painted, **seen, prepare=prepare)
 
     return predict
@@ -177,8 +179,7 @@ def simulate_frame(
     """
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
-    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
-    seen = {"incidence_rad": angle, "row_share": row_shares}
+    seen = {"incidence_rad": angle, "row_share": row_share}
     return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key), painted
 
 
@@ -187,7 +188,7 @@ def simulate_painted(
     painted: Painted,
     *,
     incidence_rad: Rays,
-    row_share: Rays,
+    row_share: Float[Array, " rows"],
     generate: Generate,
     prepare: PrepareConfig,
     key: Array | None = None,
@@ -213,11 +214,9 @@ def camera_intensity(
     """
     shrunk = shrink(view, (len(grid.elevation_rad), len(grid.azimuth_rad)))
     angle, _ = incidence(shrunk.range_m, shrunk.valid, grid)
-    row_shares = jnp.broadcast_to(row_share[:, None], angle.shape)
+    says = predict_cells(generate, params, shrunk, incidence_rad=angle, row_share=row_share, prepare=prepare)
     # Intensity in steps of 1/100, 0 for a ray that does not come back.
-    intensity = predict_cells(
-        generate, params, shrunk, incidence_rad=angle, row_share=row_shares, prepare=prepare
-    ).reported
+    intensity = says.reported
     return resample(intensity, view.rgb.shape[-3:-1], batch_dims=intensity.ndim - 2)
 
 

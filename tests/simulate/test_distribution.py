@@ -40,7 +40,7 @@ def test_quantiles_come_in_order_and_the_mirror_image_counts_as_much():
 
     rgb = np.random.default_rng(0).random((*SHAPE, 3)).astype(np.float32)
     flat = np.zeros(SHAPE, np.float32)
-    found = predict_cells(generate, None, painted(rgb), incidence_rad=flat, row_share=flat, prepare=PREPARE)
+    found = predict_cells(generate, None, painted(rgb), incidence_rad=flat, row_share=flat[:, 0], prepare=PREPARE)
     np.testing.assert_allclose(found.quantiles[0, 0], [0.45, 0.55, 0.65, 0.75, 0.85], atol=1e-6)
     assert np.ptp(found.quantiles, axis=(0, 1)).max() < 1e-6
     np.testing.assert_allclose(found.intensity, 0.65, atol=1e-6)

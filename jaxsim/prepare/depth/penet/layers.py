@@ -216,9 +216,9 @@ def propagate(
     sparse: Float[Array, "b h w"],
     trust: Float[Array, "b h w"],
     dilation: int,
-    iterations: int = 6,
 ) -> Float[Array, "b h w"]:
-    """A stage: every kernel spreads `start` and is led back to the sparse depth by `trust`; then they are weighed."""
+    """A stage of six steps: every kernel spreads `start` and is led back to the sparse depth by `trust`; then they are
+    weighed."""
     # One array a slot: the gradient of a slot of a common array is as large as that array, every time.
     taps = [jnp.unstack(guide, axis=-1) for guide in guides]
 
@@ -227,5 +227,5 @@ def propagate(
         # The measured depth is put back after each step, as far as it is trusted.
         return tuple((1 - trust) * depth + trust * sparse for depth in spread)
 
-    depths = jax.lax.fori_loop(0, iterations, once, (start,) * len(guides), unroll=False)
+    depths = jax.lax.fori_loop(0, 6, once, (start,) * len(guides), unroll=False)
     return sum(confidence[..., i] * depth for i, depth in enumerate(depths))  # type: ignore[return-value]
