@@ -1,8 +1,7 @@
 """Logs of LiDARs, as makers, data sets, robots and simulators write them, as folders of polar frames.
 
 scan        what a source delivers, scan by scan, and the options that it is read with
-fields      points whose values have names, as a scan
-makers      Ouster, Velodyne, nuScenes, KITTI, Argoverse 2
+makers      Ouster, nuScenes, KITTI, and beside it `velodyne` and `argoverse2`
 files       PCD, PLY, LAS; CARLA's raw buffers
 images      labelled range images
 messages    ROS bags and MCAP, ASAM OSI traces
