@@ -272,7 +272,8 @@ def leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 def compare(before: Path, after: Path) -> int:
     """Prints what differs between two records; 1 where anything does."""
-    old, new = (json.loads((folder / "record.json").read_text()) for folder in (before, after))
+    old = json.loads((before / "record.json").read_text())
+    new = json.loads((after / "record.json").read_text())
     differing = [name for name in sorted({*old, *new}) if old.get(name) != new.get(name)]
     for name in differing:
         print(f"{name}: {old.get(name)} -> {new.get(name)}")

@@ -15,7 +15,7 @@ import tests.typechecker  # noqa: F401  (the hook finds it as an attribute of th
 
 STAGES = (
     "geometry", "data", "prepare", "pix2pix", "cloud", "detect", "metrics", "pairs", "runs", "simulate", "evaluate",
-    "report", "train", "studies", "cli", "engines",
+    "report", "train", "studies", "cli", "engines", "portable",
 )  # fmt: skip
 ROOMS = Path(__file__).parents[1] / "jaxsim"
 EFFECTS = sorted(path.stem for path in (ROOMS / "effects").glob("[a-z]*"))

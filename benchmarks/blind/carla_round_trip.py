@@ -79,7 +79,8 @@ def distances(
             sides[side].append(
                 np.stack(law.ray_cast(distance_m, np.random.default_rng([seed, 5 + side, k]), **attributes))
             )
-    (range_a, light_a), (range_b, light_b) = (np.stack(side, axis=1) for side in sides)
+    range_a, light_a = np.stack(sides[0], axis=1)
+    range_b, light_b = np.stack(sides[1], axis=1)
     distance_m = np.stack(truth)
     both = (range_a > 0) & (range_b > 0)
     bins = np.arange(0, 120, STRETCH_M)

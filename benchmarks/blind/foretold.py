@@ -85,7 +85,8 @@ def _line(told: Row) -> str:
 
 def summary(told: Sequence[Row]) -> str:
     """How often what could be shown was."""
-    could, not_ = ([one for one in told if one["could"] == kind] for kind in (True, False))
+    could = [one for one in told if one["could"]]
+    not_ = [one for one in told if not one["could"]]
     both = [(one["expected"], one["reached"]) for one in told if one["reached"] and one["reached"] > RULES.bar_nats]
     ratio = np.exp(np.abs(np.log([max(a, 0.1) / b for a, b in both]))) if both else np.array([np.nan])
     return "\n".join(

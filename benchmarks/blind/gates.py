@@ -64,7 +64,8 @@ def answer(job: Row, *, scenes: int, rows: int, columns: int) -> Row:
     """The distances of each street of a case."""
     with tempfile.TemporaryDirectory() as folder:
         hidden.make_case(Path(folder) / "case", **job, scenes=scenes, rows=rows, columns=columns)
-        ours, theirs = (open_polar_frames(Path(folder) / "case" / side) for side in ("simulated", "measured"))
+        ours = open_polar_frames(Path(folder) / "case/simulated")
+        theirs = open_polar_frames(Path(folder) / "case/measured")
         table = [frame_distances(ours.read(name)[0], theirs.read(name)[0]) for name in ours.names]
     return job | {"streets": [[float(f"{value:.6g}") for value in row] for row in table]}
 

@@ -86,7 +86,7 @@ def run(job: Job, folder: Path) -> Row:
     found = find_dependences(division)
     null = found.null
     answer = decide(null, Choice((), (), null), found.single, scene=found.scene)
-    form = form_of(null, *answer.curve, pairs=found.pairs) if answer.curve else None
+    form = form_of(null, *answer.curve, crossed=found.crossed) if answer.curve else None
     added = add_effects(null, (), known=NOTHING_YET, form=form)
     noise = refitted(in_place(null, added.chain)).noise
     repeats = examine(division, comparison.scenes, null, chain=added.chain, noise=noise, known=NOTHING_YET)

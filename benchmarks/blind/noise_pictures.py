@@ -76,7 +76,8 @@ def as_written(comparison: Comparison) -> Problem:
     keep = np.array([scene in division.parts.find for scene in division.blocks.scene])
     order = {name: k for k, name in enumerate(division.parts.find)}
     scene = np.array([order[name] for name in division.blocks.scene if name in order])
-    given, measured = (jax.tree.map(jnp.asarray, side) for side in (comparison.scan, comparison.measured))
+    given = jax.tree.map(jnp.asarray, comparison.scan)
+    measured = jax.tree.map(jnp.asarray, comparison.measured)
     scan = with_planes(given)
     chosen = {"frame": division.blocks.frame[keep], "column": division.blocks.column[keep], "scene": scene}
     ev = gather(scan, measured, **chosen, given_rad=given.incidence_rad)

@@ -144,7 +144,8 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         planted = ", ".join(row["truth"]) or "none"
         gained = sum(value for value, _ in row["gained"].values())
         lines.append(f"| {planted} | {row['severity']:g} | {answer} | {alike} | {gained:.1f} | {closure} |")
-    single, null = ([row for row in rows if row["kind"] == kind] for kind in ("single", "none"))
+    single = [row for row in rows if row["kind"] == "single"]
+    null = [row for row in rows if row["kind"] == "none"]
     lines += ["", "| measure | value (95 % interval) |", "|---|---|"]
     lines.append(f"| right name first | {rate(row['first_right'] for row in single)} |")
     lines.append(f"| in the set | {rate(row['in_set'] for row in single)} |")

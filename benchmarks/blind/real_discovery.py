@@ -159,7 +159,8 @@ def _value(value: object) -> str:
 
 def _problem(compared: Comparison) -> tuple[Problem, np.ndarray, np.ndarray]:
     """The null model on all blocks; each block's frame and its scene."""
-    given, measured = (jax.tree.map(jnp.asarray, part) for part in (compared.scan, compared.measured))
+    given = jax.tree.map(jnp.asarray, compared.scan)
+    measured = jax.tree.map(jnp.asarray, compared.measured)
     scan = with_planes(given)
     chosen = blocks(compared.scenes, *compared.scan.range_m.shape[1:])
     scene = np.unique(chosen.scene, return_inverse=True)[1]
@@ -173,7 +174,8 @@ def row_share(compared: Comparison) -> float:
     problem, _, scene = _problem(compared)
     _, z, counts = residuals(problem, np.ones(len(scene), np.float32))["intensity"]
     row = np.broadcast_to(np.asarray(problem.ev.rays.row), counts.shape)
-    rows, left, whole = int(row.max()) + 1, 0.0, 0.0
+    rows = int(row.max()) + 1
+    left, whole = 0.0, 0.0
     for one in np.unique(scene):
         own = counts & (scene == one)[:, None, None]
         rest = counts & ~own
@@ -188,7 +190,8 @@ def row_share(compared: Comparison) -> float:
 def agreement(compared: Comparison, half: np.ndarray) -> str:
     """Correlation of the beams' gains fitted to the blocks of each half; `half` holds 0 or 1 a block."""
     problem, _, _ = _problem(compared)
-    effect, gains, rays = EFFECTS["beam_gain"], [], []
+    effect = EFFECTS["beam_gain"]
+    gains, rays = [], []
     counts = np.asarray(problem.ev.compared)
     row = np.broadcast_to(np.asarray(problem.ev.rays.row), counts.shape)
     for side in (0, 1):
@@ -215,8 +218,8 @@ def _sectors(compared: Comparison) -> np.ndarray:
 
 
 def _numbers(text: str) -> list[int]:
-    first, last = (int(part) for part in text.split("-"))
-    return list(range(first, last + 1))
+    first, last = text.split("-")
+    return list(range(int(first), int(last) + 1))
 
 
 def main() -> None:

@@ -168,7 +168,8 @@ def summary(rows: Sequence[Row]) -> str:
     """A line a simulator and nuisance of nulls, then a line a planted pattern."""
     if not rows:
         return "no case yet"
-    nulls, planted = ([row for row in rows if bool(row["pattern"]) == kind] for kind in (False, True))
+    nulls = [row for row in rows if not row["pattern"]]
+    planted = [row for row in rows if row["pattern"]]
     text = [f"{len(rows)} cases; code {', '.join(sorted({row['code'] for row in rows}))}."]
     heads = [f"p <= {level:g}" for level in LEVELS]
     text += ["", _line(["simulator", "nuisances", "nulls", "answered", *heads, "largest that held"]), "|---" * 8 + "|"]

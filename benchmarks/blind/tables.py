@@ -182,7 +182,7 @@ def _gaps(rows: Sequence[Row]) -> str:
     named = [row["closure"] for row in rows if row.get("closure") is not None and row["exact"] and row["truth"]]
     if not found:
         return ""
-    reached, placebo = (np.array(x) for x in zip(*found, strict=True))
+    reached, placebo = np.array(found).T
     return _table(
         "| gap on judge scenes (log-likelihood), exactly named cases | value |",
         [
@@ -240,7 +240,8 @@ def _by_effect(rows: Sequence[Row]) -> str:
         cells = []
         for s in severities:
             some = [row for row in single if row["truth"] == [name] and row["severity"] == s]
-            right, covered = (sum(row[part] for row in some) for part in ("first_right", "in_set"))
+            right = sum(row["first_right"] for row in some)
+            covered = sum(row["in_set"] for row in some)
             cells.append(f"{right} / {covered} of {len(some)}" if some else "-")
         lines.append(f"| {name}{'*' if name in ONLY_JOINTLY else ''} | {' | '.join(cells)} |")
     note = "\n\nRight first / in the set. * not counted as separable." if lines else ""

@@ -157,7 +157,8 @@ def _pass(overlap, inside, gs, ds, gf, df, dc, score, alpha_g, alpha_d, minimum,
 
 
 def in_numba(truth: Objects, found: Objects) -> dict[tuple[str, str, str, str], float]:
-    gs, ds = (np.searchsorted(o.frame, np.arange(len(truth.names) + 1)) for o in (truth, found))
+    frames = np.arange(len(truth.names) + 1)
+    gs, ds = np.searchsorted(truth.frame, frames), np.searchsorted(found.frame, frames)
     g3, d3 = (
         np.column_stack([o.centre_m[:, [0, 2]], o.size_m[:, :2], o.yaw_rad, o.centre_m[:, 1], o.size_m[:, 2]])
         for o in (truth, found)

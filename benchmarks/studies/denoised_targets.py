@@ -80,7 +80,8 @@ def tune(weights: Path, out: Path, prepare: PrepareConfig, data: DataConfig, upd
     raw = prepared(world, TUNED_ON, data, prepare=prepare)
     records = [raw.record(k) for k in range(len(raw))]
     clean = [without_noise(world, record) for record in tqdm(records, desc="truth to tune on", unit="frame")]  # type: ignore
-    noisy, valid = (np.stack([getattr(pair.measured, name) for pair in raw]) for name in ("intensity", "valid"))
+    noisy = np.stack([pair.measured.intensity for pair in raw])
+    valid = np.stack([pair.measured.valid for pair in raw])
     blocks = len(clean) * (noisy.shape[2] // noisy.shape[1])
     settings = Adaptation(epochs=max(1, round(updates * 4 / blocks)), lr=1e-3, stride=noisy.shape[1], transpose=False)
     network = adapt(open_lidia(weights), np.stack(clean), valid, settings=settings, noisy=noisy)

@@ -53,10 +53,8 @@ def painted(pairs: Sequence[Pair]) -> dict[str, float]:
     """How the painted range lies to the measured one."""
     returned = np.stack([pair.measured.valid for pair in pairs])
     seen = np.stack([np.asarray(pair.painted.valid) for pair in pairs]) & returned
-    measured, range_m = (
-        np.stack([np.asarray(x) for x in column])[seen]
-        for column in ([pair.measured.range_m for pair in pairs], [pair.painted.range_m for pair in pairs])
-    )
+    measured = np.stack([np.asarray(pair.measured.range_m) for pair in pairs])[seen]
+    range_m = np.stack([np.asarray(pair.painted.range_m) for pair in pairs])[seen]
     near = np.abs(range_m - measured) < NEAR * measured
     return {"painted": float(seen.sum() / returned.sum()), "near": float(near.mean())}
 

@@ -114,7 +114,8 @@ def score_run(run: Path, fold: int, data: DataConfig, out: Path) -> dict[str, An
         assert says.quantiles is not None
         quantiles, value = np.asarray(says.quantiles), np.asarray(pair.measured.intensity)
         seen = np.asarray(pair.painted.valid & pair.measured.valid)
-        below, middle, above = (quantiles[..., k][seen] for k in (0, QUANTILES.index(0.5), -1))
+        below, above = quantiles[..., 0][seen], quantiles[..., -1][seen]
+        middle = quantiles[..., QUANTILES.index(0.5)][seen]
         value = value[seen]
         covered.append(
             [

@@ -9,7 +9,7 @@ import tyro
 
 from jaxsim.config import LoopConfig, SegmentationConfig
 from jaxsim.files import working_in
-from jaxsim.studies.real2sim2real import settle_loop
+from jaxsim.studies.real2sim2real import claim_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.studies.segmentation import run_segmentation
 from jaxsim.train.experiments import load_loop
@@ -44,7 +44,7 @@ def run(argv: Sequence[str]) -> None:
     )
     check_sources(asked)
     with working_in(asked.out, doing="at work in"):
-        Stages(settle_loop(asked)).all()
+        Stages(claim_loop(asked)).all()
 
 
 def segment(argv: Sequence[str]) -> None:

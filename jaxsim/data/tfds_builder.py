@@ -206,7 +206,7 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
     """Pairs of one kind of data set.
 
     `examples` makes the pairs at some positions; `download_and_prepare` then builds the set in TFDS' own way, file
-    after file. `jaxsim prepare` makes the files in parallel and `settle`s them.
+    after file. `jaxsim prepare` makes the files in parallel and describes them by `write_metadata`.
     """
 
     name = NAME
@@ -254,7 +254,7 @@ class JaxsimPairs(tfds.core.ShardBasedBuilder, skip_registration=True):
         for position, example in zip(positions, self.examples(positions), strict=True):
             yield position, nested(example)
 
-    def settle(self, folder: Path) -> None:
+    def write_metadata(self, folder: Path) -> None:
         """Writes TFDS' description of the finished files in `folder`, and metadata.json."""
         infos = []
         for split in dict.fromkeys(shard.split for shard in self.shards):

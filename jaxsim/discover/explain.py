@@ -98,9 +98,9 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
     return "it explains clearly less than the one that is named"
 
 
-def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
-    """Noise scales, rates, gain and reflectances without the effects and with them; and of several effects (`fitted` is
-    z of each) the parameters when each was added, and in the end."""
+def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
+    """Noise scales, rates, gain and reflectances without the effects and with them; and
+    of several effects (`z` of each) the parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     nuisances = [
@@ -109,10 +109,10 @@ def nuisance_changes(null: Problem, choice: Choice, fitted: Sequence[dict[str, A
     ]
     changes |= {name: (a, b) for name, a, b in zip(["gain", *null.ev.kinds], *nuisances, strict=True)}
     if len(choice.steps) > 1:
-        for step, z in zip(choice.steps, fitted, strict=True):
+        for step, at in zip(choice.steps, z, strict=True):
             effect = step.chosen.effect
             first = parameters_of(effect, step.fit.z)
-            last = parameters_of(effect, z)
+            last = parameters_of(effect, at)
             single = [name for name, value in first.items() if isinstance(value, float)]
             changes |= {f"{effect.plain_name}.{name}": (first[name], last[name]) for name in single}
     return changes

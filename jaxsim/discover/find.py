@@ -5,8 +5,8 @@ distribution, drop by its rate), so that one tool serves the three channels: an 
 one a covariate, fitted by ridge regression and judged on held-out scenes.
 
 An effect may depend on two covariates and show along neither. So what the additive model of all covariates leaves is
-held against products of two covariates' curves (`interactions`). The strongest pair must beat what the strongest of all
-pairs gains by chance (`scenes.best_of_gains`), so that trying many pairs is paid for.
+held against products of two covariates' curves (`interactions`). The strongest must beat what the strongest of all
+gains by chance (`scenes.best_of_gains`), so that trying many is paid for.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FITTED = (("intensity", "class"),)
 """Dependences that are never listed, for they are a nuisance: what is left along it says how far reflectances are held
 to the table."""
 CROSSED = ("range", "incidence", "row", "azimuth", "class", "power", "intensity", "step side", "time", "speed")
-"""Covariates of which pairs are tried; time since the first frame has too few values to be crossed with others."""
+"""Covariates whose interactions are tried; time since the first frame has too few values to be crossed with others."""
 
 
 @dataclass(frozen=True)
@@ -180,15 +180,15 @@ def interactions(
     *,
     level: float = RULES.dependence_level,
 ) -> list[Dependence]:
-    """Each channel's strongest pair, as a Dependence whose covariate is `A x B`, where its p-value is at most `level`.
+    """Each channel's strongest interaction, as a Dependence on `A x B`, where its p-value is at most `level`.
 
-    Arguments as `localise`. Fewer than `Rules.fewest_pair_scenes` decide nothing.
+    Arguments as `localise`. Fewer than `Rules.fewest_interaction_scenes` decide nothing.
     """
     dependences = []
     scenes = len(np.unique(scene))
     for channel, (z, counts) in residuals.items():
         counts = _thinned(counts)
-        if counts.sum() < RULES.fewest_residuals or scenes < RULES.fewest_pair_scenes:
+        if counts.sum() < RULES.fewest_residuals or scenes < RULES.fewest_interaction_scenes:
             continue
         index = _scene_index(scene, counts)
         # Where losses are rare a few rays hold all the weight, and products of curves would be fitted to them.
@@ -196,25 +196,29 @@ def interactions(
             continue
         designs = {name: curve_basis(values_of(name, rays, counts), name) for name in COVARIATES}
         additive = Additive(z[counts].astype(np.float32), designs, index, scenes=scenes)
-        # What one covariate alone says is taken out first: a pair counts for what only both together tell.
+        # What one covariate alone says is taken out first: an interaction counts for what only both together tell.
         rest = additive.z - additive.predicted(list(designs))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
-        pairs = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
-        gains = np.stack([_pair_gain(rest, curves[a], curves[b], index=index, scenes=scenes) for a, b in pairs])
+        crossed = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
+        gains = np.stack(
+            [_interaction_gain(rest, curves[a], curves[b], index=index, scenes=scenes) for a, b in crossed]
+        )
         best, p = best_of_gains(gains)
         if p <= level:
             share = float(2 * gains[best].sum() / (rest.astype(np.float64) ** 2).sum())
             # Of all residuals, where only some were tried.
             scale = (residuals[channel][1].sum() / counts.sum()).item()
-            dependences.append(Dependence(channel, " x ".join(pairs[best]), p, share, float(gains[best].sum() * scale)))
+            dependences.append(
+                Dependence(channel, " x ".join(crossed[best]), p, share, float(gains[best].sum() * scale))
+            )
     return dependences
 
 
 def _thinned(counts: Bool[np.ndarray, "b c r"]) -> Bool[np.ndarray, "b c r"]:
-    """Every so manieth of the cells that count, `Rules.pair_residuals` at most."""
+    """Every so manieth of the cells that count, `Rules.interaction_residuals` at most."""
     cells = np.flatnonzero(counts)
     chosen = np.zeros(counts.size, bool)
-    chosen[cells[:: max(1, -(-len(cells) // RULES.pair_residuals))]] = True
+    chosen[cells[:: max(1, -(-len(cells) // RULES.interaction_residuals))]] = True
     return chosen.reshape(counts.shape)
 
 
@@ -226,10 +230,10 @@ def _effective(z: Float[np.ndarray, " n"]) -> float:
 
 def _short(x: np.ndarray, name: str) -> Float[np.ndarray, "n k"]:
     """A curve of few knots: a product of two has the product of their numbers. Only classes keep a column each."""
-    return curve_basis(x, name if name == "class" else "", RULES.pair_knots)
+    return curve_basis(x, name if name == "class" else "", RULES.interaction_knots)
 
 
-def _pair_gain(
+def _interaction_gain(
     rest: Float[np.ndarray, " n"],
     first: Float[np.ndarray, "n j"],
     second: Float[np.ndarray, "n k"],
@@ -239,12 +243,12 @@ def _pair_gain(
 ) -> Float[np.ndarray, " s"]:
     """Held-out nats of each scene by the products of two curves."""
     products = (first[:, :, None] * second[:, None, :]).reshape(len(rest), -1)
-    model = Additive(rest, {"pair": products}, index, scenes=scenes)
-    return model.by_scene(np.zeros(len(rest)), model.predicted(["pair"]))[0]
+    model = Additive(rest, {"product": products}, index, scenes=scenes)
+    return model.by_scene(np.zeros(len(rest)), model.predicted(["product"]))[0]
 
 
 def spelled(covariate: str) -> str:
-    """A covariate, or a pair, in a verdict's words. (`speed x time` is a covariate of its own.)"""
+    """A covariate, or two that interact, in a verdict's words. (`speed x time` is a covariate of its own.)"""
     return NAMED.get(covariate) or " x ".join(NAMED.get(part, part) for part in covariate.split(" x "))
 
 
@@ -258,9 +262,9 @@ class Dependences:
     single: list[Dependence]
     """Dependences of the null's residuals on single covariates, strongest first."""
     where: tuple[Where, ...]
-    """Those that a verdict lists, pairs of covariates among them."""
-    pairs: tuple[Dependence, ...]
-    """Pairs of covariates that are sure enough for it, `A x B`."""
+    """Those that a verdict lists, interactions among them."""
+    crossed: tuple[Dependence, ...]
+    """Interactions of two covariates that are sure enough for it, `A x B`."""
 
 
 def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> Dependences:
@@ -274,7 +278,7 @@ def find_dependences(division: Division, known: SensorModel = NOTHING_YET) -> De
     null, _ = fit_null(division.scan, ev, ev.all_blocks, clutter=clutter)
     rays, residuals = standardised(null, ev.all_blocks)
     single = localise(rays, residuals, scene)
-    pairs = interactions(rays, residuals, scene)
-    listed = reported([*single, *pairs])
+    crossed = interactions(rays, residuals, scene)
+    listed = reported([*single, *crossed])
     where = tuple(Where(one.channel, spelled(one.covariate), one.p_value, one.share) for one in listed)
-    return Dependences(null, scene, single, where, tuple(reported(pairs)))
+    return Dependences(null, scene, single, where, tuple(reported(crossed)))

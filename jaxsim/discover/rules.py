@@ -90,8 +90,9 @@ class Rules:
     # Find: dependences of residuals on covariates.
     knots: int = 10
     """Knots of a covariate's curve; a free curve that competes with effects has twice as many."""
-    pair_knots: int = 5
-    """Knots of each covariate's curve within a pair; rows are a length there, for a column each would be too many."""
+    interaction_knots: int = 5
+    """Knots of each covariate's curve within an interaction of two; rows are a length there, for a column each
+    would be too many."""
     few_values: int = 40
     """Different values of a covariate up to which a curve of it is a parabola: it must hold on frames that it has not
     seen."""
@@ -102,11 +103,11 @@ class Rules:
     fewest_residuals: int = 100
     """Residuals below which a channel is not looked at."""
     fewest_effective: float = 100.0
-    """The same for pairs, counted as equally large ones (Kish 1965): a handful of lost rays tells nothing."""
-    fewest_pair_scenes: int = 6
-    """Scenes below which pairs are not looked at: signs of fewer cannot reach `dependence_level`."""
-    pair_residuals: int = 30_000
-    """Residuals of which pairs are tried, evenly spread: more cost time and hardly change a pair's rank."""
+    """The same for interactions, counted as equally large ones (Kish 1965): a handful of lost rays tells nothing."""
+    fewest_interaction_scenes: int = 6
+    """Scenes below which interactions are not looked at: signs of fewer cannot reach `dependence_level`."""
+    interaction_residuals: int = 30_000
+    """Residuals on which interactions are tried, evenly spread: more cost time and hardly change their ranks."""
     one_clock: float = 0.99
     """Rank correlation above which time within the scan and azimuth are one covariate, called azimuth."""
     dependences_tried: int = 4

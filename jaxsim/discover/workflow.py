@@ -178,7 +178,7 @@ def sensor_model_of(
     choice = answer.choice
     form = None
     if answer.curve:
-        form = form_of(choice.problem, *answer.curve, pairs=dependences.pairs, bar=choice.bars.free)
+        form = form_of(choice.problem, *answer.curve, crossed=dependences.crossed, bar=choice.bars.free)
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")

@@ -97,7 +97,7 @@ def _make(
 
     # The set: described, then renamed, so that a folder of that name is whole.
     about = _about(dataset, job, shards, making=making)
-    JaxsimPairs(data_dir=folder.parents[2], kind=job.data.kind, shards=shards, about=about).settle(making)
+    JaxsimPairs(data_dir=folder.parents[2], kind=job.data.kind, shards=shards, about=about).write_metadata(making)
     os.replace(making, folder)
     _tidy(folder)
 

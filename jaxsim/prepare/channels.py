@@ -177,9 +177,8 @@ def _row_code(row_share: Float[Array, "*b r c"]) -> Float[Array, "*b r c code"]:
     Every laser has a gain of its own: a smooth ramp does not tell neighbouring lines apart, a wave of two lines does.
     """
     # Octaves: each wave is half as long as the one before.
-    phase = (
-        2 * jnp.pi * row_share[..., None] * 2.0 ** jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row_share.ndim]
-    )
+    octaves = jnp.arange(ROW_OCTAVES, dtype=jnp.float32)[(None,) * row_share.ndim]
+    phase = 2 * jnp.pi * row_share[..., None] * 2.0**octaves
     return jnp.concatenate([2 * row_share[..., None] - 1, jnp.sin(phase), jnp.cos(phase)], axis=-1)
 
 

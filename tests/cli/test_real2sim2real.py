@@ -8,7 +8,7 @@ import pytest
 from jaxsim.cli import main
 from jaxsim.cli.real2sim2real import run
 from jaxsim.config import CloudRecipe
-from jaxsim.studies.real2sim2real import settle_loop
+from jaxsim.studies.real2sim2real import claim_loop
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train import read_experiment
 from jaxsim.train.experiments import load_loop
@@ -17,7 +17,7 @@ from jaxsim.train.experiments import load_loop
 @pytest.fixture
 def loop(tmp_path):
     config, _ = load_loop("real2sim2real")
-    return settle_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "raw_32")))
+    return claim_loop(replace(config, out=tmp_path / "loop", kinds=("raw_64", "raw_32")))
 
 
 SCRIPT = """

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jaxsim.data import KittiObject
-from jaxsim.studies.real2sim2real import settle_loop
+from jaxsim.studies.real2sim2real import claim_loop
 from jaxsim.studies.real2sim2real.stages import Stages, check_sources
 from jaxsim.train.experiments import load_loop
 
@@ -26,7 +26,7 @@ def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_trai
         out=tmp_path / "loop",
     )
     check_sources(config)
-    loop = settle_loop(config)
+    loop = claim_loop(config)
     stages = Stages(loop, discover=lambda loop: None)
     stages.export(loop)
     for kind in config.kinds:
@@ -40,7 +40,7 @@ def test_trees_of_virtual_kitti_are_made_and_compared_with_kitti_before_any_trai
     assert cars["real"]["points_45_80"] == 0  # the car is 58 m away, behind the wall of the round room
     assert cars["raw_64"]["points"] > 1.5 * cars["raw_32"]["points"] > 1000
     made = {path: path.stat().st_mtime_ns for path in loop.out.rglob("*") if path.is_file()}
-    again = Stages(settle_loop(config), discover=lambda loop: None)
+    again = Stages(claim_loop(config), discover=lambda loop: None)
     again.export(loop)
     again.checks()
     later = {path: path.stat().st_mtime_ns for path in loop.out.rglob("*") if path.is_file()}

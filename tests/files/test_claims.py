@@ -7,56 +7,56 @@ import pytest
 from jaxsim.files import claim
 
 
-def settle(folder, made, **settings):
+def claimed(folder, made, **settings):
     claim(folder / "made.json", made, by="bake", text=json.dumps(made), **settings)
 
 
 def test_the_first_to_come_claims_a_folder_and_the_same_settings_go_on(tmp_path):
-    settle(tmp_path, {"oven": {"heat": 200}})
-    settle(tmp_path, {"oven": {"heat": 200}})
+    claimed(tmp_path, {"oven": {"heat": 200}})
+    claimed(tmp_path, {"oven": {"heat": 200}})
     assert json.loads((tmp_path / "made.json").read_text()) == {"oven": {"heat": 200}}
     assert [path.name for path in tmp_path.iterdir()] == ["made.json"]
 
 
 def test_other_settings_are_refused_by_name_and_the_record_stays(tmp_path):
-    settle(tmp_path, {"oven": {"heat": 200}, "salt": 1})
+    claimed(tmp_path, {"oven": {"heat": 200}, "salt": 1})
     message = r"^bake: .* was made with other settings \(oven\.heat was 200, now 180; flour was None, now rye\); give "
     with pytest.raises(ValueError, match=message + "another --out, or delete the folder$"):
-        settle(tmp_path, {"oven": {"heat": 180}, "salt": 1, "flour": "rye"})
+        claimed(tmp_path, {"oven": {"heat": 180}, "salt": 1, "flour": "rye"})
     assert json.loads((tmp_path / "made.json").read_text()) == {"oven": {"heat": 200}, "salt": 1}
 
 
 def test_what_is_free_may_differ_and_is_named_where_something_else_does(tmp_path):
-    settle(tmp_path, {"oven": {"heat": 200}, "salt": 1})
-    settle(tmp_path, {"oven": {"heat": 180}, "salt": 1}, free=["oven"])
+    claimed(tmp_path, {"oven": {"heat": 200}, "salt": 1})
+    claimed(tmp_path, {"oven": {"heat": 180}, "salt": 1}, free=["oven"])
     with pytest.raises(ValueError, match=r"salt was 1, now 2\); .*free to change are oven"):
-        settle(tmp_path, {"oven": {"heat": 160}, "salt": 2}, free=["oven"])
+        claimed(tmp_path, {"oven": {"heat": 160}, "salt": 2}, free=["oven"])
 
 
 def test_a_folder_without_results_may_change_its_settings(tmp_path):
-    settle(tmp_path, {"salt": 1})
-    settle(tmp_path, {"salt": 2}, filled=False)
+    claimed(tmp_path, {"salt": 1})
+    claimed(tmp_path, {"salt": 2}, filled=False)
     assert json.loads((tmp_path / "made.json").read_text()) == {"salt": 2}
 
 
 def test_results_without_a_record_are_refused_unless_that_says_something(tmp_path):
     with pytest.raises(ValueError, match=r"not empty, and no made\.json says"):
-        settle(tmp_path, {"salt": 1}, filled=True)
+        claimed(tmp_path, {"salt": 1}, filled=True)
     with pytest.raises(ValueError, match=r"salt was 0, now 1"):
-        settle(tmp_path, {"salt": 1}, filled=True, unsaid={"salt": 0})
-    settle(tmp_path, {"salt": 0}, filled=True, unsaid={"salt": 0})
+        claimed(tmp_path, {"salt": 1}, filled=True, unsaid={"salt": 0})
+    claimed(tmp_path, {"salt": 0}, filled=True, unsaid={"salt": 0})
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"other": 1}'])
 def test_a_damaged_record_says_so(tmp_path, text):
     (tmp_path / "made.json").write_text(text)
     with pytest.raises(ValueError, match=r"made\.json cannot be read"):
-        settle(tmp_path, {"salt": 1}, read=lambda record: json.loads(record)["made"])
+        claimed(tmp_path, {"salt": 1}, read=lambda record: json.loads(record)["made"])
 
 
 def test_a_folder_that_moved_and_a_long_list_are_told_in_words(tmp_path):
-    settle(tmp_path, {"clouds": "/a", "frames": list(range(20))})
+    claimed(tmp_path, {"clouds": "/a", "frames": list(range(20))})
     with pytest.raises(ValueError, match=r"only moved, write its new path into made\.json"):
-        settle(tmp_path, {"clouds": "/b", "frames": list(range(20))})
+        claimed(tmp_path, {"clouds": "/b", "frames": list(range(20))})
     with pytest.raises(ValueError, match=r"frames was 20 values \(0 \.\.\. 19\), now \[0\]"):
-        settle(tmp_path, {"clouds": "/a", "frames": [0]})
+        claimed(tmp_path, {"clouds": "/a", "frames": [0]})

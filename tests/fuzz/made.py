@@ -124,7 +124,7 @@ def _set(folder: Path) -> None:
     split = SplitPairs((0, 1), ("f0", "f1"), ("x", "x"), ((R, C), (R, C)))
     files = {shard.file(place).name: note["bytes"]}
     about = About("0", settings, "x", preset("hdl64e"), 2, {"train": (0, 1)}, {"train": split}, files)
-    JaxsimPairs(data_dir=folder, kind="synthetic", shards=[shard], about=about).settle(place)
+    JaxsimPairs(data_dir=folder, kind="synthetic", shards=[shard], about=about).write_metadata(place)
 
 
 def _read_set(folder: Path) -> Any:

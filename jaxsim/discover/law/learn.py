@@ -99,16 +99,16 @@ def form_of(
     dependence: Dependence,
     curve: Candidate,
     *,
-    pairs: Sequence[Dependence] = (),
+    crossed: Sequence[Dependence] = (),
     bar: float = RULES.bar_nats,
 ) -> Form:
-    """The form of a free curve, or of the product with another covariate (`pairs` of its channel, `A x B`) that clearly
-    gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
+    """The form of a free curve, or of the product with another covariate (`crossed` of its channel, `A x B`) that
+    clearly gains more: as much more as a free curve must gain over named effects (`Rules.curve_factor`)."""
     form = Form.of(problem, dependence, curve)
     least = RULES.curve_factor * curve.total + RULES.curve_margin_nats
-    for pair in pairs:
-        names = tuple(pair.covariate.split(" x "))
-        if pair.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
+    for one in crossed:
+        names = tuple(one.covariate.split(" x "))
+        if one.channel != dependence.channel or dependence.covariate not in names or set(names) & set(TABLES):
             continue
         bare, candidate = _product(problem, dependence.channel, names)
         # Scene by scene as well: a few scenes could make the total.
@@ -125,7 +125,7 @@ def _product(problem: Problem, channel: str, names: tuple[str, ...]) -> tuple[Le
     rays = problem.ev.rays
     hit = np.asarray(rays.hit)
     x = [values_of(name, rays, hit).astype(np.float64) for name in names]
-    knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.pair_knots))) for one in x]
+    knots = [np.unique(np.quantile(one, np.linspace(0, 1, RULES.interaction_knots))) for one in x]
     weights = [hats(one, at) for one, at in zip(x, knots, strict=True)]
     size = len(knots[0]) * len(knots[1])
     tried = with_columns(problem, (weights[0][:, :, None] * weights[1][:, None, :]).reshape(-1, size))

@@ -380,8 +380,8 @@ def _features(
 ) -> Float[Array, "b c r p"]:
     """`Evidence.features`, of all rays."""
     given = jnp.minimum(given_rad, STEEPEST_RAD)
-    fitted = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
-    disagreement = jnp.clip(jnp.log(jnp.cos(fitted)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
+    seen = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    disagreement = jnp.clip(jnp.log(jnp.cos(seen)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
     ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
     terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))
     # Apart, since a range image gives the normals of ground better than those of hedges.

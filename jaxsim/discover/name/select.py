@@ -156,8 +156,8 @@ def choose(
     place = with_steps(problem, kept) if kept else problem
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
-    fitted = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
-    second = add_steps(problem, catalogue, (*kept, fitted), bars=bars, log=log)
+    instead = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
+    second = add_steps(problem, catalogue, (*kept, instead), bars=bars, log=log)
     return second if says_as_much(second, first) else first
 
 

@@ -151,7 +151,7 @@ def half_steps(ev: Evidence) -> dict[str, float]:
     for own, (channel, values) in zip(np.asarray(ev.own_step).tolist(), readings.items(), strict=True):
         seen = values[returned]
         step = lattice_step(
-            seen[:: max(1, len(seen) // RULES.pair_residuals)], finest=FINEST[f"{channel}_quantization"]
+            seen[:: max(1, len(seen) // RULES.interaction_residuals)], finest=FINEST[f"{channel}_quantization"]
         )
         steps[channel] = (own + step) / 2
     return steps

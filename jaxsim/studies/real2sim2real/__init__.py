@@ -113,7 +113,7 @@ class Loop:
         return replace(settings, data=self.data_of(trained), run=run)
 
 
-def settle_loop(config: LoopConfig) -> Loop:
+def claim_loop(config: LoopConfig) -> Loop:
     """The loop of these settings; keeps them in its folder. More kinds and more seeds may be asked for later, and all
     else as long as nothing was made.
 

@@ -58,9 +58,9 @@ def run_segmentation(config: SegmentationConfig) -> Path:
         raise ValueError(f"segmentation: --frames is {config.frames}; half of them judge, so give 2 or more")
     if config.root is not None:
         study = Study.of_folders(config, config.root, config.judged)
-        _settle(config)
+        _claim(config)
     else:
-        _settle(config)
+        _claim(config)
         study = Study.of_folders(config, *_embedded(config.out / "images", config.frames))
     for part in Progress(study.rounds, desc="judging", unit="part"):
         for seed in config.seeds:
@@ -81,7 +81,7 @@ def _embedded(folder: Path, frames: int) -> tuple[Path, Path]:
     return folder / SUBURB, folder / TOWN
 
 
-def _settle(config: SegmentationConfig) -> None:
+def _claim(config: SegmentationConfig) -> None:
     adapter = TypeAdapter(SegmentationConfig)
     claim(
         config.out / "settings.json",

@@ -142,7 +142,7 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
     assert form_of(null, dependence, curve).bare.kind == "periodic"
-    form = form_of(null, dependence, curve, pairs=[pair])
+    form = form_of(null, dependence, curve, crossed=[pair])
     assert (form.bare.kind, form.bare.covariates) == ("product", ("azimuth", "speed"))
     fitted = add_effects(null, [], known=NOTHING_YET, form=form).learned
     assert fitted
@@ -154,4 +154,4 @@ def test_a_pair_that_clearly_says_more_becomes_a_product(standard_promotion):
 def test_a_pair_that_says_no_more_stays_a_curve(null):
     dependence, pair = (Dependence("intensity", name, 0.01, 0.1, 50.0) for name in ("azimuth", "azimuth x speed"))
     [curve] = rank_effects(with_basis(null, "azimuth"), [CURVES["intensity"]], null=null.null_fits)
-    assert form_of(null, dependence, curve, pairs=[pair]).bare.kind == "periodic"
+    assert form_of(null, dependence, curve, crossed=[pair]).bare.kind == "periodic"

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxsim.metrics.cloud_checks import count_clouds
 from jaxsim.metrics.detection import COLUMNS, DIFFICULTIES, Curve
-from jaxsim.studies.real2sim2real import Loop, settle_loop
+from jaxsim.studies.real2sim2real import Loop, claim_loop
 from jaxsim.studies.real2sim2real.scores import write_score
 from jaxsim.train.experiments import load_loop
 from tests.detect.tiny import EXPERIMENT
@@ -41,7 +41,7 @@ def clouds(intensity: float):
 def scored_loop(out: Path) -> Loop:
     """A loop of two kinds, all its detectors scored at three checkpoints, for two seeds."""
     config, _ = load_loop("real2sim2real")
-    loop = settle_loop(replace(config, out=out, kinds=("raw_64", "simulated_64"), seeds=(0, 1)))
+    loop = claim_loop(replace(config, out=out, kinds=("raw_64", "simulated_64"), seeds=(0, 1)))
     for seed in loop.config.seeds:
         for trained, judged in loop.judgements:
             steps = range(3)

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from jaxsim.studies.real2sim2real import settle_loop
+from jaxsim.studies.real2sim2real import claim_loop
 from jaxsim.train.experiments import load_experiment, load_loop, loop_names
 
 
 @pytest.fixture
 def loop(tmp_path):
     config, _ = load_loop("real2sim2real")
-    return settle_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
+    return claim_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
 
 
 @pytest.mark.parametrize("name", loop_names())
@@ -39,15 +39,15 @@ def test_the_sensor_does_not_learn_from_frames_that_judge():
 
 
 def test_more_seeds_and_kinds_may_be_asked_for_but_no_other_settings(loop):
-    settle_loop(replace(loop.config, occlusion="never_visible"))  # nothing is made yet
-    settle_loop(loop.config)
+    claim_loop(replace(loop.config, occlusion="never_visible"))  # nothing is made yet
+    claim_loop(loop.config)
     loop.sensor.mkdir()
-    settle_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
+    claim_loop(replace(loop.config, seeds=(0, 1, 2), kinds=("raw_64", "simulated_grid")))
     other = replace(loop.config, synthetic=replace(loop.config.synthetic, seed=9))
     with pytest.raises(ValueError, match=r"other settings \(synthetic\.seed was 1, now 9\); give another --out"):
-        settle_loop(other)
+        claim_loop(other)
     with pytest.raises(ValueError, match="each once"):
-        settle_loop(replace(loop.config, seeds=(1, 1)))
+        claim_loop(replace(loop.config, seeds=(1, 1)))
     assert json.loads((loop.out / "loop.json").read_text())["seeds"] == [0, 1, 2]
 
 

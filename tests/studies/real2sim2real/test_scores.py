@@ -8,7 +8,7 @@ import pytest
 
 from jaxsim.effects.chain import SensorModel
 from jaxsim.metrics.detection import COLUMNS, Curve
-from jaxsim.studies.real2sim2real import KINDS, settle_loop
+from jaxsim.studies.real2sim2real import KINDS, claim_loop
 from jaxsim.studies.real2sim2real.scores import (
     PAPER_OF_REAL,
     PAPER_ON_REAL,
@@ -30,7 +30,7 @@ def curve(ap: float, *, difficulty="moderate", metric="3d", overlap_set="0.7", t
 @pytest.fixture
 def loop(tmp_path):
     config, _ = load_loop("real2sim2real")
-    return settle_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
+    return claim_loop(replace(config, out=tmp_path / "loop", seeds=(0, 1)))
 
 
 def test_the_papers_tables_are_whole():

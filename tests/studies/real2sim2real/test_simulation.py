@@ -6,7 +6,7 @@ import pytest
 
 from jaxsim.data.polar_frames import frame_names
 from jaxsim.simulate.trees import LabelRules
-from jaxsim.studies.real2sim2real import settle_loop, simulation
+from jaxsim.studies.real2sim2real import claim_loop, simulation
 from tests.report import results
 from tests.studies.real2sim2real.made import tiny_loop
 from tests.untrained import untrained_run
@@ -14,7 +14,7 @@ from tests.untrained import untrained_run
 
 @pytest.fixture
 def loop(tmp_path):
-    return settle_loop(tiny_loop(tmp_path / "loop"))
+    return claim_loop(tiny_loop(tmp_path / "loop"))
 
 
 def test_the_sensor_is_held_against_frames_that_it_did_not_learn_from(loop, monkeypatch):
@@ -37,7 +37,7 @@ def test_all_kinds_are_planned_and_only_simulated_ones_need_the_sensor(loop, mon
     planned = []
     monkeypatch.setattr(simulation, "load", lambda run: pytest.fail("the sensor was loaded"))
     monkeypatch.setattr(simulation, "export_trees", lambda plans, dataset: planned.extend(plans))
-    plain = settle_loop(tiny_loop(loop.out.parent / "plain", kinds=("raw_64", "raw_32")))
+    plain = claim_loop(tiny_loop(loop.out.parent / "plain", kinds=("raw_64", "raw_32")))
     simulation.export_kinds(plain)
     assert [plan.out for plan in planned] == [plain.tree("raw_64"), plain.tree("raw_32")]
     assert [plan.recipe.lines for plan in planned] == ["64", "32_of_64"]

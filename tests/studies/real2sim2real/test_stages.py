@@ -13,7 +13,7 @@ import pytest
 from jaxsim.detect.results import Detected
 from jaxsim.effects.chain import SensorModel
 from jaxsim.report.boxes import FOUND, LABEL
-from jaxsim.studies.real2sim2real import Loop, settle_loop
+from jaxsim.studies.real2sim2real import Loop, claim_loop
 from jaxsim.studies.real2sim2real.page import PANEL, draw_kinds
 from jaxsim.studies.real2sim2real.stages import Stages
 from jaxsim.train.experiments import load_loop
@@ -76,7 +76,7 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
     script.write_text(UNTRAINED)
     lacking = Lacking()
     config = tiny_loop(tmp_path / "loop")
-    loop = settle_loop(config)
+    loop = claim_loop(config)
     stages_of(loop, script, lacking).all()
     assert lacking.asked == [loop.sensor]
     said = capfd.readouterr().out
@@ -106,7 +106,7 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
         assert (cloud[:, 3] == 0).all() == (kind == "raw_64")
 
     before = made(loop.out)
-    stages_of(settle_loop(config), script, lacking).all()
+    stages_of(claim_loop(config), script, lacking).all()
     assert made(loop.out) == before
     again = capfd.readouterr().out
     assert "trained /" not in again
@@ -118,7 +118,7 @@ def test_the_whole_loop_is_made_once_and_told_twice(tmp_path, capfd):
 def loop(tmp_path):
     config, _ = load_loop("real2sim2real")
     detector = replace(EXPERIMENT, data=config.detector.data)
-    return settle_loop(replace(config, detector=detector, out=tmp_path / "loop", kinds=("raw_64", "simulated_64")))
+    return claim_loop(replace(config, detector=detector, out=tmp_path / "loop", kinds=("raw_64", "simulated_64")))
 
 
 def test_the_clouds_of_training_scenes_are_counted_inside_the_range(loop):
