@@ -27,7 +27,7 @@ class Processes:
             [sys.executable, "-m", f"distributed.cli.dask_{program}", *arguments],
             cwd=self.work,
             # A worker that is silent for five seconds, the least that Dask takes, is given up.
-            env=environment(self.work, DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="5s"),
+            env=environment(DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL="5s"),
             stdout=log,
             stderr=subprocess.STDOUT,
         )

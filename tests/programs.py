@@ -25,9 +25,9 @@ PATIENCE_S = 3600.0
 """The slowest program here takes two minutes on a quiet machine; a busy one may take thirty times as long."""
 
 
-def environment(work: Path, **variables: str) -> dict[str, str]:
-    """On the CPU, one device, compiled programs kept under `work`; jaxsim is this checkout's."""
-    own = {"XDG_CACHE_HOME": str(work / "xdg"), "JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", "PYTHONPATH": str(ROOT)}
+def environment(**variables: str) -> dict[str, str]:
+    """On the CPU, one device, with all tests' compiled programs; jaxsim is this checkout's."""
+    own = {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": "", "PYTHONPATH": str(ROOT)}
     return {**os.environ, **own, **variables}
 
 
@@ -37,7 +37,7 @@ def running(work: Path, *command: str | Path, **variables: str) -> Iterator[subp
     process = subprocess.Popen(
         [sys.executable, *map(str, command)],
         cwd=work,
-        env=environment(work, **variables),
+        env=environment(**variables),
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

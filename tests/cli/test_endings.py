@@ -92,7 +92,7 @@ def test_a_place_that_cannot_be_written_to_is_told_before_any_work(tmp_path):
     (tmp_path / "file").write_text("")
     folders = ["--measured", tmp_path / "no", "--simulated", tmp_path / "no"]
     for out in ("file", "file/below"):
-        ended = jaxsim("discover", *folders, "--out", tmp_path / out, work=tmp_path, env=environment(tmp_path))
+        ended = jaxsim("discover", *folders, "--out", tmp_path / out, work=tmp_path, env=environment())
         assert ended.returncode == 1
         assert ended.stderr.startswith(f"error: {tmp_path / 'file'}")
         assert ended.stderr.count("\n") == 1
@@ -116,7 +116,7 @@ main(["simulate", "embedded", "--data.kind", "synthetic", "--frames", "0", "--ou
 def test_a_user_without_a_name_or_a_home_can_work(tmp_path):
     """As containers have them: `docker run --user 12345`."""
     unset = ("HOME", "XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR", "USER", "LOGNAME", "LNAME", "USERNAME")
-    variables = {name: value for name, value in environment(tmp_path).items() if name not in unset}
+    variables = {name: value for name, value in environment().items() if name not in unset}
     ended = subprocess.run(
         [sys.executable, "-c", NAMELESS], cwd=tmp_path, capture_output=True, text=True, env=variables
     )

@@ -12,7 +12,7 @@ from tests.programs import environment
 def peak_mb(folder, count: int) -> int:
     """Megabytes that a program takes at most which writes and reads so many frames."""
     command = [sys.executable, "-m", "tests.data.many_frames", str(folder), str(count)]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment(folder), check=True)
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
     read, mean_m, peak = ended.stdout.split()
     assert int(read) == count
     assert float(mean_m) == pytest.approx(31.5, abs=0.1)

@@ -28,9 +28,7 @@ class Running:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "jaxsim", *words],
                 cwd=work,
-                env=environment(
-                    cache, JAX_COMPILATION_CACHE_DIR=str(cache / "xla"), JAX_DISABLE_MOST_OPTIMIZATIONS="1"
-                ),
+                env=environment(JAX_COMPILATION_CACHE_DIR=str(cache / "xla"), JAX_DISABLE_MOST_OPTIMIZATIONS="1"),
                 stdout=said,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
