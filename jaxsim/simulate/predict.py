@@ -54,11 +54,12 @@ class Prediction:
         return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
 
 
-def drawn(says: Prediction, key: Array) -> Rays:
+def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
     """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
 
     A ray drops with its own probability; else its intensity is the quantile of an even draw: linear between QUANTILES,
-    and as steep as beside the outer ones beyond them. Cells are drawn each for itself. `key` has the batch's dims.
+    and as steep as beside the outer ones beyond them. Cells are drawn each for itself, or have the `ranks` 0..1 that
+    are given. `key` has the batch's dims.
 
     Raises ValueError where the network gives no distribution.
     """
@@ -68,9 +69,9 @@ def drawn(says: Prediction, key: Array) -> Rays:
             "--draws, or train one with --generator.form unet"
         )
     if key.ndim:
-        return jax.vmap(drawn)(says, key)
+        return jax.vmap(drawn)(says, key, ranks)
     of_intensity, of_drop = jax.random.split(key)
-    u = jax.random.uniform(of_intensity, says.intensity.shape)
+    u = jax.random.uniform(of_intensity, says.intensity.shape) if ranks is None else ranks
     values = jnp.moveaxis(says.quantiles, -1, 0)
     # Pieces from quantile to quantile; the first and the last go on beyond their ends.
     intensity = values[0]

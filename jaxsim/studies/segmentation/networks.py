@@ -27,6 +27,7 @@ from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss
 from jaxsim.pix2pix.unet import UNet
 from jaxsim.simulate.predict import Prediction, drawn
+from jaxsim.studies.segmentation.grain import Grain
 
 Batch = dict[str, Array]
 Loss = Callable[[Array, Batch], Array]
@@ -143,16 +144,31 @@ def _cut(columns: int, width: int, random: np.random.Generator) -> Int[np.ndarra
     return (random.integers(columns) + np.arange(width)) % columns
 
 
+def quantiles_of(
+    network: TrainedNetwork, x: Float[np.ndarray, "rows columns c"]
+) -> Float[np.ndarray, "rows columns q"]:
+    """What a sensor's network holds possible of each cell, 0..1, rising."""
+    told = (np.asarray(network(x))[..., : len(QUANTILES)] + 1) / 2
+    return np.clip(np.sort(told, axis=-1), 0, 1)
+
+
 def simulate(
-    network: TrainedNetwork, inputs: Sequence[np.ndarray], images: Sequence[RangeImage], *, seed: int
+    network: TrainedNetwork,
+    inputs: Sequence[np.ndarray],
+    images: Sequence[RangeImage],
+    *,
+    grain: Grain,
+    seed: int,
 ) -> list[Float[np.ndarray, "rows columns"]]:
-    """Intensities of the images, drawn from what the sensor holds possible; 0 where nothing came back."""
+    """Intensities of the images, drawn from what the sensor holds possible, beside each other with its grain; 0 where
+    nothing came back."""
     pictures = []
     for k, (x, image) in enumerate(zip(inputs, images, strict=True)):
-        quantiles = jnp.clip(jnp.sort((network(x)[..., : len(QUANTILES)] + 1) / 2, axis=-1), 0, 1)
+        quantiles = jnp.asarray(quantiles_of(network, x), jnp.float32)
         lost = jnp.where(image.valid, 0.0, 1.0)
         says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
-        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k))))
+        ranks = grain.ranks(image.label, np.random.default_rng([seed, k]))
+        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k), jnp.asarray(ranks))))
     return pictures
 
 

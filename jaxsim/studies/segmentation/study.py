@@ -14,12 +14,14 @@ from jaxsim.data.range_images import RangeImage, class_names, read_range_images
 from jaxsim.files import read_entry, replacing, write_arrays
 from jaxsim.files.arrays import read_arrays
 from jaxsim.report.results import markdown_table, number_or_none
+from jaxsim.studies.segmentation.grain import fit_grain
 from jaxsim.studies.segmentation.iou import KINDS, class_iou, confusion, mean_iou, worth
 from jaxsim.studies.segmentation.networks import (
     class_loss,
     classify,
     of_segmentation,
     of_sensor,
+    quantiles_of,
     sensor_loss,
     simulate,
     train,
@@ -96,8 +98,9 @@ class Study:
                 seed=0,
                 config=config,
             )
-            folder = self.own(part)
-            made = simulate(network, [inputs[i] for i in folder], [self.images[i] for i in folder], seed=part)
+            grain = fit_grain((self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            own = self.own(part)
+            made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part)
             write_arrays(path, {"intensity": np.stack(made)})
         again = "delete it, and it is made anew"
         return [*read_arrays(path, by="segmentation", again=again, summed=True)["intensity"]]
