@@ -11,9 +11,11 @@ import jaxsim
 from jaxsim.cloud import points_of
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.data.range_images import read_range_images
 from jaxsim.detect.batches import inside
 from jaxsim.detect.scenes import scene_of
 from jaxsim.evaluate.detector import load_detector, make_find
+from jaxsim.files import read_arrays
 from jaxsim.frame import Cloud
 from jaxsim.geometry import polar_to_points
 from jaxsim.prepare import prepare_frame
@@ -111,6 +113,25 @@ def two_makers() -> None:
         ("ln of measured over simulated (-2 to 2)", colour_scalar(left, valid, low=-2.0, high=2.0)),
     ]
     save_picture(PICTURES / "two_makers.jpg", shrunk(strip(panels, width=1240), 1000))
+
+
+def grain() -> None:
+    """A suburb's scan with simulated intensities (after the segmentation of docs/real2sim2real.md, `--no-grain` to
+    runs/segmentation_single)."""
+    folder = Path("runs/segmentation")
+    image = read_range_images(folder / "images" / "suburb")[3]
+    made = Path("intensity") / "part0.npz"
+    single = read_arrays(Path("runs/segmentation_single") / made, by="pictures")["intensity"][3]
+    together = read_arrays(folder / made, by="pictures")["intensity"][3]
+    panels = [
+        (words, intensity_panel(intensity[:, 300:800], image.valid[:, 300:800]))
+        for words, intensity in (
+            ("measured (0-0.6)", image.intensity),
+            ("simulated, each cell drawn for itself (0-0.6)", single),
+            ("simulated, drawn with the grain of measured rays (0-0.6)", together),
+        )
+    ]
+    save_picture(PICTURES / "grain.jpg", shrunk(strip(panels, width=1240), 1000))
 
 
 if __name__ == "__main__":

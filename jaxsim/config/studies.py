@@ -90,6 +90,9 @@ class SegmentationConfig(Checked):
     """Updates of each segmentation."""
     sensor_steps: Count = 800
     """Updates of each sensor, which gives the simulated intensities."""
+    grain: bool = True
+    """Simulated intensities of rays beside each other scatter together, as measured ones do; without, each for
+    itself."""
     batch: Count = 2
     columns: Count = 256
     """Columns that a step sees of an image, cut out anywhere."""

@@ -157,18 +157,18 @@ def simulate(
     inputs: Sequence[np.ndarray],
     images: Sequence[RangeImage],
     *,
-    grain: Grain,
+    grain: Grain | None,
     seed: int,
 ) -> list[Float[np.ndarray, "rows columns"]]:
-    """Intensities of the images, drawn from what the sensor holds possible, beside each other with its grain; 0 where
-    nothing came back."""
+    """Intensities of the images, drawn from what the sensor holds possible, beside each other with its grain (None:
+    each cell for itself); 0 where nothing came back."""
     pictures = []
     for k, (x, image) in enumerate(zip(inputs, images, strict=True)):
         quantiles = jnp.asarray(quantiles_of(network, x), jnp.float32)
         lost = jnp.where(image.valid, 0.0, 1.0)
         says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
-        ranks = grain.ranks(image.label, np.random.default_rng([seed, k]))
-        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k), jnp.asarray(ranks))))
+        ranks = None if grain is None else jnp.asarray(grain.ranks(image.label, np.random.default_rng([seed, k])))
+        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k), ranks)))
     return pictures
 
 

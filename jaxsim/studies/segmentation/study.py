@@ -98,7 +98,8 @@ class Study:
                 seed=0,
                 config=config,
             )
-            grain = fit_grain((self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            told = ((self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            grain = fit_grain(told) if config.grain else None
             own = self.own(part)
             made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part)
             write_arrays(path, {"intensity": np.stack(made)})

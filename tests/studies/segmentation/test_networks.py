@@ -3,9 +3,19 @@
 import numpy as np
 import pytest
 
-from jaxsim.config import GeneratorConfig, SegmentationConfig
+from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import read_range_images
-from jaxsim.studies.segmentation.networks import class_loss, classify, geometry, of_segmentation, of_sensor, train
+from jaxsim.studies.segmentation.grain import WIDTHS, Grain
+from jaxsim.studies.segmentation.networks import (
+    class_loss,
+    classify,
+    geometry,
+    of_segmentation,
+    of_sensor,
+    sensor_loss,
+    simulate,
+    train,
+)
 
 
 def test_a_cell_without_a_return_tells_nothing_but_its_line_and_class(folder):
@@ -37,3 +47,17 @@ def test_no_cell_is_told_to_be_unlabelled(folder):
     config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
     network = train(inputs, targets, class_loss, out_channels=3, steps=1, seed=0, config=config)
     assert {*np.unique(classify(network, inputs))} <= {1, 2}
+
+
+def test_intensities_scatter_together_or_each_cell_for_itself(folder):
+    images = read_range_images(folder)
+    inputs = [of_sensor(image, 3) for image in images]
+    targets = [{"intensity": image.intensity, "weight": image.valid.astype(np.float32)} for image in images]
+    config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
+    sensor = train(inputs, targets, sensor_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config)
+    together = Grain((0.0,) * (len(WIDTHS) - 1) + (1.0,))
+    (grained,) = simulate(sensor, inputs[:1], images[:1], grain=together, seed=0)
+    (single,) = simulate(sensor, inputs[:1], images[:1], grain=None, seed=0)
+    assert not grained[~images[0].valid].any()
+    ones = images[0].label == 1
+    assert grained[ones].std() < single[ones].std()
