@@ -36,7 +36,7 @@ def test_each_fold_is_widened_by_what_the_others_ask_for():
     coverage.add(0, judged(["a_drive_0001_sync"], [0.8]))
     coverage.add(1, judged(["a_drive_0002_sync"], [0.6]))
     text = coverage.told()
-    assert "With the levels of each fold 1.10 to 1.30 times as far" in text
+    assert "With the quantiles of each fold 1.10 to 1.30 times as far" in text
     # 80 + 6 x 5, which is all, and 60 + 2 x 5.
     assert "ask for, 85.0 % (" in text
     assert "70.0 to 100.0 % by drive, with a mean width of 0.240" in text
