@@ -53,7 +53,8 @@ class DataConfig(Checked):
     seed: Whole = 0
     """World seed of the embedded world: frame i depends on (seed, i) alone."""
     streets: Literal["town", "suburb", "wet_town", "wet_suburb"] = "town"
-    """Traffic and houses of the embedded world: two places that differ in how often what stands there."""
+    """Traffic and houses of the embedded world: two places that differ in how often what stands there, dry or after
+    rain. A seed has the same streets in both, with other traffic: give another place another seed."""
     rows: Literal["file_order", "elevation"] = "file_order"
     """Laser line of a KITTI point: from the file's order, or the nearest beam (for clouds that were reordered)."""
     cache: Path = Path(".cache/jaxsim")

@@ -74,8 +74,9 @@ def run_segmentation(config: SegmentationConfig) -> Path:
 
 def _embedded(folder: Path, frames: int) -> tuple[Path, Path]:
     """Folders of the embedded world's range images after rain, each of a street of its own: a suburb's and a town's."""
-    for streets, count in ((SUBURB, frames), (TOWN, frames // 2)):
-        world = SyntheticWorld(streets=f"wet_{streets}")
+    # With one seed the town's streets would be the suburb's, with other traffic.
+    for seed, (streets, count) in enumerate(((SUBURB, frames), (TOWN, frames // 2))):
+        world = SyntheticWorld(seed, streets=f"wet_{streets}")
         indices = range(0, FRAMES_PER_DRIVE * count, FRAMES_PER_DRIVE)
         write_labelled(folder / streets, world, Progress(indices, desc=f"rendering the {streets}", unit="frame"))
         write_text(folder / streets / NAMES, json.dumps(CLASSES))

@@ -64,7 +64,10 @@ def test_the_embedded_world_is_rendered_once_and_its_town_judged(tmp_path, monke
     assert "2 images, and 1 others to judge; 1 seed" in text
     for name in ("road", "marking", "wet road", "vehicle"):
         assert f"| {name} |" in text
-    assert [len(read_range_images(tmp_path / "images" / place)) for place in ("suburb", "town")] == [2, 1]
+    suburb, town = read_range_images(tmp_path / "images/suburb"), read_range_images(tmp_path / "images/town")
+    assert (len(suburb), len(town)) == (2, 1)
+    # No street of the town is one of the suburb with other traffic: each world has a seed of its own.
+    assert {image.name.split("-")[1] for image in suburb}.isdisjoint(image.name.split("-")[1] for image in town)
     assert sorted(path.name for path in (tmp_path / "scores").iterdir()) == sorted(
         f"{kind}_elsewhere_seed0.json" for kind in KINDS
     )
