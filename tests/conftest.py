@@ -8,8 +8,8 @@ from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
-# Most of the time goes into compiling the same programs, the embedded world's above all: in both workers, in programs
-# that tests start, and again after `few_programs`. They are kept here, from run to run too.
+# Both workers, programs that tests start, and whatever comes after `few_programs` compile many of the same programs:
+# each is kept here once, from run to run too.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).parents[1] / ".cache" / "tests")
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.1"
 

@@ -323,10 +323,13 @@ NO_BOXES = _boxes(Path(), [])
 """Boxes of a frame in which nothing is labelled."""
 
 
+LISTED = 6
+
+
 def listing(folder: Path) -> str:
-    """What stands in a folder, for an error."""
+    """What stands in a folder, its first few names, for an error."""
     if not folder.is_dir():
         return f"there is no folder {folder}"
     names = sorted(p.name + "/" * p.is_dir() for p in folder.iterdir())
-    more = ", ..." if len(names) > 6 else ""
-    return f"{folder} holds {', '.join(names[:6]) or 'nothing'}{more}"
+    shown = names[:LISTED] + ["..."] * (len(names) > LISTED)
+    return f"{folder} holds {', '.join(shown) or 'nothing'}"

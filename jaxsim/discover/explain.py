@@ -99,8 +99,8 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
 
 
 def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
-    """Noise scales, rates, gain and reflectances without the effects and with them; and
-    of several effects (`z` of each) the parameters when each was added, and in the end."""
+    """Noise scales, rates, gain and reflectances without the effects and with them; and of several effects (`z` of
+    each) the parameters when each was added, and in the end."""
     names = null.noise.__dataclass_fields__
     changes = {n: (float(getattr(null.noise, n)), float(getattr(choice.problem.noise, n))) for n in names}
     nuisances = [

@@ -58,6 +58,13 @@ def test_draws_have_the_quantiles_and_the_drops_that_were_said():
     np.testing.assert_allclose(back / STEP, np.round(back / STEP), atol=1e-3)
 
 
+def test_a_draw_of_given_ranks_has_the_values_at_these_ranks():
+    quantiles = [0.1, 0.3, 0.4, 0.6, 0.9]
+    ranks = jnp.broadcast_to(jnp.linspace(0.05, 0.95, 200, dtype=jnp.float32), (2, 3, 200))
+    draw = drawn(says(quantiles, 0.0, shape=(2, 3, 200)), jax.random.split(jax.random.key(0), 2), ranks)
+    np.testing.assert_allclose(draw, np.interp(ranks, QUANTILES, quantiles), atol=0.006)  # steps of 1/100
+
+
 def test_draws_of_a_batch_are_those_of_its_frames():
     one, keys = says([0.1, 0.2, 0.3, 0.4, 0.5], 0.1, (4, 6)), jax.random.split(jax.random.key(1), 3)
     three = jax.tree.map(lambda x: jnp.stack([x] * 3), one)

@@ -20,8 +20,8 @@ _WHOLE_TURN = 0.95
 
 
 def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
-    """The turns of a .pcap of Velodyne's packets, through velodyne-decoder. The last one of a file that ends within a
-    packet is partial."""
+    """The turns of a .pcap of Velodyne's packets, through velodyne-decoder. The last one is partial where it has
+    clearly fewer firings than the one before; a turn alone, where the file ends within a packet."""
     hint = "copy it again; an HDL-64E needs --log.meta calibration.yml"
     before: LogScan | None = None
     last: LogScan | None = None
@@ -33,8 +33,8 @@ def velodyne_items(path: Path, options: LogOptions) -> Iterator[Item]:
             before, last = last, scan
     if last is None:
         raise ValueError(f"velodyne: {path} holds no packet of a Velodyne sensor ({_VELODYNE_BYTES} bytes each)")
-    is_shorter = before is not None and _firings(last) < _WHOLE_TURN * _firings(before)
-    scan = replace(last, is_partial=packets.is_cut or is_shorter)
+    is_partial = packets.is_cut if before is None else _firings(last) < _WHOLE_TURN * _firings(before)
+    scan = replace(last, is_partial=is_partial)
     yield Item(scan.name, lambda: scan)
 
 

@@ -27,8 +27,8 @@ LAGS = (1, 2, 4, 8, 16, 32)
 WIDTHS = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, np.inf)
 """Standard deviations of the fields' kernels, columns; 0 is each cell for itself, infinity all cells of a class."""
 ROWS_A_COLUMN = 0.5
-"""A turn of 1024 columns samples three to four times as finely across as its rows do; the same field is this narrow
-along rows."""
+"""How much narrower a field is along rows: on the ground, cells a row apart lie farther from each other than cells a
+column apart."""
 OUTER = 0.01
 """Ranks are told from here to as far below 1."""
 

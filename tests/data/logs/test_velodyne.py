@@ -50,6 +50,16 @@ def test_a_turn_that_a_recording_cuts_is_passed_over(samples, tmp_path):
     assert (written.frames, written.partial) == (3, 1)
 
 
+def test_a_whole_turn_counts_although_the_file_ends_within_a_packet(samples, tmp_path):
+    pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")
+    recording = (samples / "velodyne_vlp16/my.pcap").read_bytes()
+    path = tmp_path / "cut.pcap"
+    path.write_bytes(recording[:24] + b"".join(turns_of(recording, count=3))[:-100])
+    kind, source = source_for(path, "")
+    written = write_log(path, kind, source, out=tmp_path / "out", options=LogOptions())
+    assert (written.frames, written.partial) == (3, 0)
+
+
 @pytest.mark.parametrize(("share", "frames"), [(0.95, 1), (0.7, 0)])
 def test_the_last_turn_of_a_file_that_ends_within_a_packet_is_passed_over(samples, tmp_path, share, frames):
     pytest.importorskip("velodyne_decoder", reason="velodyne-decoder is not installed")

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from jaxsim.data.cityscapes import IDS
 from jaxsim.data.range_images import read_range_images
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.data.synthetic.labelled import CLASSES, OF_MATERIAL, classes_of, labelled_image, write_labelled
+from jaxsim.data.synthetic.render import IdealScan
 from jaxsim.geometry import preset
 
 
@@ -19,6 +21,34 @@ def image(world):
     return labelled_image(world, 4)
 
 
+def test_each_material_has_a_class_of_its_own():
+    kinds = {
+        "road": ("road", ()),
+        "wet road": ("road", ("wet",)),
+        "marking": ("road", ("marking", "wet")),
+        "vehicle": ("car", ()),
+        "number plate": ("car", ("retro",)),
+        "sign": ("traffic sign", ()),
+        "sign's sheet": ("traffic sign", ("retro",)),
+        "unlabelled": ("sky", ()),
+    }
+    flags = {
+        name: np.array([[name in marks for _, marks in kinds.values()]])
+        for name in ("wet", "marking", "retro", "glass", "absorbing")
+    }
+    size = (1, len(kinds))
+    scan = IdealScan(
+        range_m=np.full(size, 9, np.float32),
+        valid=np.array([[name != "sky" for name, _ in kinds.values()]]),
+        incidence_rad=np.zeros(size, np.float32),
+        reflectance=np.ones(size, np.float32),
+        semantic=np.array([[IDS[name] for name, _ in kinds.values()]]),
+        instance=np.zeros(size, np.int32),
+        **flags,
+    )
+    assert [CLASSES[number] for number in classes_of(scan)[0]] == list(kinds)
+
+
 def test_classes_of_material_lie_on_what_they_are_part_of(world):
     truth = world.truth(4)
     label = classes_of(truth.scan)
@@ -26,7 +56,8 @@ def test_classes_of_material_lie_on_what_they_are_part_of(world):
     for name, kinds in (("marking", {7}), ("wet road", {7}), ("number plate", {26, 27, 28}), ("sign's sheet", {20})):
         met = semantic[label == CLASSES.index(name)]
         assert {*np.unique(met)} <= kinds, name
-    assert (label == CLASSES.index("wet road")).any()
+    for name in ("wet road", "marking", "number plate"):
+        assert (label == CLASSES.index(name)).any(), name
     assert not label[~np.asarray(truth.scan.valid)].any()
     assert (label[np.asarray(truth.scan.valid)] > 0).mean() > 0.99
 
