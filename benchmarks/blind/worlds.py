@@ -52,7 +52,8 @@ def main(argv: list[str] | None = None) -> None:
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
     nulls = range(args.first_null, args.first_null + args.nulls)
-    tasks = plan_cells(cells(args), args.severity, cases=args.cases, nulls=nulls, effects=args.only or HIDDEN)
+    numbers = range(args.first_case, args.first_case + args.cases)
+    tasks = plan_cells(cells(args), args.severity, cases=numbers, nulls=nulls, effects=args.only or HIDDEN)
     for settings in {settings.cell: settings for _, settings in tasks}.values():
         check_settings([r for r in rows.values() if cell_of(r) == settings.cell], asdict(settings))
     done = {key for key, row in rows.items() if row["verdict"] != "error"}
@@ -85,7 +86,7 @@ def plan_cells(
     groups: Sequence[Settings],
     severities: Sequence[float],
     *,
-    cases: int,
+    cases: Iterable[int],
     nulls: Iterable[int],
     effects: Sequence[str] = HIDDEN,
 ) -> list[tuple[Job, Settings]]:
@@ -95,7 +96,7 @@ def plan_cells(
     many rounds as there are severities every effect has had each. More cases keep those that fewer had.
     """
     planted = []
-    for n in range(cases):
+    for n in cases:
         turn, place = divmod(n, len(effects))
         severity = float(severities[(place + turn) % len(severities)])
         planted.append(Job(effects[place], severity, "default", turn // len(severities)))
@@ -164,6 +165,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--sensor", nargs="+", choices=SENSORS, default=["spin64"], help="of the second world")
     parser.add_argument("--given", nargs="+", choices=("all", "bare"), default=["all"])
     parser.add_argument("--cases", type=int, default=len(HIDDEN), help="single effects a cell")
+    parser.add_argument("--first-case", type=int, default=0, help="single effects from this number of the plan on")
     parser.add_argument("--nulls", type=int, default=10, help="nulls a cell")
     parser.add_argument("--first-null", type=int, default=0, help="nulls from this on: fresh ones where some were seen")
     parser.add_argument("--severity", type=float, nargs="+", default=[1.0, 2.0, 4.0])

@@ -28,8 +28,8 @@ def _answered(job, settings, **more):
 
 
 def test_every_cell_has_the_same_jobs_and_more_cases_keep_the_first():
-    few = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=4, nulls=range(3))
-    many = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=45, nulls=range(8))
+    few = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=range(4), nulls=range(3))
+    many = worlds.plan_cells([HOME, NOISY], (1.0, 2.0, 4.0), cases=range(45), nulls=range(8))
     assert {worlds.key_of(*task) for task in few} < {worlds.key_of(*task) for task in many}
     jobs = {settings.cell: [job for job, s in many if s == settings] for settings in (HOME, NOISY)}
     assert len(jobs) == 2
@@ -117,3 +117,11 @@ def test_the_table_tells_false_names_from_missed_ones():
     assert f"| {HOME.cell} | nothing, exact | 1 | - | gamma_response |" in text
     assert f"| {HOME.cell} | beam_gain | 4 | - | none |" in text
     assert worlds.summary([]) == "no case yet"
+
+
+def test_later_numbers_of_the_plan_are_cases_that_the_first_do_not_hold():
+    first = worlds.plan_cells([HOME], (2.0,), cases=range(30), nulls=range(0))
+    later = worlds.plan_cells([HOME], (2.0,), cases=range(30, 60), nulls=range(0))
+    seeds = [{job.seed(sealed=True) for job, _ in tasks} for tasks in (first, later)]
+    assert [len(found) for found in seeds] == [30, 30]
+    assert not seeds[0] & seeds[1]
