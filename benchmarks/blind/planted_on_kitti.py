@@ -1,15 +1,16 @@
 """Effects planted on real KITTI scans: `python -m benchmarks.blind.planted_on_kitti OUT [--root DATA] [--help]`.
 
-DATA (by default $JAXSIM_SAMPLE_DATA) holds kitti_raw/, kitti_object/ and semantickitti/ in those sets' own layouts.
-Each full scan of another drive counts: the first raw frame of each drive, all object frames, each SemanticKITTI
-sequence's first. A scan is put onto the HDL-64E's polar grid and cut into four quarters of 90 degrees less a guard of
-5 degrees on either side; a quarter is one frame and one scene, turned so that its middle lies ahead. Five scans
-make 20 scenes: less independent than 20 drives, since quarters share sensor and street.
+DATA (by default $JAXSIM_SAMPLE_DATA) holds kitti_raw/, kitti_object/ and semantickitti/ in those sets' own layouts, or
+is KITTI raw's folder of dates. Each full scan of another drive counts: the first raw frame of each drive, all object
+frames, each SemanticKITTI sequence's first. A scan is put onto the HDL-64E's polar grid and cut into four quarters of
+90 degrees less a guard of 5 degrees on either side; a quarter is one frame and one scene, turned so that its middle
+lies ahead. Five scans make 20 scenes: less independent than 20 drives, since quarters share sensor and street.
 
 What the scan says, with its hundredths of intensity spread evenly over their step, is the simulated frame; the
 measured one is the same with an effect of benchmarks/blind/hidden (NumPy; nothing of jaxsim.effects), noise of
 intensity and range, a gain and a few lost returns. There are no classes, and no errors of pose; effects that move rays
-or act on classes cannot be planted.
+or act on classes cannot be planted. With `--simulator noisy` the simulated side has noise of its own, 6 % and 0.008 of
+intensity in 256 steps, 1.5 cm, a ray in a hundred lost, and the sensor has the same.
 
 One line a case in OUT/cases.jsonl; the same command again goes on. Prints the table that docs/discover-rates.md quotes.
 """
@@ -21,7 +22,7 @@ import os
 import shutil
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ from tqdm import tqdm
 
 from benchmarks.blind.hidden import case_name, score
 from benchmarks.blind.hidden.frames import Grid
-from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on
+from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on, simulated_of
+from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import coverage, rate
 from jaxsim.cli import enable_compilation_cache
@@ -50,7 +52,7 @@ STEP = 0.01
 def scan_files(root: Path) -> dict[str, Path]:
     """One scan a drive, by name. Raises ValueError where `root` holds none."""
     found = {}
-    for drive in sorted(root.glob("kitti_raw/*/*_sync")):
+    for drive in sorted([*root.glob("kitti_raw/*/*_sync"), *root.glob("*/*_sync")]):
         files = sorted((drive / "velodyne_points" / "data").glob("*.bin"))
         found |= {f"raw {drive.name}": files[0]} if files else {}
     found |= {f"object {p.stem}": p for p in sorted(root.glob("kitti_object/training/velodyne/*.bin"))}
@@ -59,22 +61,28 @@ def scan_files(root: Path) -> dict[str, Path]:
         found |= {f"sequence {sequence.name}": files[0]} if files else {}
     if not found:
         raise ValueError(
-            f"planted_on_kitti: {root} holds no kitti_raw/DATE/*_sync, kitti_object/training/velodyne or "
-            "semantickitti/sequences; pass the folder above them as --root, or set JAXSIM_SAMPLE_DATA"
+            f"planted_on_kitti: {root} holds no kitti_raw/DATE/*_sync, DATE/*_sync, kitti_object/training/velodyne "
+            "or semantickitti/sequences; pass the folder above them as --root, or set JAXSIM_SAMPLE_DATA"
         )
     return found
 
 
-def quarters(files: dict[str, Path]) -> tuple[PolarGrid, dict[str, Scan]]:
-    """The grid of a quarter, and every scan's quarters by name."""
+def whole_turns(files: Mapping[str, Path], columns: int) -> tuple[PolarGrid, dict[str, PolarImage]]:
+    """HDL-64E scans on one grid of the whole turn, whose beams are fitted to the first."""
     spec, images = preset("hdl64e"), {}
     clouds = {name: read_velodyne(path) for name, path in files.items()}
     rows = {name: recover_rows(xyz, lines=spec.rows, spec=spec) for name, (xyz, _) in clouds.items()}
     first = next(iter(clouds))
-    grid = full_grid(fit_beams(clouds[first][0], rows[first], lines=spec.rows, name="hdl64e of these scans"), COLUMNS)
+    grid = full_grid(fit_beams(clouds[first][0], rows[first], lines=spec.rows, name="hdl64e of these scans"), columns)
     for name, (xyz, intensity) in clouds.items():
         cloud = Cloud(xyz, intensity, np.ones(len(xyz), bool), rows[name])
         images[name] = points_to_polar(cloud, grid)[0]
+    return grid, images
+
+
+def quarters(files: Mapping[str, Path]) -> tuple[PolarGrid, dict[str, Scan]]:
+    """The grid of a quarter, and every scan's quarters by name."""
+    grid, images = whole_turns(files, COLUMNS)
     azimuth, width = np.asarray(grid.azimuth_rad, float), COLUMNS // QUARTERS
     guard = int(np.ceil(GUARD_RAD / (azimuth[0] - azimuth[1])))
     inner = slice(guard, width - guard)
@@ -99,23 +107,23 @@ def quarters(files: dict[str, Path]) -> tuple[PolarGrid, dict[str, Scan]]:
 
 
 def run_case(
-    grid: PolarGrid, scenes: dict[str, Scan], effect: str, severity: float, seed: int, folder: Path
+    grid: PolarGrid, scenes: dict[str, Scan], job: tuple[str, float, int], *, simulator: str, folder: Path
 ) -> dict[str, Any]:
-    """Plants, lets `discover` answer, and scores."""
+    """Plants an effect of a severity by a seed, lets `discover` answer, and scores."""
+    effect, severity, seed = job
     plain = Grid(np.asarray(grid.azimuth_rad, float), np.asarray(grid.elevation_rad, float))
-    measured, key = plant_on(list(scenes.values()), plain, effect=effect, severity=severity, seed=seed)
+    errors, scans = SIMULATORS[simulator], list(scenes.values())
+    measured, key = plant_on(scans, plain, effect=effect, severity=severity, seed=seed, simulator=errors)
+    simulated = [simulated_of(scan, errors, seed=seed, number=k) for k, scan in enumerate(scans)]
     if folder.exists():
         shutil.rmtree(folder)
     about = {f"{k:04d}": {"scene": name, "heading": scan.heading_rad} for k, (name, scan) in enumerate(scenes.items())}
     for part in ("simulated", "measured"):
         write_grid(folder / part, grid, frames=about)
-    for name, scan, reading in zip(about, scenes.values(), measured, strict=True):
-        for part, range_m, intensity in (
-            ("simulated", scan.range_m, scan.intensity),
-            ("measured", reading["range"], reading["intensity"]),
-        ):
-            image = PolarImage(range_m.astype(np.float32), intensity.astype(np.float32), range_m > 0)
-            write_frame(folder / part, name, image)
+    for part, frames in (("simulated", simulated), ("measured", measured)):
+        for name, frame in zip(about, frames, strict=True):
+            range_m, intensity = (frame[channel].astype(np.float32) for channel in ("range", "intensity"))
+            write_frame(folder / part, name, PolarImage(range_m, intensity, range_m > 0))
     began = time.monotonic()
     verdict = discover_folders(simulated=folder / "simulated", measured=folder / "measured").verdict
     verdict.save(folder / "out")
@@ -124,7 +132,7 @@ def run_case(
         shutil.rmtree(folder / part)
     return {
         "key": f"{effect} {severity:g} {seed}",
-        "settings": {"scenes": list(scenes)},
+        "settings": settings_of(scenes, simulator),
         "code": code_version(),
         "seconds": round(time.monotonic() - began, 1),
         **score(key, verdict.to_json()),
@@ -132,6 +140,11 @@ def run_case(
         "closure": closure,
         "gained": {name: [gap.gained.value, gap.gained.low] for name, gap in verdict.gap.items() if gap.gained},
     }
+
+
+def settings_of(scenes: Mapping[str, Scan], simulator: str) -> dict[str, Any]:
+    """What rows of one run share; rows without a simulator are those of an ideal one."""
+    return {"scenes": list(scenes)} | ({} if simulator == "ideal" else {"simulator": simulator})
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
@@ -175,6 +188,7 @@ def main() -> None:
     parser.add_argument("--effects", nargs="+", default=list_plantable(), help="default: all that can be planted")
     parser.add_argument("--severity", type=float, nargs="+", default=[4.0])
     parser.add_argument("--nulls", type=int, default=10)
+    parser.add_argument("--simulator", choices=SIMULATORS, default="ideal", help="errors of the simulated side's own")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     if args.root is None:
@@ -185,13 +199,15 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     kept = args.out / "cases.jsonl"
     rows = {row["key"]: row for row in read_rows(kept)}
-    check_settings(list(rows.values()), {"scenes": list(scenes)})
+    check_settings(list(rows.values()), settings_of(scenes, args.simulator))
     jobs = list(plan(args.effects, args.severity, args.nulls, args.seed))
-    for effect, severity, seed in tqdm(jobs, unit="case"):
+    for job in tqdm(jobs, unit="case"):
+        effect, severity, seed = job
         key = f"{effect} {severity:g} {seed}"
         if key in rows:
             continue
-        row = run_case(grid, scenes, effect, severity, seed, args.out / "cases" / case_name(zlib.crc32(key.encode())))
+        folder = args.out / "cases" / case_name(zlib.crc32(key.encode()))
+        row = run_case(grid, scenes, job, simulator=args.simulator, folder=folder)
         append_row(kept, row)
         rows[row["key"]] = row
     text = summary(list(rows.values()))

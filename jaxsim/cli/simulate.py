@@ -73,6 +73,10 @@ class Simulate(Checked):
         """The folder that one process has while the command runs."""
         return self.out
 
+    @property
+    def page(self) -> Path:
+        return self.out / "clouds.html"
+
     def __call__(self) -> None:
         # Sensor and frames.
         known_effects(self.effects_from)
@@ -91,7 +95,8 @@ class Simulate(Checked):
             previews=self.previews,
             spread=partial(self.on_cluster, self.cluster) if self.cluster else None,
         )
-        self.write_page(maker.dataset, positions[: self.previews])
+        if speed.simulated or not self.page.exists():  # to draw it reads, or renders, frames again
+            self.write_page(maker.dataset, positions[: self.previews])
         print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
         if speed.simulated:
             print(speed_words(speed, workers=bool(self.cluster)))
@@ -126,7 +131,7 @@ class Simulate(Checked):
         save_picture(file_of(self.out / "previews", name, ".png", by="simulate"), picture)
 
     def write_page(self, dataset: Dataset, positions: Sequence[int]) -> None:
-        """Writes clouds.html, which turns these frames beside their measured clouds."""
+        """Writes the page, which turns these frames beside their measured clouds."""
         if not positions:
             return
         frames = open_polar_frames(self.out / "polar")
@@ -139,7 +144,7 @@ class Simulate(Checked):
         beside = any(len(scene.sides) > 1 for scene in scenes)
         both = "Left of the slider the simulated cloud, in the camera's view; right of it the measured one."
         write_clouds(
-            self.out / "clouds.html",
+            self.page,
             scenes,
             title="jaxsim simulate",
             sentence=f"The sensor of {self.run.name}, simulated{' beside what was measured' if beside else ''}.",

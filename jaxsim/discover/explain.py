@@ -160,3 +160,13 @@ def simulator_noise(noise: Levels) -> tuple[str, ...]:
         "were made smooth, and compared is what the simulator means; effects count by what they explain between "
         "surfaces, ranges and angles. Frames without noise tell more",
     )
+
+
+def mutual_noise(found: Sequence[str]) -> tuple[str, ...]:
+    """What a reader must know of what was found and is not said."""
+    if not found:
+        return ()
+    return (
+        f"found, and not said: {', '.join(found)}. With the sides exchanged it is found as well: so it is what noise "
+        "of both does to the comparison, nothing that one of them has and the other has not",
+    )

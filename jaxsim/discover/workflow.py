@@ -5,13 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover.add import Added, add_effects, in_place
 from jaxsim.discover.every_frame import HeldAnswer, in_words, judge_rest
-from jaxsim.discover.explain import named, notes, nuisance_changes, own_candidates, ranking, simulator_noise, why_not
+from jaxsim.discover.explain import (
+    mutual_noise,
+    named,
+    notes,
+    nuisance_changes,
+    own_candidates,
+    ranking,
+    simulator_noise,
+    why_not,
+)
 from jaxsim.discover.find import Dependences, find_dependences
 from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.law.search import closed_law
@@ -20,6 +30,7 @@ from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects
+from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
@@ -97,8 +108,17 @@ def discover(
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
+    # Of a simulator without noise the sides are no two readings of one street; known effects are in one of them alone.
+    both_noisy = division.simulator.noisy and not modelled
     answer = name_effects(
-        null, catalogue, dependences.single, scene=dependences.scene, nulls=nulls, without=without, log=log
+        null,
+        catalogue,
+        dependences.single,
+        scene=dependences.scene,
+        nulls=nulls,
+        without=without,
+        exchanged=partial(Exchanged.of, comparison, division, null) if both_noisy else None,
+        log=log,
     )
 
     # Regimes: effects that act in a part of the recording alone take the place of the same everywhere.
@@ -136,6 +156,7 @@ def discover(
         notes=(
             *notes(comparison, parts, model.choice, held=modelled),
             *simulator_noise(division.simulator.noise),
+            *mutual_noise(model.answer.mutual),
             *([in_words(every)] if every else []),
             *([unrelated_note] if unrelated_note else []),
         ),

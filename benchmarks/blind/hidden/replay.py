@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.blind.hidden import frames as f
+from benchmarks.blind.hidden import simulator as own
 from benchmarks.blind.hidden.case import Key
 from benchmarks.blind.hidden.catalogue import COVARIATES, EFFECTS, OUTSIDE, amount_of
 from benchmarks.blind.hidden.laws import About
@@ -51,13 +52,20 @@ def list_plantable() -> list[str]:
 
 
 def plant_on(
-    scans: Sequence[Scan], grid: f.Grid, *, effect: str, severity: float, seed: int
+    scans: Sequence[Scan],
+    grid: f.Grid,
+    *,
+    effect: str,
+    severity: float,
+    seed: int,
+    simulator: own.Simulator = own.SIMULATORS["ideal"],
 ) -> tuple[list[dict[str, np.ndarray]], Key]:
     """What the sensor reads, {range, intensity} a frame, and the key.
 
     Args:
         effect: 'none', a name of list_plantable() or 'outside:NAME' of OUTSIDE_HERE.
         severity: multiple of the effect's unit (units.json).
+        simulator: the errors that the simulated side has of its own (`simulated_of`); the sensor's noise is alike.
 
     Raises:
         ValueError: the effect cannot be planted on given frames, or the frames do not fit the grid.
@@ -71,26 +79,35 @@ def plant_on(
     if effect not in plantable:
         raise ValueError(f"{effect!r} cannot be planted on given frames; choose one of {', '.join(plantable)}")
     entropy = tuple(int(x) for x in stream((seed,), effect, f"{severity:g}").integers(0, 1 << 32, 4))
-    nuisance = draw_nuisance(stream(entropy, "nuisance"), "default")
+    nuisance = own.sensor_like(simulator, draw_nuisance(stream(entropy, "nuisance"), "default"))
     states = [_state(scan, grid, number, entropy) for number, scan in enumerate(scans)]
     about, rng = _about(states, grid), stream(entropy, "effect", effect)
     effects: list[dict[str, Any]] = []
     other: dict[str, Any] | None = None
-    hooks = []
+    hooks = own.floor_noise(simulator)
     if effect != "none":
         name = outside or effect
         amount = amount_of(name, severity)
         plan = (OUTSIDE[name] if outside else EFFECTS[name]).make(amount, rng, about)
-        hooks = plan.hooks
+        hooks = hooks + plan.hooks
         if outside:
             kind = OUTSIDE[name]
             other = {"name": name, "channel": kind.channel, "covariates": list(kind.covariates), "amount": amount}
         else:
             entry = {"name": name, "channels": list(EFFECTS[name].channels), "covariates": list(COVARIATES[name])}
             effects = [entry | {"parameters": plan.parameters, "amount": amount, "severity": severity}]
-    measured = [_read(state, hooks, nuisance) for state in states]
+    lattice = own.coarser_than(simulator, (effect,))
+    measured = [own.on_lattice(lattice, _read(state, hooks, nuisance)) for state in states]
     case = stream(entropy, "id").bytes(8).hex()
     return measured, Key(case, seed, severity, "default", effects, other, nuisance.as_dict(), time.time())
+
+
+def simulated_of(scan: Scan, simulator: own.Simulator, *, seed: int, number: int) -> dict[str, np.ndarray]:
+    """The given frame, {range, intensity}, as a simulator with errors of its own writes it. It knows no class."""
+    nothing = np.zeros(scan.range_m.shape)
+    frame = {"range": scan.range_m, "intensity": scan.intensity}
+    frame |= dict.fromkeys(("texture", "true_theta", "incidence", "semantic", "instance"), nothing)
+    return own.rendered(simulator, frame, stream((seed,), "simulator", str(number)), full_turn=False)
 
 
 def _read(state: f.State, hooks: Sequence[tuple[str, f.Hook]], nuisance: Nuisance) -> dict[str, np.ndarray]:

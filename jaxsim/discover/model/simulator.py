@@ -81,6 +81,11 @@ class Meant:
     intensities: MeantIntensities | None = None
     """None where intensities are not noisy."""
 
+    @property
+    def noisy(self) -> bool:
+        """Whether the simulator's readings have noise of their own."""
+        return self.ranges is not None or self.intensities is not None
+
 
 def meant(
     scan: Scan,

@@ -3,6 +3,7 @@
 candidates     every effect, fitted and judged on scenes that its fit has not seen
 select         one effect after another, as long as each gains more than the bar
 unexplained    free curves, for what no effect describes
+exchange       the sides exchanged: what noise of both does to the comparison
 nulls          measurements in which nothing is missing, which set the bar
 answer         which of the three answers it is
 """

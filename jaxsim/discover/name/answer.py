@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int
 
-from jaxsim.discover.find import Dependence, localise
+from jaxsim.discover.find import Dependence, localise, spelled
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import standardised
 from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.nulls import run_nulls
 from jaxsim.discover.name.select import Bars, Choice, FittedStep, Log, choose, with_steps
 from jaxsim.discover.name.unexplained import agreed, describe, free_curves
@@ -36,6 +37,8 @@ class Answer:
     """Where the bar was set on nulls of these very data."""
     curve: tuple[Dependence, Candidate] | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
+    mutual: tuple[str, ...] = ()
+    """What was found, and is not said because the sides say it of each other (`exchange`), in words."""
 
 
 def name_effects(
@@ -46,6 +49,7 @@ def name_effects(
     scene: Int[np.ndarray, " b"],
     nulls: int = 0,
     without: Sequence[str] = (),
+    exchanged: Callable[[], Exchanged] | None = None,
     log: Log = lambda line: None,
 ) -> Answer:
     """Chooses effects of the catalogue one after another, then asks whether free curves along `dependences`, the null's
@@ -53,6 +57,8 @@ def name_effects(
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
+    What a simulator with noise of its own says of the sensor, and the sensor of it, is left out, and the question is
+    asked once more; `exchanged` gives the sides exchanged, if anything was found.
     """
     choice = choose(null, catalogue, log=log)
     drawn = None
@@ -64,7 +70,37 @@ def name_effects(
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
         choice = choose(null, catalogue, bars=bars, log=log) if raised else replace(choice, bars=bars)
-    return replace(decide(null, choice, dependences, scene=scene, without=without), nulls=drawn)
+    answer = decide(null, choice, dependences, scene=scene, without=without)
+    if exchanged and (answer.choice.steps or answer.curve):
+        sides, bars = exchanged(), choice.bars
+        effects: list[str] = []
+        curves: list[Along] = []
+        while mutual := found_mutual(answer, sides):
+            log(f"the sides say it of each other, exchanged or not: {', '.join(map(in_words, mutual))}")
+            effects += [name for name in mutual if isinstance(name, str)]
+            curves += [along for along in mutual if not isinstance(along, str)]
+            if any(isinstance(name, str) for name in mutual):
+                rest = [effect for effect in catalogue if effect.name not in effects]
+                choice = choose(null, rest, bars=bars, log=log)
+            answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
+        answer = replace(answer, mutual=tuple(map(in_words, [*effects, *curves])))
+    return replace(answer, nulls=drawn)
+
+
+Along = tuple[str, str]
+"""A free curve's channel and covariate."""
+
+
+def found_mutual(answer: Answer, sides: Exchanged) -> list[str | Along]:
+    """What an answer holds that is found with the sides exchanged as well: names of effects, and a curve's place."""
+    mutual: list[str | Along] = [step.chosen.effect.name for step in answer.choice.steps if sides.has(step)]
+    if answer.curve and sides.has_curve(answer.choice.problem, *answer.curve):
+        mutual.append((answer.curve[0].channel, answer.curve[0].covariate))
+    return mutual
+
+
+def in_words(found: str | Along) -> str:
+    return found if isinstance(found, str) else f"{found[0]} along {spelled(found[1])}"
 
 
 def decide(
@@ -74,14 +110,15 @@ def decide(
     *,
     scene: Int[np.ndarray, " b"],
     without: Sequence[str] = (),
+    but: Sequence[Along] = (),
 ) -> Answer:
     """The answer, what is named in it, and what a free curve still finds.
 
     Where a free curve explains clearly more of its channel than the effects that were chosen for it, these are not
     named: what is there is not in the catalogue. Effects of other channels stay, and so does a lattice, which was read
-    off the readings and is there whatever else is.
+    off the readings and is there whatever else is. Curves of the channels `without`, and those of `but`, are not asked.
     """
-    free = free_curves(null, dependences, without)
+    free = asked(free_curves(null, dependences, without), but)
     curves = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     outside = curves[0] if curves and outdone(choice, *curves[0]) else None
     if outside:
@@ -93,7 +130,11 @@ def decide(
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
     if not choice.steps:
         return Answer("none", choice, None)
-    return named_answer(choice, scene=scene, without=without)
+    return named_answer(choice, scene=scene, without=without, but=but)
+
+
+def asked(curves: Sequence[tuple[Dependence, Candidate]], but: Sequence[Along]) -> list[tuple[Dependence, Candidate]]:
+    return [(along, curve) for along, curve in curves if (along.channel, along.covariate) not in but]
 
 
 def stands(step: FittedStep, channel: str) -> bool:
@@ -101,11 +142,14 @@ def stands(step: FittedStep, channel: str) -> bool:
     return channel not in step.chosen.effect.channels or step.chosen.effect.name in FINEST
 
 
-def named_answer(choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = ()) -> Answer:
-    """What is chosen, and what a free curve still finds beside it, of other channels than those `without`."""
+def named_answer(
+    choice: Choice, *, scene: Int[np.ndarray, " b"], without: Sequence[str] = (), but: Sequence[Along] = ()
+) -> Answer:
+    """What is chosen, and what a free curve still finds beside it, of other channels than those `without`, and none of
+    `but`."""
     after = localise(*standardised(choice.problem, choice.problem.ev.all_blocks), scene)
     # What effects explain is gone from these residuals, so that a curve here is none of them.
-    free = free_curves(choice.problem, after, without)
+    free = asked(free_curves(choice.problem, after, without), but)
     rest = [(along, curve) for along, curve in free if agreed(curve, choice.bars.free)]
     if not rest:
         return Answer("named", choice, None)

@@ -1,0 +1,118 @@
+"""The sides exchanged: what both say of each other alike is noise, and nothing that one of them lacks.
+
+Where the simulator has noise of its own, both sides are noisy readings of the same surfaces. What noise does to a
+comparison (dark readings regress to the mean, a ray at an edge meets now this surface, now that) it does whichever side
+is taken for the simulation. What the sensor does and the simulator does not would have to be undone, not done once
+more, where the sensor's frames are taken for simulated ones. So what is about to be said is put, as it was fitted, into
+the comparison of the exchanged sides: where it gains there too, it is not said.
+
+Of intensities this is a fair question only where both sides know how bright each surface is. A simulator that has a
+table of reflectances lacks what surfaces have of their own, and that alone makes its readings regress once it is taken
+for the sensor (Berkson's errors become classical ones; Carroll, Ruppert, Stefanski, Crainiceanu 2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsim.discover.covariates import CURVES, fixed_basis, values_of, with_columns
+from jaxsim.discover.find import Dependence
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.model.fit import Fit, Problem, channels_of, fit, fit_noise
+from jaxsim.discover.model.null import fit_null, implied_level
+from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.name.candidates import Candidate
+from jaxsim.discover.name.select import FittedStep
+from jaxsim.discover.read import Comparison, Division
+from jaxsim.discover.rules import RULES
+from jaxsim.discover.scenes import clipped
+from jaxsim.effects import Law
+from jaxsim.effects.effect import CHANNELS
+
+
+@dataclass(frozen=True)
+class Exchanged:
+    """The null of the find scenes with the sides exchanged."""
+
+    problem: Problem
+    fit: Fit
+    channels: frozenset[str]
+    """Channels of which the exchanged sides can be asked."""
+
+    @classmethod
+    def of(cls, comparison: Comparison, division: Division, null: Problem) -> Exchanged:
+        """The comparison that `division` divides, with what was measured in the place of what was simulated; `null` is
+        that of the sides as they are."""
+        turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
+        ev, _ = turned.evidence(turned.parts.find)
+        problem, _ = fit_null(turned.scan, ev, ev.all_blocks)
+        return cls(problem, fit_noise(problem, ev.all_blocks), alike(division, null))
+
+    def gain(self, effect: Law, values: dict[str, np.ndarray], problem: Problem | None = None) -> float:
+        """Nats that the find scenes, none of which decides alone, gain by an effect with these values; `problem` is
+        the null's, whose rays may carry a basis."""
+        problem = problem or self.problem
+        placed = fit(effect, problem, problem.ev.all_blocks, starts=(values,), fixed=True)
+        used = [CHANNELS.index(name) for name in channels_of(effect) if name in self.channels]
+        by_block = (placed.score - self.fit.score)[:, used].sum(-1)
+        scene = np.asarray(problem.ev.scene)
+        return float(clipped(np.bincount(scene, by_block, problem.ev.scenes)[np.unique(scene)]).sum())
+
+    def has(self, step: FittedStep) -> bool:
+        """Whether an effect that was chosen is found with the sides exchanged as well."""
+        effect = step.chosen.effect
+        if self.channels.isdisjoint(effect.channels):
+            return False
+        values = {name: np.asarray(value) for name, value in to_values(effect, step.fit.z).items()}
+        return self.gain(effect, values) >= RULES.exchanged_share * step.chosen.total
+
+    def has_curve(self, fitted_to: Problem, along: Dependence, curve: Candidate) -> bool:
+        """Whether a free curve is found with the sides exchanged as well."""
+        if along.channel not in self.channels:
+            return False
+        name = along.covariate
+        known = values_of(name, fitted_to.ev.rays, np.asarray(fitted_to.ev.rays.hit)).astype(np.float64)
+        fits = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
+        height = fixed_basis(known, name) @ np.mean(fits, axis=0)
+        # One column that is the curve itself: knots of its own would lie elsewhere on these rays.
+        order = np.argsort(known, kind="stable")
+        rays = self.problem.ev.rays
+        here = values_of(name, rays, np.asarray(rays.hit)).astype(np.float64)
+        column = np.interp(here, known[order], height[order])
+        problem = with_columns(self.problem, column[:, None].astype(np.float32))
+        effect = CURVES[along.channel]
+        one = np.zeros_like(fits[0])
+        one[0] = 1.0
+        return self.gain(effect, {"height": one}, problem) >= RULES.exchanged_share * curve.total
+
+
+def alike(division: Division, null: Problem) -> frozenset[str]:
+    """The channels in which both sides are noisy readings of the same: ranges and returns where ranges are noisy, and
+    intensities where these are and surfaces are as bright on both sides."""
+    channels = {"range", "drop"} if division.simulator.ranges is not None else set()
+    if division.simulator.intensities is not None:
+        own = implied_level(null.ev, null.equations)[np.asarray(null.ev.compared)]
+        if len(own) and own.std() <= RULES.same_brightness_nats:
+            channels.add("intensity")
+    return frozenset(channels)
+
+
+def exchange(comparison: Comparison, division: Division) -> Comparison:
+    """The comparison with the sides exchanged. Classes and angles stay the simulator's: a sensor tells none."""
+    raw, meant = comparison.scan, division.simulator.scan
+    measured = comparison.measured
+    valid = np.asarray(measured.valid)
+    # Rays that the simulator lost by chance are put back in what it means.
+    hit = np.asarray(meant.hit)
+    scan = replace(
+        meant,
+        range_m=jnp.asarray(np.where(valid, measured.range_m, 0)),
+        intensity=jnp.asarray(np.where(valid, measured.intensity, 0)),
+        hit=jnp.asarray(hit & valid),
+    )
+    there = np.asarray(raw.hit)
+    simulated = Measured(np.where(there, raw.range_m, 0), np.where(there, raw.intensity, 0), there)
+    return replace(comparison, scan=scan, measured=simulated)

@@ -1,0 +1,84 @@
+"""What both sides say of each other is told from what one of them lacks."""
+
+import numpy as np
+import pytest
+
+from jaxsim.discover.find import find_dependences
+from jaxsim.discover.model.evidence import Measured
+from jaxsim.discover.name.candidates import rank_effects
+from jaxsim.discover.name.exchange import Exchanged, alike
+from jaxsim.discover.name.select import fitted_step
+from jaxsim.discover.read import Comparison, Division
+from jaxsim.effects import get_effect, scan_of
+from jaxsim.frame import PolarImage
+from tests.discover.noisy_street import disturbed, grid, street
+
+FRAMES = 12
+NOISE = {"share": 0.06, "constant": 0.004, "range_m": 0.015, "loss": 0.01}
+NEAR_M = 4.0
+
+
+def read(frame, borders, rng, *, mixed, noise=NOISE):
+    """A noisy reading of a street with boxes, of whose border rays a share lies between box and background."""
+    range_m, intensity, kept = disturbed(frame, rng, **noise)
+    behind = frame["behind"]
+    there = borders & kept & (rng.random(kept.shape) < mixed)
+    between = NEAR_M + rng.random(kept.shape) * (behind - NEAR_M)
+    return np.where(there, between, range_m), intensity, kept
+
+
+def sides(*, mixed=(0.15, 0.15), loss=NOISE["loss"], own=0.0) -> Comparison:
+    """Streets with boxes; `mixed` of simulation and measurement, rays that the sensor loses, and the standard deviation
+    of what walls are brighter than the simulator knows, nats."""
+    rng = np.random.default_rng(5)
+    images, more, measured = [], [], []
+    for k in range(FRAMES):
+        frame = street(k)
+        box = np.zeros(frame["hit"].shape, bool)
+        for start in rng.choice(np.arange(4, 470, 16), 14, replace=False):
+            box[:, start : start + 8] = True
+        box &= frame["range"] > NEAR_M + 2
+        borders = box & ~(np.roll(box, 1, 1) & np.roll(box, -1, 1))
+        frame = frame | {"behind": frame["range"], "range": np.where(box, NEAR_M, frame["range"])}
+        range_m, intensity, kept = read(frame, borders, rng, mixed=mixed[0])
+        images.append(PolarImage(range_m.astype("f4"), intensity.astype("f4"), kept))
+        more.append({"semantic": frame["semantic"], "incidence": frame["incidence"].astype("f4")})
+        brighter = np.exp(own * rng.normal(0, 1, 60))[(np.arange(480) // 8)][None]
+        bright = frame | {"intensity": np.clip(frame["intensity"] * brighter, 0, 1)}
+        measured.append(read(bright, borders, rng, mixed=mixed[1], noise=NOISE | {"loss": loss}))
+    names = tuple(f"{k:03d}" for k in range(FRAMES))
+    parts = (np.stack([one[k] for one in measured]).astype(bool if k == 2 else "f4") for k in range(3))
+    return Comparison(scan_of(grid(), images, more), Measured(*parts), names, names)
+
+
+def asked(comparison, name):
+    """Whether the exchanged sides have an effect that was fitted, and its step."""
+    division = Division.of(comparison)
+    null = find_dependences(division).null
+    [best] = rank_effects(null, [get_effect(name)])
+    step = fitted_step(null, best, ranking=[best], good=[best])
+    return Exchanged.of(comparison, division, null), step
+
+
+def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
+    exchanged, step = asked(sides(), "mixed_pixels")
+    assert step.chosen.total > 10
+    assert exchanged.has(step)
+
+
+def test_what_the_sensor_alone_mixes_is_its_own():
+    exchanged, step = asked(sides(mixed=(0.0, 0.15)), "mixed_pixels")
+    assert step.chosen.total > 10
+    assert not exchanged.has(step)
+
+
+def test_rays_that_the_sensor_alone_loses_are_its_own():
+    exchanged, step = asked(sides(loss=0.08), "random_dropout")
+    assert step.chosen.total > 10
+    assert not exchanged.has(step)
+
+
+@pytest.mark.parametrize(("own", "channels"), [(0.0, {"range", "drop", "intensity"}), (0.4, {"range", "drop"})])
+def test_intensities_are_asked_only_where_both_sides_know_how_bright_surfaces_are(own, channels):
+    division = Division.of(sides(own=own))
+    assert alike(division, find_dependences(division).null) == channels
