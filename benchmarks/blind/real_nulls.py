@@ -6,9 +6,10 @@ DRIVES (--root) holds KITTI raw drives, DATE/DATE_drive_NUMBER_sync, of full sca
              differs is the sensor's own noise, and what moves in the street.
     streets  `--unpaired`: drives dealt to two sides at random, --splits times. What differs is the streets.
 
-Every answer but *none* is wrong, and levels of noise are those of the sensor against itself. Scans are put onto the
-HDL-64E's whole turn as they are, intensities in steps of 0.01. Nothing of the answers was tuned on these. One line a
-case in OUT/cases.jsonl; the same command again goes on.
+Every answer but *none* is wrong, and levels of noise are those of the sensor against itself. With `--plant EFFECT ...`
+an effect of benchmarks/blind/hidden is put onto the measured scans of the standing car, too, and should be named.
+Scans are put onto the HDL-64E's whole turn as they are, intensities in steps of 0.01. One line a case in
+OUT/cases.jsonl; the same command again goes on.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.blind.planted_on_kitti import whole_turns
+from benchmarks.blind.hidden.frames import Grid
+from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on
+from benchmarks.blind.planted_on_kitti import STEP, whole_turns
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import rate
 from jaxsim.cli import enable_compilation_cache
@@ -44,14 +47,19 @@ def main() -> None:
     rows = {row["key"]: row for row in read_rows(kept)}
     settings = {"scans": sorted(files), "columns": args.columns}
     check_settings(list(rows.values()), settings)
-    cases = {"still": still_pairs(files, args.still)} if args.still else {}
+    still = [f"still {effect}" for effect in ("none", *args.plant)] if args.still else []
+    cases = {key: still_pairs(files, args.still) for key in still}
     cases |= {f"streets {seed}": two_sides(files, args.still, seed) for seed in range(args.splits)}
     grid, images = whole_turns(files, args.columns)
     for key, sides in tqdm(cases.items(), unit="case"):
         if key in rows:
             continue
         began = time.monotonic()
-        verdict = answer(grid, images, sides, folder=args.out / "case", unpaired=key != "still")
+        kind, hidden = key.split()
+        shown = [{frame: images[scan] for frame, scan in side.items()} for side in sides]
+        if kind == "still" and hidden != "none":
+            shown[1] = planted(grid, shown[1], effect=hidden, severity=args.severity)
+        verdict = answer(grid, shown, folder=args.out / "case", unpaired=kind == "streets")
         found = {
             "key": key,
             "settings": settings,
@@ -100,21 +108,28 @@ def two_sides(files: Files, still: str, seed: int) -> tuple[dict[str, str], dict
     return each[0], each[1]
 
 
-def answer(
-    grid: PolarGrid,
-    images: Mapping[str, PolarImage],
-    sides: Sequence[Mapping[str, str]],
-    *,
-    folder: Path,
-    unpaired: bool,
-) -> Verdict:
-    """What `discover` says of two sides, each {frame: scan}; a scan's drive is its scene."""
+def planted(
+    grid: PolarGrid, frames: Mapping[str, PolarImage], *, effect: str, severity: float
+) -> dict[str, PolarImage]:
+    """Scans with an effect on top, and the noise that the generator's sensor adds to its own."""
+    plain = Grid(np.asarray(grid.azimuth_rad, float), np.asarray(grid.elevation_rad, float))
+    scans = [Scan(np.where(i.valid, i.range_m, 0), np.where(i.valid, i.intensity, 0), 0.0) for i in frames.values()]
+    readings, _ = plant_on(scans, plain, effect=effect, severity=severity, seed=0)
+    found = {}
+    for name, reading in zip(frames, readings, strict=True):
+        range_m, intensity = (reading[channel].astype(np.float32) for channel in ("range", "intensity"))
+        found[name] = PolarImage(range_m, np.round(intensity / STEP).astype(np.float32) * np.float32(STEP), range_m > 0)
+    return found
+
+
+def answer(grid: PolarGrid, sides: Sequence[Mapping[str, PolarImage]], *, folder: Path, unpaired: bool) -> Verdict:
+    """What `discover` says of two sides; a scan's drive is its scene."""
     shutil.rmtree(folder, ignore_errors=True)
     for part, side in zip(("simulated", "measured"), sides, strict=True):
         about = {f"{k:04d}": {"scene": frame.split("/")[0]} for k, frame in enumerate(side)}
         write_grid(folder / part, grid, frames=about)
-        for name, scan in zip(about, side.values(), strict=True):
-            write_frame(folder / part, name, images[scan])
+        for name, image in zip(about, side.values(), strict=True):
+            write_frame(folder / part, name, image)
     compare = discover_unpaired if unpaired else discover_folders
     return compare(simulated=folder / "simulated", measured=folder / "measured").verdict
 
@@ -137,7 +152,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     """The answers case by case, and how many are right."""
     lines = ["| case | answer |", "|---|---|"]
     lines += [f"| {row['key']} | {' + '.join(row['answer']) or row['verdict']} |" for row in rows]
-    streets = [row for row in rows if row["key"] != "still"]
+    streets = [row for row in rows if row["key"].startswith("streets")]
     if streets:
         lines += [
             "",
@@ -151,6 +166,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("out", type=Path)
     parser.add_argument("--root", type=Path, required=True, help="folder of KITTI raw's dates")
     parser.add_argument("--still", default="0060", help="drive whose car stands; '' for none")
+    parser.add_argument("--plant", nargs="*", choices=list_plantable(), default=[], metavar="EFFECT")
+    parser.add_argument("--severity", type=float, default=4.0, help="of what is planted")
     parser.add_argument("--splits", type=int, default=10, help="deals of the drives to two sides")
     parser.add_argument("--most", type=int, default=8, help="scans of a drive")
     parser.add_argument("--columns", type=int, default=1024)
