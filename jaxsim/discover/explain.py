@@ -82,6 +82,8 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "" if name == order[0] else f"named too, after {', '.join(order[: order.index(name)])}"
     if steps and name in {one.effect.plain_name for one in steps[0].alike}:
         return "these data cannot tell it from the one that is named"
+    if name in choice.refused:
+        return "with the sides exchanged it is found as well"
     if candidate.total <= choice.bars.effect:
         return "its gain is within what a null reaches"
     if candidate.smooth_is_enough:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,7 @@ from jaxsim.discover.name.select import Choice, Log, refitted
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes import Divided, find_regimes
-from jaxsim.discover.repeats import examine, formula_of, with_repeats, with_what_repeats
+from jaxsim.discover.repeats import examine, formula_of, one_sided, with_repeats, with_what_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.sensitivity import correlations, of_ranges, sensitivities, unrelated
 from jaxsim.discover.show import sensor_of, show_gap, with_mounting, without_unconfirmed
@@ -110,6 +110,7 @@ def discover(
     without = ("intensity",) if unrelated_note else ()
     # Of a simulator without noise the sides are no two readings of one street; known effects are in one of them alone.
     both_noisy = division.simulator.noisy and not modelled
+    exchanged = cache(partial(Exchanged.of, comparison, division, null)) if both_noisy else None
     answer = name_effects(
         null,
         catalogue,
@@ -117,7 +118,7 @@ def discover(
         scene=dependences.scene,
         nulls=nulls,
         without=without,
-        exchanged=partial(Exchanged.of, comparison, division, null) if both_noisy else None,
+        exchanged=exchanged,
         log=log,
     )
 
@@ -125,7 +126,15 @@ def discover(
     divided = find_regimes(division, comparison.scenes, null, answer=answer, known=mounting.known, log=log)
 
     # Add: every effect fitted again with the others in place, and what repeats in the sensor's own coordinates.
-    model = sensor_model_of(division, comparison.scenes, dependences, divided=divided, known=mounting.known, log=log)
+    model = sensor_model_of(
+        division,
+        comparison.scenes,
+        dependences,
+        divided=divided,
+        known=mounting.known,
+        exchanged=exchanged,
+        log=log,
+    )
 
     # Show: the scenes that nothing has seen.
     log("judging on unseen scenes")
@@ -189,10 +198,12 @@ def sensor_model_of(
     *,
     divided: Divided,
     known: SensorModel,
+    exchanged: Callable[[], Exchanged] | None,
     log: Log,
 ) -> FittedAnswer:
     """What was named, fitted together; a law for what no effect describes; and laws of what repeats at the same rows
-    and columns in every scene with these in place. `scenes` are those of the frames."""
+    and columns in every scene with these in place, but does not with the sides `exchanged`. `scenes` are those of the
+    frames."""
     log("fitting what was named together")
     null = dependences.null
     answer = divided.answer
@@ -206,6 +217,9 @@ def sensor_model_of(
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
     repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)
+    if repeats and exchanged:
+        repeats, mutual = one_sided(repeats, exchanged(), scenes)
+        answer = replace(answer, mutual=(*answer.mutual, *mutual))
     if repeats:
         log(f"{repeats[0].repeat.formula}, in every scene: no effect of the catalogue, added as it is")
         added = with_repeats(added, [one.learned for one in repeats])

@@ -60,7 +60,8 @@ def name_effects(
     What a simulator with noise of its own says of the sensor, and the sensor of it, is left out, and the question is
     asked once more; `exchanged` gives the sides exchanged, if anything was found.
     """
-    choice = choose(null, catalogue, log=log)
+    refuse = (lambda step: exchanged().has(step)) if exchanged else None
+    choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
         drawn = run_nulls(null, choice.problem, catalogue, scene=scene, count=nulls, log=log)
@@ -69,38 +70,22 @@ def name_effects(
         bars = Bars(drawn.bar * scenes, drawn.free_bar * scenes)
         log(f"the bar of these data: {bars.effect:.1f} nats, of free curves {bars.free:.1f}")
         raised = bars.effect > RULES.bar_nats
-        choice = choose(null, catalogue, bars=bars, log=log) if raised else replace(choice, bars=bars)
+        choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
+    curves: list[Along] = []
     answer = decide(null, choice, dependences, scene=scene, without=without)
-    if exchanged and (answer.choice.steps or answer.curve):
-        sides, bars = exchanged(), choice.bars
-        effects: list[str] = []
-        curves: list[Along] = []
-        while mutual := found_mutual(answer, sides):
-            log(f"the sides say it of each other, exchanged or not: {', '.join(map(in_words, mutual))}")
-            effects += [name for name in mutual if isinstance(name, str)]
-            curves += [along for along in mutual if not isinstance(along, str)]
-            if any(isinstance(name, str) for name in mutual):
-                rest = [effect for effect in catalogue if effect.name not in effects]
-                choice = choose(null, rest, bars=bars, log=log)
-            answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
-        answer = replace(answer, mutual=tuple(map(in_words, [*effects, *curves])))
-    return replace(answer, nulls=drawn)
+    while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
+        curves.append((answer.curve[0].channel, answer.curve[0].covariate))
+        log(f"{in_words(curves[-1])}: refused")
+        answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
+    return replace(answer, nulls=drawn, mutual=(*choice.refused, *map(in_words, curves)))
 
 
 Along = tuple[str, str]
 """A free curve's channel and covariate."""
 
 
-def found_mutual(answer: Answer, sides: Exchanged) -> list[str | Along]:
-    """What an answer holds that is found with the sides exchanged as well: names of effects, and a curve's place."""
-    mutual: list[str | Along] = [step.chosen.effect.name for step in answer.choice.steps if sides.has(step)]
-    if answer.curve and sides.has_curve(answer.choice.problem, *answer.curve):
-        mutual.append((answer.curve[0].channel, answer.curve[0].covariate))
-    return mutual
-
-
-def in_words(found: str | Along) -> str:
-    return found if isinstance(found, str) else f"{found[0]} along {spelled(found[1])}"
+def in_words(along: Along) -> str:
+    return f"{along[0]} along {spelled(along[1])}"
 
 
 def decide(

@@ -37,6 +37,7 @@ from jaxsim.effects.effect import CHANNELS
 class Exchanged:
     """The null of the find scenes with the sides exchanged."""
 
+    division: Division
     problem: Problem
     fit: Fit
     channels: frozenset[str]
@@ -49,7 +50,7 @@ class Exchanged:
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
         ev, _ = turned.evidence(turned.parts.find)
         problem, _ = fit_null(turned.scan, ev, ev.all_blocks)
-        return cls(problem, fit_noise(problem, ev.all_blocks), alike(division, null))
+        return cls(turned, problem, fit_noise(problem, ev.all_blocks), alike(division, null))
 
     def gain(self, effect: Law, values: dict[str, np.ndarray], problem: Problem | None = None) -> float:
         """Nats that the find scenes, none of which decides alone, gain by an effect with these values; `problem` is

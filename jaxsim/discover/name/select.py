@@ -8,7 +8,7 @@ not ask how a candidate was fitted (`Step`, `Selection`, `worse`, `runner_up`) a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -125,6 +125,12 @@ class Choice(Selection[Candidate]):
     steps: tuple[FittedStep, ...]
     problem: Problem
     bars: Bars = Bars()
+    refused: tuple[str, ...] = ()
+    """Names of accepted effects that were refused."""
+
+
+Refuse = Callable[[FittedStep], bool]
+"""Whether an effect that would be added is none after all."""
 
 
 def too_rich(candidate: Candidate, best: Candidate) -> bool:
@@ -137,16 +143,18 @@ def choose(
     effects: Iterable[Effect],
     *,
     bars: Bars = Bars(),
+    refuse: Refuse | None = None,
     log: Log = lambda line: None,
 ) -> Choice:
     """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back.
 
     The first may have stood in for two that act together (a number a class for losses at random and a longest range),
     and what comes after it then only mends it. So where a simpler candidate gained nearly as much, a second choice
-    begins with that, and holds where it says as much with fewer numbers.
+    begins with that, and holds where it says as much with fewer numbers. Of accepted effects those are left out that
+    `refuse` says.
     """
     catalogue = list(effects)
-    first = add_steps(problem, catalogue, (), bars=bars, log=log)
+    first = add_steps(problem, catalogue, (), bars=bars, refuse=refuse, log=log)
     begun = simpler_beginning(first)
     if begun is None:
         return first
@@ -157,7 +165,9 @@ def choose(
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
     instead = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
-    second = add_steps(problem, catalogue, (*kept, instead), bars=bars, log=log)
+    if refuse and refuse(instead):
+        return first
+    second = add_steps(problem, catalogue, (*kept, instead), bars=bars, refuse=refuse, log=log)
     return second if says_as_much(second, first) else first
 
 
@@ -185,28 +195,42 @@ def says_as_much(second: Choice, first: Choice) -> bool:
 
 
 def add_steps(
-    null: Problem, catalogue: Sequence[Effect], begun: Sequence[FittedStep], *, bars: Bars, log: Log
+    null: Problem,
+    catalogue: Sequence[Effect],
+    begun: Sequence[FittedStep],
+    *,
+    bars: Bars,
+    refuse: Refuse | None,
+    log: Log,
 ) -> Choice:
     """Effects added one after the other to those of `begun`, until none is accepted, without those that are not needed
     in the end."""
     steps = list(begun)
     problem = with_steps(null, steps) if steps else null
-    taken = {step.chosen.effect.name for step in steps}
-    rest = [effect for effect in catalogue if effect.name not in taken]
+    refused: list[str] = []
     while True:
-        ranking = rank_effects(problem, rest)
-        # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
-        least = RULES.weak_share * ranking[0].total if ranking else 0.0
-        good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
-        if not good or len(steps) == RULES.most_effects:
+        done = {*refused, *(step.chosen.effect.name for step in steps)}
+        ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
+        step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
+        while step and refuse and refuse(step):
+            refused.append(step.chosen.effect.name)
+            log(f"{refused[-1]}: {step.chosen.total:.0f} nats, refused")
+            step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
+        if step is None:
             needed = look_back(null, steps, bars, log=log)
             problem = problem if len(needed) == len(steps) else with_steps(null, needed)
-            return Choice(needed, tuple(ranking), problem, bars)
-        best = good[0]
-        log(f"{best.effect.name}: {best.total:.0f} nats on scenes that its fit had not seen")
-        steps.append(fitted_step(problem, best, ranking=ranking, good=good))
-        problem = refitted(on_top(best.effect, problem, steps[-1].fit.z))
-        rest = [effect for effect in rest if effect.name != best.effect.name]
+            return Choice(needed, tuple(ranking), problem, bars, tuple(refused))
+        log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats on scenes that its fit had not seen")
+        steps.append(replace(step, ranking=tuple(ranking)))
+        problem = refitted(on_top(step.chosen.effect, problem, step.fit.z))
+
+
+def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> FittedStep | None:
+    """The best accepted candidate, fitted; None where none is accepted, or those that are are weak."""
+    # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
+    least = RULES.weak_share * ranking[0].total if ranking else 0.0
+    good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
+    return fitted_step(problem, good[0], ranking=ranking, good=good) if good else None
 
 
 def fitted_step(

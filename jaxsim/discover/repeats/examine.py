@@ -20,8 +20,9 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
 from jaxsim.discover.name.answer import Answer
+from jaxsim.discover.name.exchange import Exchanged
 from jaxsim.discover.name.select import refitted
-from jaxsim.discover.read import Division
+from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, form_of, learn_repeats
 from jaxsim.discover.repeats.maps import Maps, maps_of
@@ -90,6 +91,28 @@ def examine(
     dense = Dense.of(division, scenes, null, known=known)
     repeats = find_repeats(dense.maps(chain, noise), dense.finding, bins=RULES.repeats_bins)
     return dense.learn(repeats, chain, noise) if repeats else ()
+
+
+def one_sided(
+    repeats: Sequence[LearnedRepeat], exchanged: Exchanged, scenes: Sequence[str]
+) -> tuple[tuple[LearnedRepeat, ...], tuple[str, ...]]:
+    """The patterns that are not there with the sides exchanged as well, and the formulas of the others. `scenes` are
+    those of the frames."""
+    dense = Dense.of(exchanged.division, scenes, exchanged.problem, known=NOTHING_YET)
+    maps = dense.maps([], exchanged.problem.noise)
+    own, both = [], []
+    for one in repeats:
+        channel = one.repeat.channel
+        alike = channel in exchanged.channels and size_of(one, maps[channel]) >= RULES.exchanged_share
+        (both if alike else own).append(one)
+    return tuple(own), tuple(one.repeat.formula for one in both)
+
+
+def size_of(one: LearnedRepeat, maps: Maps) -> float:
+    """Size of a pattern in other maps, over its own; negative where they show the opposite."""
+    response = maps.centred(maps.response(one.pattern))
+    steep = float((response * one.pattern).sum())
+    return float((maps.centred(maps.total) * one.pattern).sum()) / steep if steep > 0 else 0.0
 
 
 def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:

@@ -129,6 +129,8 @@ class LearnedRepeat:
 
     repeat: Repeat
     """The pattern with the size that was fitted."""
+    pattern: Pattern
+    """Its heights, in the channel's unit."""
     learned: Learned
     judged_nats: float
     """What judge scenes gain by it."""
@@ -233,7 +235,7 @@ def _learned(
     # From no pattern to its maximum a parabola gains its slope less half of what bends it.
     shows = (maps.total * pattern).sum((1, 2)) - (answer * pattern).sum((1, 2)) / 2
     nats = float(shows[~finding].sum())
-    return LearnedRepeat(repeat, learned, nats, int(finding.sum()), (pattern.shape[0], pattern.shape[1]))
+    return LearnedRepeat(repeat, pattern, learned, nats, int(finding.sum()), (pattern.shape[0], pattern.shape[1]))
 
 
 def _size(form: RepeatForm, heights: Heights, *, maps: Maps) -> tuple[Interval, complex]:

@@ -81,38 +81,14 @@ def test_a_curve_leaves_a_lattice_of_its_channel_named(monkeypatch):
         assert said.choice.problem is remains
 
 
-def exchanged(*, effect: str = "", curve: bool = False) -> Exchanged:
-    """The sides exchanged, which show this effect or every curve."""
+def exchanged() -> Exchanged:
+    """The sides exchanged, which show every curve."""
 
     class Sides(Exchanged):
-        def has(self, step):
-            return step.chosen.effect.name == effect
-
-        def has_curve(self, fitted_to, along, found):
-            return curve
+        def has_curve(self, fitted_to, along, curve):
+            return True
 
     return object.__new__(Sides)
-
-
-def test_what_the_sides_say_of_each_other_is_left_out_and_the_rest_asked_again(monkeypatch):
-    gamma, lost = step(candidate("gamma_response", 8)), step(candidate("random_dropout", 4, "drop"))
-    whole = problem(ev=SimpleNamespace(all_blocks=None))
-
-    def choose(null, catalogue, *, bars=None, log):
-        names = [effect.name for effect in catalogue]
-        return Choice(tuple(one for one in (gamma, lost) if one.chosen.effect.name in names), (), whole)
-
-    monkeypatch.setattr(answer, "choose", choose)
-    monkeypatch.setattr(answer, "decide", lambda null, choice, *_, **__: answer.Answer("named", choice, None))
-    sides = exchanged(effect="gamma_response")
-    catalogue = [one.chosen.effect for one in (gamma, lost)]
-    scene = np.arange(11)
-    said = answer.name_effects(whole, catalogue, [], scene=scene, exchanged=lambda: sides)
-    assert [one.chosen.effect.name for one in said.choice.steps] == ["random_dropout"]
-    assert said.mutual == ("gamma_response",)
-    untried = answer.name_effects(whole, catalogue, [], scene=scene)
-    assert len(untried.choice.steps) == 2
-    assert untried.mutual == ()
 
 
 def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
@@ -123,8 +99,7 @@ def test_a_curve_that_both_sides_show_is_not_asked_again(monkeypatch):
     monkeypatch.setattr(
         answer, "describe", lambda problem, dependence, found: Unexplained(dependence.channel, "range", "other", "")
     )
-    sides = exchanged(curve=True)
-    said = answer.name_effects(whole, [], [], scene=np.arange(11), exchanged=lambda: sides)
+    said = answer.name_effects(whole, [], [], scene=np.arange(11), exchanged=exchanged)
     assert said.verdict == "none"
     assert said.mutual == ("intensity along range",)
     assert answer.name_effects(whole, [], [], scene=np.arange(11)).verdict == "not_in_catalogue"

@@ -109,3 +109,28 @@ def test_a_second_choice_holds_where_it_says_as_much_with_fewer_numbers():
     assert says_as_much(chosen_of(step(RANDOM), step(candidate("range_gate", 26.0, "drop", numbers=2))), first)
     assert not says_as_much(chosen_of(step(RANDOM), step(GATE)), first)
     assert not says_as_much(first, first)
+
+
+def test_what_is_refused_is_passed_over_and_told(monkeypatch):
+    best, next_best, weak = (
+        candidate(name, each) for name, each in (("gamma_response", 8), ("beam_gain", 4), ("saturation", 0.1))
+    )
+    asked = []
+
+    def rank(problem, effects):
+        names = [effect.name for effect in effects]
+        asked.append(names)
+        return [one for one in (best, next_best, weak) if one.effect.name in names]
+
+    monkeypatch.setattr(select, "rank_effects", rank)
+    monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, good: step(best, ranking=ranking))
+    monkeypatch.setattr(select, "on_top", lambda effect, problem, z: problem)
+    monkeypatch.setattr(select, "refitted", lambda problem: problem)
+    catalogue = [one.effect for one in (best, next_best, weak)]
+    whole = problem(ev=SimpleNamespace(scene=np.arange(11)))
+    choice = select.choose(whole, catalogue, refuse=lambda one: one.chosen.effect.name == "gamma_response")
+    assert [one.chosen.effect.name for one in choice.steps] == ["beam_gain"]
+    assert choice.refused == ("gamma_response",)
+    # It stays in the ranking that is told, and is not fitted again beside the others.
+    assert [one.effect.name for one in choice.first_ranking] == ["gamma_response", "beam_gain", "saturation"]
+    assert asked == [["gamma_response", "beam_gain", "saturation"], ["saturation"]]
