@@ -23,6 +23,9 @@ from jaxsim.discover.verdict import Nulls, Unexplained
 from jaxsim.effects import Effect
 from jaxsim.effects.effect import CHANNELS
 
+Along = tuple[str, str]
+"""A free curve's channel and covariate."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -37,8 +40,10 @@ class Answer:
     """Where the bar was set on nulls of these very data."""
     curve: tuple[Dependence, Candidate] | None = None
     """The free curve behind `unexplained`, fitted on top of what is chosen."""
+    both_show: tuple[Along, ...] = ()
+    """Free curves that are found with the sides exchanged as well."""
     mutual: tuple[str, ...] = ()
-    """What was found, and is not said because the sides say it of each other (`exchange`), in words."""
+    """All that was found, and is not said because the sides say it of each other (`exchange`), in words."""
 
 
 def name_effects(
@@ -57,8 +62,8 @@ def name_effects(
 
     With `nulls` the bar is set on so many measurements in which nothing is missing, drawn from what the first choice
     left unexplained; the choice is made again where that raises it. No free curve is asked of the channels `without`.
-    What a simulator with noise of its own says of the sensor, and the sensor of it, is left out, and the question is
-    asked once more; `exchanged` gives the sides exchanged, if anything was found.
+    What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
+    the sides exchanged, and is asked where anything is found.
     """
     refuse = (lambda step: exchanged().has(step)) if exchanged else None
     choice = choose(null, catalogue, refuse=refuse, log=log)
@@ -77,11 +82,8 @@ def name_effects(
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
         log(f"{in_words(curves[-1])}: refused")
         answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
-    return replace(answer, nulls=drawn, mutual=(*choice.refused, *map(in_words, curves)))
-
-
-Along = tuple[str, str]
-"""A free curve's channel and covariate."""
+    mutual = (*choice.refused, *map(in_words, curves))
+    return replace(answer, nulls=drawn, both_show=tuple(curves), mutual=mutual)
 
 
 def in_words(along: Along) -> str:

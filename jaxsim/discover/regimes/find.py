@@ -177,8 +177,9 @@ def find_regimes(
             regimes.append(regime_of(confined, lead.finding.question.divides, told, facts=facts))
     if not regimes:
         return Divided(answer)
-    named = named_answer(choice, scene=facts.scene)
-    return Divided(replace(named, nulls=answer.nulls), tuple(regimes))
+    named = named_answer(choice, scene=facts.scene, but=answer.both_show)
+    kept = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
+    return Divided(replace(named, **kept), tuple(regimes))
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
@@ -237,7 +238,8 @@ def _of_named(null: Problem, choice: Choice, *, facts: Facts, asked: Sequence[Qu
         effect = step.chosen.effect
         if effect.of_recording:
             continue
-        rivals = tuple(one for one in step.ranking if one.effect is not effect)[: RULES.regime_rivals]
+        others = [one for one in step.ranking if one.effect is not effect and one.effect.name not in choice.refused]
+        rivals = tuple(others[: RULES.regime_rivals])
         divisions = _divisions(effect, step.fit, _without(null, choice, k), facts=facts, asked=asked)
         leads += [Lead(one, (step.chosen, *rivals), k, step.fit, named=True) for one in divisions]
     return leads
@@ -247,7 +249,9 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     """Where nothing is named, or one effect that nothing divides and that may stand in for another in a part: what
     divides the scenes of any candidate; and, where nothing is named, the sectors of the strongest and, if only the
     scenes' dispute kept it from being named, the scenes themselves."""
-    tried = [one for one in choice.first_ranking if not one.effect.of_recording]
+    # What noise of both sides does, it does in every part.
+    possible = [one for one in choice.first_ranking if one.effect.name not in choice.refused]
+    tried = [one for one in possible if not one.effect.of_recording]
     if len(choice.steps) > 1 or not tried:
         return []
     few = 1 + RULES.regime_rivals
