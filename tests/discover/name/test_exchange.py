@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jaxsim.discover import discover
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.model.evidence import Measured
 from jaxsim.discover.name.candidates import rank_effects
@@ -64,6 +65,16 @@ def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
     exchanged, step = asked(sides(), "mixed_pixels")
     assert step.chosen.total > 10
     assert exchanged.has(step)
+
+
+def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
+    verdict = discover(sides(), effects=("mixed_pixels",)).verdict
+    assert verdict.verdict == "none"
+    assert verdict.effects == ()
+    [note] = [line for line in verdict.notes if line.startswith("found, and not said")]
+    assert "mixed_pixels" in note
+    why = {rank.name: rank.why_not for rank in verdict.ranking}
+    assert why["mixed_pixels"] == "with the sides exchanged it is found as well"
 
 
 def test_what_the_sensor_alone_mixes_is_its_own():

@@ -9,6 +9,9 @@ import pytest
 from benchmarks.blind.hidden import make_case
 from jaxsim.cli import main
 from jaxsim.discover import discover, read_comparison
+from jaxsim.discover.repeats.examine import size_of
+from jaxsim.discover.repeats.learn import LearnedRepeat
+from jaxsim.discover.repeats.maps import Maps
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
@@ -82,3 +85,15 @@ def test_without_it_the_answer_is_none(plain):
     verdict = discover(plain, effects=FEW).verdict
     assert verdict.verdict == "none"
     assert (verdict.repeats, verdict.learned, verdict.law) == ((), (), None)
+
+
+def test_other_maps_show_a_share_of_a_pattern_with_its_sign():
+    rng = np.random.default_rng(0)
+    pattern = rng.normal(size=(6, 1)) + np.zeros((6, 40))
+    pattern -= pattern.mean()
+    one = object.__new__(LearnedRepeat)
+    object.__setattr__(one, "pattern", pattern)
+    weight = rng.uniform(1, 3, (5, 6, 40))
+    for share in (-1.0, 0.0, 0.6):
+        assert size_of(one, Maps.plain(weight, share * pattern + np.full_like(weight, 0.2))) == pytest.approx(share, abs=1e-6)
+    assert size_of(one, Maps.plain(np.zeros_like(weight), weight)) == 0
