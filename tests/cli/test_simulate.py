@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from jaxsim.cli import main
-from jaxsim.cli.simulate import speed_words
+from jaxsim.cli.simulate import Simulate, speed_words
 from jaxsim.simulate.folder import Speed
 from jaxsim.train.experiments import load_experiment
 from tests.untrained import untrained_run
@@ -42,6 +42,23 @@ def run(tmp_path_factory) -> Path:
 
 def files_of(out: Path) -> dict[str, bytes]:
     return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+def test_the_page_is_drawn_again_only_where_it_is_missing_or_frames_are_new(run, tmp_path, monkeypatch):
+    drawn = []
+
+    def write_page(self, dataset, positions):
+        drawn.append(len(positions))
+        self.page.parent.mkdir(exist_ok=True)
+        self.page.write_text("page")
+
+    monkeypatch.chdir(run.parent)
+    monkeypatch.setattr(Simulate, "write_page", write_page)
+    for simulated in (0, 0, 1):
+        done = Speed(simulated=simulated, already=3, batch=8, batches_s=(), total_s=1.0)
+        monkeypatch.setattr("jaxsim.cli.simulate.simulate_folder", lambda *_, done=done, **__: done)
+        main(["simulate", "tiny", "--previews", "2", "--out", str(tmp_path / "sim")])
+    assert drawn == [2, 2]
 
 
 @pytest.mark.slow

@@ -95,5 +95,7 @@ def test_other_maps_show_a_share_of_a_pattern_with_its_sign():
     object.__setattr__(one, "pattern", pattern)
     weight = rng.uniform(1, 3, (5, 6, 40))
     for share in (-1.0, 0.0, 0.6):
-        assert size_of(one, Maps.plain(weight, share * pattern + np.full_like(weight, 0.2))) == pytest.approx(share, abs=1e-6)
+        assert size_of(one, Maps.plain(weight, share * pattern + np.full_like(weight, 0.2))) == pytest.approx(
+            share, abs=1e-6
+        )
     assert size_of(one, Maps.plain(np.zeros_like(weight), weight)) == 0
