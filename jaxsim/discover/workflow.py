@@ -108,9 +108,8 @@ def discover(
     catalogue = with_look_alikes(catalogue, null.ev.rays, null.scan)
     log(f"fitting {len(catalogue)} effects")
     without = ("intensity",) if unrelated_note else ()
-    # Of a simulator without noise the sides are no two readings of one street; known effects are in one of them alone.
-    both_noisy = division.simulator.noisy and not modelled
-    exchanged = cache(partial(Exchanged.of, comparison, division, null)) if both_noisy else None
+    # Of a simulator without noise the sides are no two readings of one street.
+    exchanged = cache(partial(Exchanged.of, comparison, division, null)) if division.simulator.noisy else None
     answer = name_effects(
         null,
         catalogue,

@@ -46,7 +46,8 @@ class Exchanged:
     @classmethod
     def of(cls, comparison: Comparison, division: Division, null: Problem) -> Exchanged:
         """The comparison that `division` divides, with what was measured in the place of what was simulated; `null` is
-        that of the sides as they are."""
+        that of the sides as they are. What else the sides differ by, known or found, is in neither place: it is left to
+        the nuisances."""
         turned = Division.of(exchange(comparison, division), chosen=division.blocks, parts=division.parts)
         ev, _ = turned.evidence(turned.parts.find)
         problem, _ = fit_null(turned.scan, ev, ev.all_blocks)

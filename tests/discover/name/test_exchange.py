@@ -11,6 +11,7 @@ from jaxsim.discover.name.exchange import Exchanged, alike
 from jaxsim.discover.name.select import fitted_step
 from jaxsim.discover.read import Comparison, Division
 from jaxsim.effects import get_effect, scan_of
+from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import PolarImage
 from tests.discover.noisy_street import disturbed, grid, street
 
@@ -68,7 +69,9 @@ def test_edges_that_both_sides_mix_are_nothing_that_one_lacks():
 
 
 def test_the_answer_is_none_and_a_note_says_what_was_found(standard_promotion):
-    verdict = discover(sides(), effects=("mixed_pixels",)).verdict
+    """Also where the sensor model holds effects already, as in a second round."""
+    known = SensorModel((("random_dropout", {"probability": 0.001}),))
+    verdict = discover(sides(), effects=("mixed_pixels",), known=known).verdict
     assert verdict.verdict == "none"
     assert verdict.effects == ()
     [note] = [line for line in verdict.notes if line.startswith("found, and not said")]
