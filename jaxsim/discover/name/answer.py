@@ -111,7 +111,7 @@ def decide(
     if outside:
         steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
-            nothing = Choice((), choice.first_ranking, null, choice.bars)
+            nothing = Choice((), choice.first_ranking, null, choice.bars, choice.refused)
             return Answer("not_in_catalogue", nothing, describe(null, *outside), curve=outside)
         if len(steps) < len(choice.steps):
             choice = replace(choice, steps=steps, problem=with_steps(null, steps))
