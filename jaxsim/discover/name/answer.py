@@ -65,7 +65,15 @@ def name_effects(
     What a simulator with noise of its own says of the sensor, and the sensor of it, is passed over: `exchanged` gives
     the sides exchanged, and is asked where anything is found.
     """
-    refuse = (lambda step: exchanged().has(step)) if exchanged else None
+
+    def both_show(step: FittedStep) -> bool:
+        """Whether the sides say an effect of each other."""
+        found = exchanged is not None and exchanged().has(step)
+        if found:
+            log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, and with the sides exchanged too: not said")
+        return found
+
+    refuse = both_show if exchanged else None
     choice = choose(null, catalogue, refuse=refuse, log=log)
     drawn = None
     if nulls:
@@ -80,7 +88,7 @@ def name_effects(
     answer = decide(null, choice, dependences, scene=scene, without=without)
     while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
-        log(f"{in_words(curves[-1])}: refused")
+        log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
         answer = decide(null, choice, dependences, scene=scene, without=without, but=curves)
     mutual = (*choice.refused, *map(in_words, curves))
     return replace(answer, nulls=drawn, both_show=tuple(curves), mutual=mutual)

@@ -214,7 +214,6 @@ def add_steps(
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
         while step and refuse and refuse(step):
             refused.append(step.chosen.effect.name)
-            log(f"{refused[-1]}: {step.chosen.total:.0f} nats, refused")
             step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
         if step is None:
             needed = look_back(null, steps, bars, log=log)
