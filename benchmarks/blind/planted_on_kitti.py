@@ -138,6 +138,7 @@ def run_case(
         **score(key, verdict.to_json()),
         "look_alikes": [list(claim.look_alikes) for claim in verdict.effects],
         "closure": closure,
+        "notes": list(verdict.notes),
         "gained": {name: [gap.gained.value, gap.gained.low] for name, gap in verdict.gap.items() if gap.gained},
     }
 

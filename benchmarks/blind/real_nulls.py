@@ -103,7 +103,7 @@ def two_sides(files: Files, still: str, seed: int) -> tuple[dict[str, str], dict
     drives = sorted({name.split("/")[0] for name in files} - {still})
     order = np.random.default_rng(seed).permutation(len(drives))
     left = {drives[k] for k in order[: len(drives) // 2]}
-    scans = [name for name in files if not name.startswith(f"{still}/") or not still]
+    scans = [name for name in files if not name.startswith(f"{still}/")]
     each = [{name: name for name in scans if (name.split("/")[0] in left) == side} for side in (True, False)]
     return each[0], each[1]
 

@@ -75,6 +75,7 @@ class Simulate(Checked):
 
     @property
     def page(self) -> Path:
+        """Where the clouds are turned."""
         return self.out / "clouds.html"
 
     def __call__(self) -> None:

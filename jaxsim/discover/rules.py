@@ -161,11 +161,11 @@ class Rules:
     """Effects that are named at most."""
     exchanged_share: float = 0.25
     """Share of its gain that what is found may gain with the sides exchanged too, where the simulator has noise of its
-    own: beyond it the two say it of each other. What one side lacks loses there (of five hidden effects each); what
-    noise does gains alike: 1.0 and 1.1 of it on two turns of a standing sensor, 0.5 on made streets."""
+    own: beyond it the two say it of each other. What one side lacks loses there; what noise does gains alike, but for
+    chance: half as much on the made streets of tests/discover/name/test_exchange.py."""
     same_brightness_nats: float = 0.1
     """Standard deviation of what measured surfaces are brighter than simulated ones, up to which both sides know how
-    bright surfaces are: two turns of a standing sensor have 0.02, a simulator with a table of reflectances 0.2."""
+    bright surfaces are. A simulator with a table of reflectances is off by what surfaces of a class differ by."""
     curves_tried: int = 3
     """Covariates of each channel along which free curves compete: those that its residuals depend on most."""
     curve_level: float = 0.005

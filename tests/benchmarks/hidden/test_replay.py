@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.hidden.frames import make_grid
-from benchmarks.blind.hidden.replay import OUTSIDE_HERE, Scan, incidence_of, list_plantable, plant_on
+from benchmarks.blind.hidden.replay import OUTSIDE_HERE, Scan, incidence_of, list_plantable, plant_on, simulated_of
+from benchmarks.blind.hidden.simulator import SIMULATORS
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +91,31 @@ def test_effects_that_move_rays_or_need_classes_are_refused(road):
             plant_on(scans, grid, effect=effect, severity=2.0, seed=0)
     with pytest.raises(ValueError, match="the grid is"):
         plant_on([Scan(np.ones((3, 4)), np.ones((3, 4)), 0.0)], grid, effect="none", severity=1.0, seed=0)
+
+
+def test_a_noisy_simulator_and_its_sensor_read_alike_and_independently(road):
+    grid, scans = road
+    errors = SIMULATORS["noisy"]
+    measured, _ = plant_on(scans, grid, effect="none", severity=1.0, seed=5, simulator=errors)
+    simulated = [simulated_of(scan, errors, seed=5, number=k) for k, scan in enumerate(scans)]
+    for sides in (simulated, measured):
+        steps = np.concatenate([side["intensity"].ravel() for side in sides]) / errors.step
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+        off = [s["range"] - scan.range_m for s, scan in zip(sides, scans, strict=True)]
+        there = [(s["range"] > 0) & (scan.range_m > 0) for s, scan in zip(sides, scans, strict=True)]
+        spread = np.std(np.concatenate([o[t] for o, t in zip(off, there, strict=True)]))
+        assert spread == pytest.approx(errors.range_sd_m, rel=0.1)
+    both = np.concatenate(
+        [((a["range"] > 0) & (b["range"] > 0)).ravel() for a, b in zip(simulated, measured, strict=True)]
+    )
+    noises = [
+        np.concatenate([(s["range"] - scan.range_m).ravel() for s, scan in zip(sides, scans, strict=True)])[both]
+        for sides in (simulated, measured)
+    ]
+    assert abs(np.corrcoef(*noises)[0, 1]) < 0.1
+    assert all(
+        (s["range"] == scan.range_m).all()
+        for s, scan in zip(
+            (simulated_of(scan, SIMULATORS["ideal"], seed=5, number=0) for scan in scans), scans, strict=True
+        )
+    )
