@@ -1,6 +1,5 @@
 """Makes the pictures of the README and the pages: `python docs/make_pictures.py` (after `python train.py`)."""
 
-import shutil
 import sys
 from pathlib import Path
 
@@ -77,11 +76,9 @@ def ablation() -> None:
 
 
 def real2sim2real() -> None:
-    """What detectors find, AP by checkpoint, and intensities (after `jaxsim real2sim2real`)."""
-    pictures = Path("runs/real2sim2real/pictures")
-    save_picture(PICTURES / "real2sim2real_found.jpg", shrunk(cv2.imread(str(pictures / "found.png"))[..., ::-1], 1400))
-    for name in ("epochs", "intensity"):
-        shutil.copyfile(pictures / f"{name}.svg", PICTURES / f"real2sim2real_{name}.svg")
+    """What detectors find in a frame (after `jaxsim real2sim2real`)."""
+    found = cv2.imread("runs/real2sim2real/pictures/found.png")
+    save_picture(PICTURES / "real2sim2real_found.jpg", shrunk(found[..., ::-1], 1400))
 
 
 def detections() -> None:

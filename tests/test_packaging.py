@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from jinja2 import Template
 
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.frame import PolarGrid, PolarImage
@@ -97,18 +96,6 @@ def test_the_wheel_holds_experiments_sensor_types_and_licence_and_no_more_than_i
     assert any(name.endswith("LICENSE") for name in names)
     assert about["Name"] == "jaxsim-lidar"
     assert about["License-Expression"] == "Apache-2.0"
-
-
-def test_the_conda_recipe_asks_for_what_the_package_needs():
-    """Of the same versions; OpenCV has another name there."""
-    text = Template((ROOT / "conda/meta.yaml").read_text()).render(PYTHON="python")
-    recipe = yaml.safe_load(text)
-    about = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert (recipe["package"]["name"], recipe["package"]["version"]) == (about["name"], about["version"])
-    wanted = [re.sub("^opencv-python-headless", "py-opencv", one) for one in about["dependencies"]]
-    wanted.append(f"python{about['requires-python']}")
-    assert {one.replace(" ", "") for one in recipe["requirements"]["run"]} == set(wanted)
-    assert recipe["build"]["entry_points"] == [f"jaxsim = {about['scripts']['jaxsim']}"]
 
 
 def test_the_version_is_one():
