@@ -248,7 +248,7 @@ def look_back(
     null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log = lambda line: None
 ) -> tuple[FittedStep, ...]:
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
-    that came later."""
+    that came later. What came after one that is gone counts for what it gains without it."""
     needed = list(steps)
     # The last was accepted with all others in place.
     for step in steps[:-1]:
@@ -257,7 +257,18 @@ def look_back(
         if not again.accepted(bars.effect):
             log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             needed = others
-    return tuple(needed)
+    return tuple(needed) if len(needed) == len(steps) else counted_again(null, needed, steps)
+
+
+def counted_again(null: Problem, needed: Sequence[FittedStep], steps: Sequence[FittedStep]) -> tuple[FittedStep, ...]:
+    """Those of the steps that are needed, from the first that is not on each with its gain on top of the needed ones
+    before it: beside what is gone it gained only what that had left over."""
+    known = next(k for k, step in enumerate(steps) if k == len(needed) or step is not needed[k])
+    counted = list(needed[:known])
+    for step in needed[known:]:
+        [again] = rank_effects(with_steps(null, counted), [step.chosen.effect])
+        counted.append(replace(step, chosen=again))
+    return tuple(counted)
 
 
 def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:

@@ -35,7 +35,7 @@ def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
 
 
 def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch):
-    again = {"gamma_response": 0.1, "range_falloff": 9.0}
+    again = {"gamma_response": 0.1, "range_falloff": 9.0, "beam_gain": 9.0}
     beside = []
 
     def added(null, steps):
@@ -50,8 +50,31 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
     steps = [step(candidate(name, 9.0)) for name in ("gamma_response", "range_falloff", "beam_gain")]
     needed = look_back(problem(), steps, Bars(), log=lines.append)
     assert [one.chosen.effect.name for one in needed] == ["range_falloff", "beam_gain"]
-    assert beside == [["range_falloff", "beam_gain"], ["beam_gain"]]
+    assert beside[:2] == [["range_falloff", "beam_gain"], ["beam_gain"]]
     assert lines == ["gamma_response is not needed beside the others: 1 nats"]
+
+
+def test_what_came_after_an_effect_that_is_gone_counts_for_what_it_gains_without_it(monkeypatch):
+    """A gate beside losses of faint echoes gains little; without them, which it explains too, it gains all."""
+    faint = {"gain": 0.1}
+
+    def rank(beside, effects):
+        [effect] = effects
+        # Effects in place -> what the gate gains on top of them.
+        gate = 90.0 if beside == ["random_dropout"] else 1.0
+        gain = {"snr_dropout": faint["gain"], "range_gate": gate}.get(effect.name, 50.0)
+        return [candidate(effect.name, gain)]
+
+    monkeypatch.setattr(select, "with_steps", lambda null, steps: [one.chosen.effect.name for one in steps])
+    monkeypatch.setattr(select, "rank_effects", rank)
+    gains = {"random_dropout": 60.0, "snr_dropout": 80.0, "range_gate": 1.0, "beam_gain": 6.0}
+    steps = [step(candidate(name, each)) for name, each in gains.items()]
+    needed = look_back(problem(), steps, Bars())
+    assert [one.chosen.effect.name for one in needed] == ["random_dropout", "range_gate", "beam_gain"]
+    assert [one.chosen.by_scene[0] for one in needed] == [60.0, 90.0, 50.0]
+    assert needed[0] is steps[0]
+    faint["gain"] = 50.0
+    assert look_back(problem(), steps, Bars()) == tuple(steps)
 
 
 def test_what_gains_less_than_the_nulls_is_not_named(monkeypatch):
