@@ -33,15 +33,16 @@ from benchmarks.blind.hidden.plan import Plan
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, code_version, read_rows
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import add_effects, in_place
+from jaxsim.discover.add import add_effects
 from jaxsim.discover.find import find_dependences
 from jaxsim.discover.gap import distance
 from jaxsim.discover.law.learn import form_of
 from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
+from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.answer import decide
-from jaxsim.discover.name.select import Choice, refitted
+from jaxsim.discover.name.select import Choice
 from jaxsim.discover.read import NOTHING_YET, Division, read_comparison
 from jaxsim.discover.repeats import examine, with_repeats
 from jaxsim.effects import Law

@@ -11,37 +11,25 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.discover.law.learn import Form, LearnedFit, learn
-from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, all_on_top, fit
-from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.model.fit import NOISE_SD, Chain, Fit, Objective, Problem, fit
 from jaxsim.discover.model.null import as_implied
 from jaxsim.discover.model.parameters import fitted_parameters, ravel, restorer, to_values, to_z
-from jaxsim.discover.name.select import FittedStep, refitted
+from jaxsim.discover.model.together import Refit, refit
+from jaxsim.discover.name.select import FittedStep
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import student_reach
 from jaxsim.discover.verdict import Interval
-from jaxsim.effects import EFFECTS, Law
+from jaxsim.effects import Law
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.region import Region
 
 DIFFERENCE = 0.02
 """Step of the central differences, in z and in nats of a noise scale."""
-SWEEPS = 2
-"""Passes over several effects, each fitted beside the others."""
 BOUND = 1e-6
 """Distance from a bound at which a value counts as held there."""
 
 Numbers = Float[np.ndarray, "*k"] | np.floating
 """A parameter's: arithmetic on an array without dimensions gives a NumPy scalar."""
-
-
-@dataclass(frozen=True)
-class Refit:
-    """An effect fitted with all others in place."""
-
-    effect: Law
-    problem: Problem
-    """The problem in which it was fitted."""
-    fit: Fit
 
 
 @dataclass(frozen=True)
@@ -92,33 +80,6 @@ def add_effects(
         law_refits,
         learned,
     )
-
-
-def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
-    """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
-    order = {name: k for k, name in enumerate(EFFECTS)}
-    physical = sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order)))
-    return all_on_top(physical, null, simulated=simulated)
-
-
-def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
-    """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
-    beside other effects."""
-    values = dict(enumerate(z))
-    refits: dict[int, Refit] = {}
-    for _ in range(SWEEPS if len(effects) > 1 else 1):
-        for k, effect in enumerate(effects):
-            others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
-            # Beside other effects the nuisances are others: what an effect took up is theirs no longer.
-            problem = in_place(null, others)
-            if others:
-                problem = refitted(problem)
-            start = ({n: np.asarray(v) for n, v in to_values(effect, values[k]).items()},)
-            # Values that are read off the data (steps of rounding) stay.
-            result = fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=effect.name in FINEST)
-            values[k] = result.z
-            refits[k] = Refit(effect, problem, result)
-    return tuple(refits[k] for k in range(len(effects)))
 
 
 def parameters_of(effect: Law, z: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import Added, in_place, refit
+from jaxsim.discover.add import Added
 from jaxsim.discover.covariates import COVARIATES
 from jaxsim.discover.drawn import joined, rays_of, residual_curves, residual_maps, whole_frames
 from jaxsim.discover.gap import Distance, additive_floor, closure, distance, gaps
@@ -22,8 +22,9 @@ from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.noise_levels import FINEST
 from jaxsim.discover.model.null import fit_null, reweighted
 from jaxsim.discover.model.parameters import to_values, to_z
+from jaxsim.discover.model.together import in_place, refit, refitted
 from jaxsim.discover.name.candidates import Candidate
-from jaxsim.discover.name.select import Choice, refitted, runner_up
+from jaxsim.discover.name.select import Choice, runner_up
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.verdict import CurveLine, Gap, Interval, Judged, JudgeFrame, Named, Verdict

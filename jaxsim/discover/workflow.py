@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxsim.devices import one_blas_thread
-from jaxsim.discover.add import Added, add_effects, in_place
+from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.every_frame import HeldAnswer, in_words, judge_rest
 from jaxsim.discover.explain import (
     mutual_noise,
@@ -28,10 +28,11 @@ from jaxsim.discover.law.search import closed_law
 from jaxsim.discover.levels import compare_levels, missing
 from jaxsim.discover.look_alikes import with_look_alikes
 from jaxsim.discover.model.fit import Problem
+from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.mounting import named_mounting, place_mounting, refine_lift, registered_of
 from jaxsim.discover.name.answer import Answer, name_effects
 from jaxsim.discover.name.exchange import Exchanged
-from jaxsim.discover.name.select import Choice, Log, refitted
+from jaxsim.discover.name.select import Choice, Log
 from jaxsim.discover.objects import compare_objects
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division, read_comparison
 from jaxsim.discover.regimes import Divided, find_regimes

@@ -14,10 +14,10 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from jaxsim.discover.model.fit import Fit, Problem, all_on_top, fit, on_top
+from jaxsim.discover.model.fit import Fit, Problem, fit
 from jaxsim.discover.model.noise_levels import FINEST
-from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.together import in_place, refit, refitted
 from jaxsim.discover.name.candidates import Candidate, rank_effects
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import clipped, p_value
@@ -221,7 +221,9 @@ def add_steps(
             return Choice(needed, tuple(ranking), problem, bars, tuple(refused))
         log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats on scenes that its fit had not seen")
         steps.append(replace(step, ranking=tuple(ranking)))
-        problem = refitted(on_top(step.chosen.effect, problem, step.fit.z))
+        if len(steps) > 1:
+            steps = together(null, steps)
+        problem = with_steps(null, steps)
 
 
 def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> FittedStep | None:
@@ -250,20 +252,21 @@ def look_back(
     """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
     that came later. What came after one that is gone counts for what it gains without it."""
     needed = list(steps)
-    # The last was accepted with all others in place.
+    # The last was accepted with all others in place, fitted beside one another.
     for step in steps[:-1]:
         others = [other for other in needed if other is not step]
-        [again] = rank_effects(with_steps(null, others), [step.chosen.effect])
+        [again] = rank_effects(with_steps(null, together(null, others)), [step.chosen.effect])
         if not again.accepted(bars.effect):
             log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
             needed = others
-    return tuple(needed) if len(needed) == len(steps) else counted_again(null, needed, steps)
+    return tuple(needed) if len(needed) == len(steps) else counted_again(null, together(null, needed), steps)
 
 
 def counted_again(null: Problem, needed: Sequence[FittedStep], steps: Sequence[FittedStep]) -> tuple[FittedStep, ...]:
     """Those of the steps that are needed, from the first that is not on each with its gain on top of the needed ones
     before it: beside what is gone it gained only what that had left over."""
-    known = next(k for k, step in enumerate(steps) if k == len(needed) or step is not needed[k])
+    name = lambda step: step.chosen.effect.name  # noqa: E731
+    known = next(k for k, step in enumerate(steps) if k == len(needed) or name(step) != name(needed[k]))
     counted = list(needed[:known])
     for step in needed[known:]:
         [again] = rank_effects(with_steps(null, counted), [step.chosen.effect])
@@ -271,11 +274,13 @@ def counted_again(null: Problem, needed: Sequence[FittedStep], steps: Sequence[F
     return tuple(counted)
 
 
+def together(null: Problem, steps: Sequence[FittedStep]) -> list[FittedStep]:
+    """The steps with their effects fitted beside one another: what the first took up that is the next one's would
+    else be left for a third to mend."""
+    again = refit(null, [step.chosen.effect for step in steps], [step.fit.z for step in steps])
+    return [replace(step, fit=one.fit) for step, one in zip(steps, again, strict=True)]
+
+
 def with_steps(null: Problem, steps: Sequence[FittedStep]) -> Problem:
     """The null, refitted on top of the effects of `steps`."""
-    return refitted(all_on_top([step.placed for step in steps], null))
-
-
-def refitted(problem: Problem) -> Problem:
-    """The null fitted again to the problem's rays, with the effects that are in place."""
-    return fit_null(problem.scan, problem.ev, problem.ev.all_blocks, clutter=problem.clutter)[0]
+    return refitted(in_place(null, [step.placed for step in steps]))

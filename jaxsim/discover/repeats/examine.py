@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Int
 
-from jaxsim.discover.add import Added, in_place
+from jaxsim.discover.add import Added
 from jaxsim.discover.law.search import VARIABLES
 from jaxsim.discover.model.cast import blocks, cast
 from jaxsim.discover.model.evidence import Evidence
@@ -19,9 +19,9 @@ from jaxsim.discover.model.fit import Chain, Problem
 from jaxsim.discover.model.noise import Noise
 from jaxsim.discover.model.null import first_residuals
 from jaxsim.discover.model.random_effects import conditional_residuals, normal_equations
+from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.answer import Answer
 from jaxsim.discover.name.exchange import Exchanged
-from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Division
 from jaxsim.discover.repeats.find import FoundPattern, find_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat, as_law, form_of, learn_repeats

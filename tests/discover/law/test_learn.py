@@ -6,13 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.discover.add import Added, add_effects, in_place
+from jaxsim.discover.add import Added, add_effects
 from jaxsim.discover.covariates import CURVES, with_basis
 from jaxsim.discover.find import Dependence, find_dependences
 from jaxsim.discover.law.learn import Form, form_of
 from jaxsim.discover.law.search import closed_law
+from jaxsim.discover.model.together import in_place, refitted
 from jaxsim.discover.name.candidates import rank_effects
-from jaxsim.discover.name.select import refitted
 from jaxsim.discover.read import NOTHING_YET, Comparison, Division
 from jaxsim.discover.scenes import fold_half_width, jackknife_sd, student_reach
 from jaxsim.discover.show import gap_with

@@ -43,6 +43,7 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
         return null
 
     monkeypatch.setattr(select, "with_steps", added)
+    monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
     monkeypatch.setattr(
         select, "rank_effects", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects]
     )
@@ -66,6 +67,7 @@ def test_what_came_after_an_effect_that_is_gone_counts_for_what_it_gains_without
         return [candidate(effect.name, gain)]
 
     monkeypatch.setattr(select, "with_steps", lambda null, steps: [one.chosen.effect.name for one in steps])
+    monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
     monkeypatch.setattr(select, "rank_effects", rank)
     gains = {"random_dropout": 60.0, "snr_dropout": 80.0, "range_gate": 1.0, "beam_gain": 6.0}
     steps = [step(candidate(name, each)) for name, each in gains.items()]
@@ -147,8 +149,7 @@ def test_what_is_refused_is_passed_over_and_told(monkeypatch):
 
     monkeypatch.setattr(select, "rank_effects", rank)
     monkeypatch.setattr(select, "fitted_step", lambda problem, best, *, ranking, good: step(best, ranking=ranking))
-    monkeypatch.setattr(select, "on_top", lambda effect, problem, z: problem)
-    monkeypatch.setattr(select, "refitted", lambda problem: problem)
+    monkeypatch.setattr(select, "with_steps", lambda null, steps: null)
     catalogue = [one.effect for one in (best, next_best, weak)]
     whole = problem(ev=SimpleNamespace(scene=np.arange(11)))
     choice = select.choose(whole, catalogue, refuse=lambda one: one.chosen.effect.name == "gamma_response")
