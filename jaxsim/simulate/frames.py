@@ -50,6 +50,7 @@ def simulate_batch(
         with placed(frame.name):
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
     views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
+    # Filled up with copies, so that one compiled program serves the last batch, too.
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
     begun = time.monotonic()
@@ -100,6 +101,7 @@ def with_effects(
     check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
     about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
     scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
+    # `scan_of` counts times from its own first frame, and this is its only one.
     scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))
     seen = take(model.simulate(scan, key), 0)
     # A ray that is cast again and nearly grazes a plane meets it kilometres away; no LiDAR reports that.
@@ -209,6 +211,7 @@ def write_pairs(
             write_frame(folders[1], frame.name, comparable(scan, under.valid))
             about[frame.name] = about_frame(frame.scene, **motion_of(frame))
         log(f"{len(about)} of {len(positions)} frames simulated")
+    # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
     for key in ("time", "speed", "heading"):
         lacking = [name for name, entry in about.items() if key not in entry]
         if 0 < len(lacking) < len(about):
