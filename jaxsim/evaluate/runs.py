@@ -77,6 +77,7 @@ def score_sensor(
     dataset = open_dataset(data) if data != of_run else own_dataset
     positions = frames_to_judge(frames, dataset, validation=validation)
     judged = prepared(dataset, positions, data, prepare=prepare)
+    # What `previous frame` copies; it need not be among the judged.
     before = pairs_before(dataset, positions, data, prepare=prepare)
     train = prepared(own_dataset, select(of_run.train, own_dataset), of_run, prepare=prepare)
     if extractor:
