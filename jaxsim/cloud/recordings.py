@@ -56,7 +56,11 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> 
     offsets: Any = table.dtype.fields or {}
     fields = [
         types["sensor_msgs/msg/PointField"](
-            name=name, offset=int(offsets[name][1]), datatype=_TYPES[offsets[name][0].str[1:]], count=1
+            # Codes by dtype without its byte order; the message itself says which that is.
+            name=name,
+            offset=int(offsets[name][1]),
+            datatype=_TYPES[offsets[name][0].str[1:]],
+            count=1,
         )
         for name in names
     ]
@@ -70,6 +74,7 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> 
         point_step=table.dtype.itemsize,
         row_step=table.dtype.itemsize * len(table),
         data=np.frombuffer(table.tobytes(), np.uint8),
+        # No point is invalid: the table holds the others alone.
         is_dense=True,
     )
 
@@ -84,6 +89,7 @@ def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
         raise ValueError(f"osi: {path.name} must say that it holds SensorData, as the standard has it: drive_sd.osi")
     message_of = need("osi3.osi_sensordata_pb2", "osi", by="osi").SensorData
     version = need("osi3.osi_version_pb2", "osi", by="osi")
+    # The installed interface's own version, which its descriptor tells.
     current = version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
     count = 0
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -140,6 +146,7 @@ def write_rrd(path: Path, clouds: Iterable[Stamped], *, entity: str = "lidar") -
             for stamped in clouds:
                 table = stamped.table
                 recording.set_time("scan", timestamp=stamped.time_s)
+                # Most intensities are small: on a straight scale nearly all points would be black.
                 grey = (255 * np.sqrt(np.clip(table["intensity"], 0, 1))).astype(np.uint8)
                 xyz_m = np.stack([table[axis] for axis in "xyz"], axis=1)
                 recording.log(entity, rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))
