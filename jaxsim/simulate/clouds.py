@@ -53,6 +53,7 @@ def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_mod
 
 def lines_of(recipe: CloudRecipe) -> str:
     """The name of the recipe's lines, what is not named filled in."""
+    # A cloud of pixels is denser than any sensor's: unless other lines are asked for, it is thinned to 64.
     of_pixels = recipe.source == "depth" or (recipe.source == "simulated" and recipe.projection == "camera")
     return recipe.lines or ("64" if of_pixels else NO_LINES)
 

@@ -53,6 +53,7 @@ def simulate_batch(
     # Filled up with copies, so that one compiled program serves the last batch, too.
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
+    # Views come from files: what is timed is the simulation.
     begun = time.monotonic()
     key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
     image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))

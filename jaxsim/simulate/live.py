@@ -161,6 +161,7 @@ def attach_rays(run: Run, params: Any, window: Window, *, generate: Generate) ->
     weights, window = jax.device_put((params, window))
     call = lambda painted, angle: compiled(weights, (painted, angle), window)  # noqa: E731
     needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
+    # Without a latency yet, for what is timed is the very function that is handed out.
     live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)
     # Any scene takes as long: what the network does depends on sizes alone.
     far = np.full(live.directions.shape[:2], 10, np.float32)

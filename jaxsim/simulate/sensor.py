@@ -40,6 +40,7 @@ class LearnedSensor:
         self.run, self.params = run, params
         prepare = run.experiment.prepare
         self.generate = make_generate(run.experiment, input_channels(prepare))
+        # Closed over: they are the sensor's own, and what is compiled holds for them alone.
         settings = {"generate": self.generate, "prepare": prepare}
         self._simulate = {
             "lidar": jax.jit(partial(simulate_frame, **settings)),
