@@ -127,6 +127,7 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
 def _bev(a: Folder, b: Folder, compared: int) -> dict[str, Score]:
     first = _histograms(a, {*spaced(a.names, compared)})
     second = _histograms(b, {*spaced(b.names, compared)})
+    # A distance rests on the smaller of the two folders.
     count = min(len(a.names), len(b.names))
     scores = {}
     for name in COUNTS:

@@ -141,6 +141,7 @@ def score_checkpoints(
 
     Raises ValueError where no checkpoint is kept, and for frames that are not there or have no labels.
     """
+    # As it was trained, but for where the scenes come from.
     experiment = replace(load_run(run, DetectorRun).experiment, data=data)
     steps = Checkpoints(run).steps[-last:]
     if not steps:
