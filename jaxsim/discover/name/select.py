@@ -160,14 +160,14 @@ def choose(
         return first
     step, rival = begun
     log(f"{rival.effect.name} is simpler than {first.steps[step].chosen.effect.name}: once more, beginning with it")
-    kept = first.steps[:step]
-    place = with_steps(problem, kept) if kept else problem
+    earlier = first.steps[:step]
+    place = with_steps(problem, earlier) if earlier else problem
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
     instead = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
     if refuse and refuse(instead):
         return first
-    second = add_steps(problem, catalogue, (*kept, instead), bars=bars, refuse=refuse, log=log)
+    second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)
     return second if says_as_much(second, first) else first
 
 
