@@ -96,6 +96,7 @@ def add_effects(
 
 def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
     """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
+    # Effects do not commute (a ceiling cuts what a gain has raised): the catalogue's order is that of the light's way.
     order = {name: k for k, name in enumerate(EFFECTS)}
     physical = sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order)))
     return all_on_top(physical, null, simulated=simulated)
@@ -147,6 +148,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
         (low is not None and v <= low + BOUND) or (high is not None and v >= high - BOUND)
         for v, (low, high) in zip(x, objective.bounds, strict=True)
     ]
+    # The effect's own numbers are asked about even where they rest at a bound.
     free = ~np.array(fixed) | (np.arange(len(x)) < objective.own)
     values, vectors = np.linalg.eigh(((hessian + hessian.T) / 2)[np.ix_(free, free)])
     # Where rays change surface the slope jumps, and a curvature may come out negative: its size is what counts.

@@ -96,6 +96,7 @@ def discover(
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, mounting.known)
     finer = refine_lift(comparison, mounting, dependences.null, known=known)
+    # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
         dependences = find_dependences(division, mounting.known)
