@@ -134,6 +134,7 @@ def check_motion(
                 "count as the recording's first moment",
                 stacklevel=1,
             )
+    # What is not said counts as 0. A speed or a time of 0 does nothing; a heading of 0 is a direction like any other.
     for name, _ in model.effects:
         what = get_effect(name).needs
         if not what or motion[what] is not None:

@@ -101,11 +101,13 @@ class LiveRays:
             )
         ends = np.isfinite(away) & (away > 0)
         ends = ends if valid is None else ends & np.asarray(valid, bool)
+        # A ray that ends nowhere is 0 in every raster, as in painted frames.
         away = np.where(ends, away, np.float32(0))
         nothing = np.zeros(away.shape, np.int32)
         painted = Painted(
             range_m=away,
             depth_m=np.where(ends, self._depth(away), np.float32(0)),
+            # Nobody looks at it: `attach_rays` refuses runs that saw colours.
             rgb=np.zeros((*away.shape, 3), np.float32),
             semantic=nothing if semantic is None else np.asarray(semantic, np.int32),
             instance=nothing if instance is None else np.asarray(instance, np.int32),

@@ -290,5 +290,6 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
     points = sum(entries[position]["points"] for position in finished) / max(len(finished), 1)
     _log.info(f"{len(finished)} frames of {points:.0f} points on average{left_out}: {out}")
+    # Last, when export.json is there to say why.
     if not finished:
         raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")
