@@ -96,6 +96,7 @@ def find_all(
             left_out[name] = dropped
         yield name, detected
     if left_out:
+        # One line for all of them, with the worst: what helps that one helps the others.
         name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
         worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
         _log.info(
