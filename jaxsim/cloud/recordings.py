@@ -37,6 +37,7 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -
     with replacing(path) as temporary, temporary.open("wb") as file:
         writer = writer_of(file)
         writer.start(profile="ros2", library="jaxsim")
+        # The message's definition stands in the file: readers need no ROS to know it.
         schema = writer.register_schema(name=_KIND, encoding="ros2msg", data=definition.encode())
         channel = writer.register_channel(topic="/points", message_encoding="cdr", schema_id=schema)
         for stamped in clouds:
