@@ -78,6 +78,7 @@ def add_effects(
     laws: list[Law] = [step.chosen.effect for step in steps]
     z = [step.fit.z for step in steps]
     if form:
+        # Last, as learned laws act after all effects.
         laws.append(form.law)
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     again = refit(null, laws, z)

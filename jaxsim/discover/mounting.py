@@ -186,6 +186,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
             gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
             parameters={**values, **vectors},
         )
+        # What every other name is asked: the signs of find scenes, the bar, and judge scenes.
         sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
         (confirmed if sure and mean_interval(on_judge)[0] > 0 else others).append(one)
     return tuple(confirmed), tuple(others)

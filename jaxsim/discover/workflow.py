@@ -214,6 +214,7 @@ def sensor_model_of(
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
+        # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
     repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)

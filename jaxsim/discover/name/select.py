@@ -212,6 +212,7 @@ def add_steps(
         done = {*refused, *(step.chosen.effect.name for step in steps)}
         ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
+        # What is refused once stays out: the next best may be another matter altogether.
         while step and refuse and refuse(step):
             refused.append(step.chosen.effect.name)
             step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
@@ -221,6 +222,7 @@ def add_steps(
             return Choice(needed, tuple(ranking), problem, bars, tuple(refused))
         log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats on scenes that its fit had not seen")
         steps.append(replace(step, ranking=tuple(ranking)))
+        # Nuisances stood in for the effect as far as they could: they are fitted again before the next is asked.
         problem = refitted(on_top(step.chosen.effect, problem, step.fit.z))
 
 
