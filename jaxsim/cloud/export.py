@@ -52,6 +52,7 @@ def _bin(table: np.ndarray, file: BinaryIO) -> None:
 
 def _pcd(table: np.ndarray, file: BinaryIO) -> None:
     names, count = table.dtype.names or (), len(table)
+    # A dtype's `str` begins with its byte order.
     kinds = [_PCD[table.dtype[name].str[1:]] for name in names]
     header = (
         f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {' '.join(names)}\n"
@@ -59,6 +60,7 @@ def _pcd(table: np.ndarray, file: BinaryIO) -> None:
         f"COUNT {' '.join('1' for _ in names)}\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n"
         "DATA binary\n"
     )
+    # NumPy packs records without padding, as the header says.
     file.write(header.encode() + table.tobytes())
 
 
@@ -78,6 +80,7 @@ def _npz(table: np.ndarray, file: BinaryIO) -> None:
 def _las(table: np.ndarray, file: BinaryIO) -> None:
     """LAS 1.4, in millimetres and intensities of 16 bits; the ring is an extra dimension, the time is `gps_time`."""
     laspy = need("laspy", "las", by="cloud")
+    # Format 6: the plainest of LAS 1.4 that has a time a point.
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, 1e-3)
     names = table.dtype.names or ()

@@ -77,6 +77,7 @@ def calibration_text(camera: Camera, rect_from_velo: Float[Array, "4 4"] | None 
     cam_from_velo = np.asarray(camera.cam_from_velo, np.float64)
     intrinsics = np.asarray(camera.intrinsics, np.float64)
     rect = cam_from_velo if rect_from_velo is None else np.asarray(rect_from_velo, np.float64)
+    # From the labels' frame to the camera: identity where they are one.
     shift = cam_from_velo @ np.linalg.inv(rect) if rect_from_velo is not None else np.eye(4)
     if np.abs(shift[:3, :3] - np.eye(3)).max() > 1e-4:
         raise ValueError("kitti: the labels' frame is turned against the camera's; KITTI knows only a shift (P2)")
@@ -140,7 +141,7 @@ def choose_boxes(boxes: Boxes, keep: Bool[np.ndarray, " n"]) -> Boxes:
         name: np.asarray(getattr(boxes, name))[keep]
         for name in ("centre_m", "size_m", "yaw_rad", "bbox_px", "truncated", "occluded")
     }
-    return Boxes(**arrays, kind=tuple(kind for kind, kept in zip(boxes.kind, keep, strict=True) if kept))
+    return Boxes(**arrays, kind=tuple(kind for kind, chosen in zip(boxes.kind, keep, strict=True) if chosen))
 
 
 def within_reach(boxes: Boxes, reach_m: float = REACH_M) -> Bool[np.ndarray, " n"]:
@@ -148,6 +149,7 @@ def within_reach(boxes: Boxes, reach_m: float = REACH_M) -> Bool[np.ndarray, " n
 
     The paper says 80 m and not how it measures; this is the straight distance to the middle of the bottom face.
     """
+    # Asked as `far`, so that a place that is no number stays in, and is refused when it is written.
     far = np.linalg.norm(np.asarray(boxes.centre_m, np.float64), axis=1) > reach_m
     return ~far | np.array([kind == "DontCare" for kind in boxes.kind], bool)
 
@@ -180,6 +182,7 @@ class TreeRecord:
             for one in frames.values():
                 if not isinstance(one["name"], str) or not isinstance(one["left_out"], str | None):
                     raise ValueError("a frame's name, or why it was left out, is no text")
+            # A tree that holds no frame yet may become another.
             return content["settings"] if frames or written else settings
 
         written = any(files_in(out / "training" / folder, suffix) for folder, suffix in SUFFIXES.items())

@@ -37,6 +37,7 @@ def write_mcap(path: Path, clouds: Iterable[Stamped], *, frame: str = "lidar") -
     with replacing(path) as temporary, temporary.open("wb") as file:
         writer = writer_of(file)
         writer.start(profile="ros2", library="jaxsim")
+        # The message's definition stands in the file: readers need no ROS to know it.
         schema = writer.register_schema(name=_KIND, encoding="ros2msg", data=definition.encode())
         channel = writer.register_channel(topic="/points", message_encoding="cdr", schema_id=schema)
         for stamped in clouds:
@@ -56,7 +57,11 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> 
     offsets: Any = table.dtype.fields or {}
     fields = [
         types["sensor_msgs/msg/PointField"](
-            name=name, offset=int(offsets[name][1]), datatype=_TYPES[offsets[name][0].str[1:]], count=1
+            # Codes by dtype without its byte order; the message itself says which that is.
+            name=name,
+            offset=int(offsets[name][1]),
+            datatype=_TYPES[offsets[name][0].str[1:]],
+            count=1,
         )
         for name in names
     ]
@@ -70,6 +75,7 @@ def _message(types: Any, table: np.ndarray, nanoseconds: int, *, frame: str) -> 
         point_step=table.dtype.itemsize,
         row_step=table.dtype.itemsize * len(table),
         data=np.frombuffer(table.tobytes(), np.uint8),
+        # No point is invalid: the table holds the others alone.
         is_dense=True,
     )
 
@@ -84,6 +90,7 @@ def write_osi(path: Path, clouds: Iterable[Stamped]) -> int:
         raise ValueError(f"osi: {path.name} must say that it holds SensorData, as the standard has it: drive_sd.osi")
     message_of = need("osi3.osi_sensordata_pb2", "osi", by="osi").SensorData
     version = need("osi3.osi_version_pb2", "osi", by="osi")
+    # The installed interface's own version, which its descriptor tells.
     current = version.DESCRIPTOR.GetOptions().Extensions[version.current_interface_version]
     count = 0
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -140,6 +147,7 @@ def write_rrd(path: Path, clouds: Iterable[Stamped], *, entity: str = "lidar") -
             for stamped in clouds:
                 table = stamped.table
                 recording.set_time("scan", timestamp=stamped.time_s)
+                # Most intensities are small: on a straight scale nearly all points would be black.
                 grey = (255 * np.sqrt(np.clip(table["intensity"], 0, 1))).astype(np.uint8)
                 xyz_m = np.stack([table[axis] for axis in "xyz"], axis=1)
                 recording.log(entity, rerun.Points3D(xyz_m, colors=np.repeat(grey[:, None], 3, axis=1)))

@@ -69,6 +69,7 @@ class VoxelBackBone8x(nnx.Module):
 
         `capacities` are the places of a sample in each stage of DOWN.
         """
+        # One table serves every convolution whose outputs are its inputs' sites.
         same = jax.vmap(submanifold_tables)(sites)
         x = self.conv_input(features, same, sites.valid, train=train)
         x = self.conv1(x, same, sites.valid, train=train)

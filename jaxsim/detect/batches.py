@@ -64,6 +64,7 @@ class SceneBatches:
         if not any(targets):
             raise ValueError("batches: no training scene holds an object of the class; other --data.train, or labels?")
         self.database = cutouts(scenes, augmentation) if augmentation.sampled else []
+        # The fullest scene, and all that may be pasted into it.
         most = max(targets) + min(augmentation.sampled, len(self.database))
         self.room = -(-most // ROOM_STEP) * ROOM_STEP
 

@@ -105,9 +105,9 @@ def propose(
     score: Float[Array, "b a"], boxes: Float[Array, "b a 7"], config: ProposalConfig
 ) -> tuple[Float[Array, "b r 7"], Bool[Array, "b r"]]:
     """The best boxes that do not overlap, and which places are taken. The others are 0."""
-    index, kept = nms_bev(boxes, score, config.overlap, keep=config.after, consider=config.before)
-    boxes = jnp.take_along_axis(boxes, index[..., None], axis=1) * kept[..., None].astype(boxes.dtype)
-    return boxes, kept
+    index, taken = nms_bev(boxes, score, config.overlap, keep=config.after, consider=config.before)
+    boxes = jnp.take_along_axis(boxes, index[..., None], axis=1) * taken[..., None].astype(boxes.dtype)
+    return boxes, taken
 
 
 def bev_channels(config: DetectorConfig, voxels: VoxelConfig) -> int:

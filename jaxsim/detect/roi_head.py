@@ -104,6 +104,7 @@ def assign_rois(
         boxes, valid = objects
         overlap, mine = best_objects(rois, boxes, valid)
         chosen = sample_rois(overlap, key, config)
+        # Where nothing is labelled, the largest of no overlaps points at a box all the same.
         of_roi = jnp.where(valid.any(), boxes[mine], 0)
         return targets_of(rois[chosen], of_roi[chosen], overlap[chosen], config=config)
 

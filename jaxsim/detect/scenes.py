@@ -102,6 +102,7 @@ def scene_of(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     if labels is None:
         nothing = np.zeros((0, 7), np.float32), np.zeros(0, bool), np.zeros(0, int)
         return Scene(frame.name, points, *nothing, view, None, frame.ground)
+    # Regions have no box in space, only one in the image.
     things = np.array([name.lower() != "dontcare" for name in labels.kind], bool)
     boxes = lidar_boxes(labels, view.rect_from_velo)[things].astype(np.float32)
     target = np.array([name == kind for name in labels.kind], bool)[things]
@@ -159,6 +160,7 @@ def write_scene(path: Path, scene: Scene) -> None:
     arrays |= {"name": np.array(scene.name), "view.size": np.array(scene.view.size)}
     if scene.labels is not None:
         arrays |= {f"labels.{name}": np.asarray(getattr(scene.labels, name)) for name in _LABELS}
+        # Said, for an empty tuple would become an array of numbers.
         arrays["labels.kind"] = np.array(scene.labels.kind, dtype="U32")
     if scene.ground is not None:
         arrays["ground"] = scene.ground

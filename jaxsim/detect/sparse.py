@@ -95,8 +95,8 @@ def unique_sites(keys: Int[Array, " q"], shape: Triple, capacity: int) -> tuple[
     # Sorted, equal keys stand together: a key is new where it differs from the one before.
     new = (keys < outside) & jnp.concatenate([jnp.ones(1, bool), keys[1:] != keys[:-1]])
     slot = jnp.cumsum(new, dtype=jnp.int32) - 1
-    kept = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, slot, capacity)].set(keys, mode="drop")
-    return Sites(kept, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
+    unique = jnp.full(capacity, outside, jnp.int32).at[jnp.where(new, slot, capacity)].set(keys, mode="drop")
+    return Sites(unique, shape), jnp.maximum(new.sum(dtype=jnp.int32) - capacity, 0)
 
 
 def strided_sites(sites: Sites, window: Window, capacity: int) -> tuple[Sites, Int[Array, ""]]:

@@ -78,6 +78,7 @@ def definition_of(experiment: DetectorExperiment) -> Any:
 
 def network_shapes(experiment: DetectorExperiment) -> Network:
     """Shapes and types of a network's values."""
+    # A copy: dicts from a cache are shared by all who ask.
     return jax.tree.map(lambda leaf: leaf, _network_shapes(experiment))
 
 

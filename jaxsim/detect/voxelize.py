@@ -64,8 +64,9 @@ def voxelize(points: Float[Array, "p c"], valid: Bool[Array, " p"], config: Voxe
     new = (key < outside) & jnp.concatenate([jnp.ones(1, bool), key[1:] != key[:-1]])
     opens = jnp.zeros(count, bool).at[order].set(new)
     rank = jnp.cumsum(opens, dtype=jnp.int32)[order]  # which voxel this is in the order of opening, from 1
-    kept = new & (rank <= max_voxels)
-    slot = jnp.where(kept, jnp.cumsum(kept, dtype=jnp.int32) - 1, max_voxels)
+    opened = new & (rank <= max_voxels)
+    slot = jnp.where(opened, jnp.cumsum(opened, dtype=jnp.int32) - 1, max_voxels)
+    # Where each voxel's points begin in the sorted order: its first ones follow from there.
     start = jnp.full(max_voxels, count, jnp.int32).at[slot].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
     of_voxel = key.at[start].get(mode="fill", fill_value=outside)
 

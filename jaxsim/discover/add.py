@@ -66,6 +66,7 @@ def add_effects(
     laws: list[Law] = [step.chosen.effect for step in steps]
     z = [step.fit.z for step in steps]
     if form:
+        # Last, as learned laws act after all effects.
         laws.append(form.law)
         z.append(to_z(form.law, {"height": form.start}, null.ev.rays.row.shape[-1]))
     again = refit(null, laws, z)
@@ -108,6 +109,7 @@ def covariance(effect: Law, problem: Problem, result: Fit) -> Float[np.ndarray, 
         (low is not None and v <= low + BOUND) or (high is not None and v >= high - BOUND)
         for v, (low, high) in zip(x, objective.bounds, strict=True)
     ]
+    # The effect's own numbers are asked about even where they rest at a bound.
     free = ~np.array(fixed) | (np.arange(len(x)) < objective.own)
     values, vectors = np.linalg.eigh(((hessian + hessian.T) / 2)[np.ix_(free, free)])
     # Where rays change surface the slope jumps, and a curvature may come out negative: its size is what counts.

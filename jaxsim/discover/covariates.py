@@ -55,6 +55,7 @@ class _Picked:
         self._rays, self._counts = rays, counts
 
     def __getattr__(self, name: str) -> np.ndarray:
+        # Of all fields of a ray only those that a covariate reads are copied.
         return np.asarray(getattr(self._rays, name))[self._counts]
 
 
@@ -68,6 +69,7 @@ def curve_basis(x: np.ndarray, name: str, most: int = RULES.knots) -> Float[np.n
     if len(values) < 2:
         return np.zeros((len(x), 0), np.float32)
     if len(values) <= RULES.few_values:
+        # Mostly a value a frame: what holds on frames with other values can hardly bend.
         t = (x - values[0]) / (values[-1] - values[0])
         return np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=-1).astype(np.float32)
     knots = np.unique(np.quantile(x, np.linspace(0, 1, most)))

@@ -212,6 +212,7 @@ def whole_frames(division: Division) -> Iterator[Chunk]:
     """
     old = division.blocks
     frames, rows, columns = division.scan.range_m.shape
+    # More blocks than frames: those of a single drive, cut into sectors.
     sectors = len(old.frame) > frames
     scenes = ("one drive",) * frames if sectors else old.scene
     whole = blocks(scenes, rows, columns, rays=rows * columns * frames)

@@ -80,6 +80,7 @@ def judge_rest(
     rest = comparison.rest
     if rest is None or mounting.comparison.other_moments:
         return None
+    # Two at least, for `blocks` cuts a frame that stands alone into sectors.
     size = max(size or len(set(_judged_frames(by.division))), 2)
     sums = Sums()
     bar = Progress(total=len(rest.names), unit="frame", desc="judging every frame")
@@ -118,17 +119,17 @@ def block_of(
     padded = [*names, *[names[-1]] * (size - len(names))]
     part = place_alike(read_part(rest, padded, like=comparison), mounting, by.known)
     old = by.division
-    found = np.array([scene in old.parts.find for scene in old.blocks.scene])
+    is_find = np.array([scene in old.parts.find for scene in old.blocks.scene])
     new = _new_blocks(old, part.scenes, number=number)
     # Each counts for itself: as many names in every block of frames, or everything would be compiled again.
     pieces = tuple(f"piece {k}" for k in range(len(new.frame)))
     noises = old.simulator.noise, old.simulator.measured_noise
     fresh = Division.of(part, chosen=replace(new, scene=pieces), parts=old.parts, noises=noises)
-    find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, found, strict=True) if keep)
+    find_scenes = tuple(scene for scene, keep in zip(old.blocks.scene, is_find, strict=True) if keep)
     of_block = [padded[k] if k < len(names) else "" for k in new.frame]
-    fitted = np.concatenate([np.ones(int(found.sum())), np.zeros(len(new.frame))]).astype(np.float32)
+    fitted = np.concatenate([np.ones(int(is_find.sum())), np.zeros(len(new.frame))]).astype(np.float32)
     return Block(
-        _joined(old, fresh, found), fitted, ("",) * int(found.sum()) + tuple(of_block), (*find_scenes, *new.scene)
+        _joined(old, fresh, is_find), fitted, ("",) * int(is_find.sum()) + tuple(of_block), (*find_scenes, *new.scene)
     )
 
 
@@ -142,6 +143,7 @@ def add(sums: Sums, block: Block, by: HeldAnswer) -> None:
     after = on_evidence(division, ev, by.null, effects=by.chain, noise=by.noise, fitted=fitted)
     sides = [block_distances(problem, fitted, before.equations) for problem in (before, after)]
     gain = sides[1].log_likelihood - sides[0].log_likelihood
+    # Frames that only fill up have no name, and count nowhere.
     told = np.array([bool(name) for name in block.frame])
     for k in np.flatnonzero(told):
         scene, name = block.scene[k], block.frame[k]
@@ -162,6 +164,7 @@ def told(sums: Sums, by: HeldAnswer) -> EveryFrame:
     count = np.array([len(sums.frames_of[scene]) for scene in scenes])
     gain = np.array([sums.gain[scene] for scene in scenes]) / count[:, None]
     error = np.array([sums.error[scene] for scene in scenes])
+    # A scene of which a channel compares no ray has 0 / 0, which `_mean` leaves out.
     with np.errstate(invalid="ignore"):
         means = error[..., 0] / error[..., 1]
     unseen = np.array([scene not in by.division.parts.find for scene in scenes])
@@ -207,8 +210,10 @@ def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
     """Columns of further frames, as many each as of the frames that were read, from other starts in each block."""
     frames, rows, columns = np.shape(old.scan.range_m)
     count = old.blocks.column.shape[1]
+    # More blocks than frames: those of a single drive, cut into sectors.
     sectors = len(old.blocks.frame) > frames
     pieces = len(old.blocks.frame) // frames
+    # Only what `blocks` cuts by: labels all alike give sectors, labels of their own give frames.
     labels = ["one drive"] * len(scenes) if sectors else [str(k) for k in range(len(scenes))]
     new = blocks(labels, rows, columns, rays=count * rows * len(scenes) * pieces, seed=number + 1)
     if sectors:
@@ -218,8 +223,9 @@ def _new_blocks(old: Division, scenes: Sequence[str], *, number: int) -> Blocks:
 
 def _joined(old: Division, fresh: Division, found: Bool[np.ndarray, " b"]) -> Division:
     """Some blocks of a division with the frames that they are of, as they were traced before, and all of another."""
-    kept = np.unique(old.blocks.frame[found])
-    first, behind = np.searchsorted(kept, old.blocks.frame[found]), len(kept) + fresh.blocks.frame
+    staying = np.unique(old.blocks.frame[found])
+    # Frames are numbered anew, the fresh ones behind those that stay.
+    first, behind = np.searchsorted(staying, old.blocks.frame[found]), len(staying) + fresh.blocks.frame
     blocks_of_both = Blocks(
         np.concatenate([first, behind]),
         np.concatenate([old.blocks.column[found], fresh.blocks.column]),
@@ -229,24 +235,24 @@ def _joined(old: Division, fresh: Division, found: Bool[np.ndarray, " b"]) -> Di
         lambda one, other: np.concatenate([one, other]) if np.ndim(one) else one, old.rays.part(found), fresh.rays
     )
     frame = np.broadcast_to(blocks_of_both.frame[:, None, None], rays.rays.row.shape).astype(np.int32)
-    scan = _scans(old.scan, fresh.scan, kept)
-    incidence = [np.asarray(old.given.incidence_rad)[kept], np.asarray(fresh.given.incidence_rad)]
+    scan = _scans(old.scan, fresh.scan, staying)
+    incidence = [np.asarray(old.given.incidence_rad)[staying], np.asarray(fresh.given.incidence_rad)]
     # Nothing but its incidence tells the given scan from the other: one copy of the rasters is enough.
     given = replace(scan, incidence_rad=np.concatenate(incidence))
     ranges, intensities = old.simulator.ranges, old.simulator.intensities
     if ranges is not None:
-        ranges = replace(ranges, **_stacked(ranges, fresh.simulator.ranges, kept))
+        ranges = replace(ranges, **_stacked(ranges, fresh.simulator.ranges, staying))
     if intensities is not None:
-        intensities = replace(intensities, **_stacked(intensities, fresh.simulator.intensities, kept))
+        intensities = replace(intensities, **_stacked(intensities, fresh.simulator.intensities, staying))
     return replace(
         old,
         scan=scan,
         given=given,
         simulator=replace(old.simulator, scan=given, ranges=ranges, intensities=intensities),
-        measured=Measured(**_stacked(old.measured, fresh.measured, kept)),
+        measured=Measured(**_stacked(old.measured, fresh.measured, staying)),
         blocks=blocks_of_both,
         rays=replace(rays, rays=replace(rays.rays, frame=frame)),
-        names=(*(old.names[k] for k in kept), *fresh.names),
+        names=(*(old.names[k] for k in staying), *fresh.names),
     )
 
 

@@ -75,6 +75,7 @@ def own_candidates(choice: Choice) -> tuple[OwnCandidate, ...]:
 
 def why_not(candidate: Candidate, choice: Choice) -> str:
     """Why a candidate of the first step is not what was named first; empty if it is."""
+    # In the order in which naming asks: the first that fails is why.
     name = candidate.effect.name
     steps = choice.steps
     order = [step.chosen.effect.plain_name for step in steps]
@@ -115,6 +116,7 @@ def nuisance_changes(null: Problem, choice: Choice, z: Sequence[dict[str, Any]])
             effect = step.chosen.effect
             first = parameters_of(effect, step.fit.z)
             last = parameters_of(effect, at)
+            # Numbers of single beams or classes are left to `parameters`.
             single = [name for name, value in first.items() if isinstance(value, float)]
             changes |= {f"{effect.plain_name}.{name}": (first[name], last[name]) for name in single}
     return changes

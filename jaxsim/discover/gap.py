@@ -124,6 +124,7 @@ def gaps(before: Distance, after: Distance, *, placebo: Distance, floor: Distanc
         gained = Gained(
             float(gain.mean()),
             *mean_interval(gain),
+            # Floor and placebo start from the same `before`: they are other answers to one question.
             floor=float(_gain(before, floor)[:, k].mean()),
             placebo=float(_gain(before, placebo)[:, k].mean()),
             win_rate=float((gain > 0).mean()),

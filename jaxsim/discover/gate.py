@@ -81,6 +81,7 @@ def read_gate(path: Path) -> Gate:
         try:
             thresholds[channel] = real(value)
         except (TypeError, ValueError):
+            # Not raised here: a word and a number below 0 are refused in the same words.
             thresholds[channel] = -1.0
         if not thresholds[channel] > 0:
             raise ValueError(f"gate: {path}: the threshold of {channel} is {value!r}; it must be a number above 0")
@@ -139,6 +140,7 @@ def _is_verdict(effects: Any, gap: Any) -> bool:
     if not isinstance(effects, list) or not isinstance(gap, dict):
         return False
     named = all(isinstance(one, dict) and isinstance(one.get("name"), str) for one in effects)
+    # A channel that was not compared is null, and the closure beside them has no `before`.
     distances = [one.get("before") if isinstance(one, dict) else one for one in gap.values()]
     return named and all(
         one is None or (isinstance(one, int | float) and not isinstance(one, bool) and 0 <= one <= FAR_M)
@@ -172,6 +174,7 @@ def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     if new:
         told = ", ".join(f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g})" for one in new)
         return Check("effects", "gap", f"the simulation lacks {told}")
+    # What had no name before is nothing new, either.
     was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
     if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
@@ -229,6 +232,7 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
             f"discover: {len(by_scene)} scenes; a gate needs {RULES.fewest_for_scatter} or more to know what chance "
             "does (frames of one drive share a scene in grid.json)"
         )
+    # Scenes count alike, however many frames each has: frames of one street are not independent.
     table = np.array([np.nanmean(rows, axis=0) for rows in by_scene.values()])
     return {channel: distance_of(table[:, k], unit) for k, (channel, unit) in enumerate(CHANNELS.items())}
 
@@ -240,6 +244,7 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     if not both.any():
         return np.array([np.nan, np.nan, 1.0 if ours.any() else np.nan])
     intensity = np.abs(np.asarray(simulated.intensity)[both] - np.asarray(measured.intensity)[both]).mean()
+    # The median: rays that met another surface are off by metres.
     range_m = np.median(np.abs(np.asarray(simulated.range_m)[both] - np.asarray(measured.range_m)[both]))
     return np.array([intensity, range_m, (ours ^ theirs).sum() / max(int(ours.sum()), 1)], np.float64)
 

@@ -104,6 +104,7 @@ def refine_lift(comparison: Comparison, mounting: Mounting, null: Problem, *, kn
 
 def _of_frames(motion: Float[np.ndarray, "f 8"], *, rows: int) -> Values:
     """Frames' motions as parameters of the effects of PARTS."""
+    # A motion's numbers: 0 to 2 the shift, 3 to 5 the rotation vector, 6 the lift of beams, 7 the way driven.
     yaw, pitch, roll = Rotation.from_rotvec(motion[:, 3:6]).as_euler("ZYX").T
     x, y, z = motion[:, :3].T
     # Beams are of the sensor: they cannot differ from frame to frame.
@@ -185,6 +186,7 @@ def named_mounting(mounting: Mounting, parts: Split, *, rows: int) -> tuple[tupl
             gain=Interval(float(gain.mean()), *mean_interval(gain), "nats per scene"),
             parameters={**values, **vectors},
         )
+        # What every other name is asked: the signs of find scenes, the bar, and judge scenes.
         sure = one.p_value <= RULES.agreement_level and gain.sum() > RULES.bar_nats
         (confirmed if sure and mean_interval(on_judge)[0] > 0 else others).append(one)
     return tuple(confirmed), tuple(others)

@@ -77,10 +77,12 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
     returned = np.asarray(measured.valid[frame])
     sensed_m, sensed = np.asarray(measured.range_m[frame]), np.asarray(measured.intensity[frame])
     rows, columns = hit.shape
+    # Tiles are numbered row by row; the + 1 is for one that the border cuts.
     tile = np.arange(rows)[:, None] // TILE[0] * (columns // TILE[1] + 1) + np.arange(columns)[None, :] // TILE[1]
     for kind in np.unique(semantic[hit & (semantic > 0)]).tolist():
         of_kind = semantic == kind
         numbered = of_kind & (instance > 0)
+        # Objects are numbered behind the tiles: one number tells either.
         number = np.where(numbered, instance.astype(np.int64) + tile.max() + 1, tile)
         for one in np.unique(number[of_kind]).tolist():
             mask = of_kind & (number == one)
@@ -90,6 +92,7 @@ def targets(comparison: Comparison, frame: int) -> Iterator[Target]:
             low, high = range_m[ours].min() - BESIDE_M, range_m[ours].max() + BESIDE_M
             theirs = mask & returned & (sensed_m >= low) & (sensed_m <= high)
             points = int(ours.sum()), int(theirs.sum())
+            # Errors are shares of the measured: where nothing was, there is none.
             if max(points) < RULES.fewest_target_points or not points[1]:
                 continue
             name = NAMES.get(kind, f"class {kind}")

@@ -114,6 +114,7 @@ def read_comparison(simulated: Path, measured: Path) -> Comparison:
     # Some may be alike, where nothing is in reach of the sensor.
     check_no_copies(predicted, recorded, sides=sides, allowed=len(names) - 1)
     about = _about(names, predicted, recorded)
+    # Times of what is read later count from the first frame that is read now, as `scan_of` has them.
     rest = Rest(
         predicted,
         recorded,

@@ -75,6 +75,7 @@ def split(names: Sequence[str], *, fewest: int = RULES.fewest_scenes) -> Split:
             "is cut into sectors of azimuth"
         )
     order = sorted(names, key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+    # Two at least: one judge scene has no scatter.
     count = max(2, round(len(names) * RULES.judge_share))
     judge = sorted(order[:count])
     find = sorted(order[count:])
@@ -101,6 +102,7 @@ def signs_of(scenes: int) -> Float[np.ndarray, "k s"]:
     """All ways to give the scenes signs, up to ALL_SIGNS of them; else `Rules.sign_draws` at random, the first all
     positive: it is what was measured."""
     if scenes <= ALL_SIGNS:
+        # Bit j of k turns scene j round; k = 0 turns none, which is what was measured.
         return 1.0 - 2 * ((np.arange(2**scenes)[:, None] >> np.arange(scenes)) & 1)
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (RULES.sign_draws, scenes))
     signs[0] = 1
@@ -123,6 +125,7 @@ def p_value(gains: Float[np.ndarray, " s"]) -> float:
     """One-sided probability of so large a mean gain if scenes gain nothing, by the signs of `signs_of`."""
     if not gains.any():
         return 1.0
+    # Sums of the same gains in another order differ by rounding: what was measured must reach itself.
     return float(np.mean(signs_of(len(gains)) @ gains >= gains.sum() - 1e-12))
 
 

@@ -66,6 +66,7 @@ def gap_with(
     # The floor's curves are learned on the find scenes; the noise that they leave there is fitted beside them.
     covariates = {name for effect, _ in chain for name in effect.covariates} or set(COVARIATES)
     curves = additive_floor(before, fitted, sorted(covariates))
+    # The null's evidence is that of the find scenes, all of whose blocks are fitted.
     find_alone = np.ones(int(fitted.sum()), np.float32)
     curved, _ = fit_null(division.scan, curves.on(null.ev, fitted > 0), find_alone, clutter=null.clutter)
     free = reweighted(replace(before, ev=curves.on(ev), noise=curved.noise), fitted)

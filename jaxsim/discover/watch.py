@@ -88,12 +88,14 @@ def measures(image: PolarImage) -> Float[np.ndarray, " k"]:
     changes does not move the others."""
     valid = np.asarray(image.valid)
     log_intensity = np.log(np.maximum(np.asarray(image.intensity), _LEAST))
+    # The whole frame, then its rows, then its sectors: the order of `questions`.
     parts = [valid, *valid, *np.array_split(valid, SECTORS, axis=1)]
     values = [log_intensity, *log_intensity, *np.array_split(log_intensity, SECTORS, axis=1)]
     share = np.array([part.mean() for part in parts])
     level = np.array([v[part].mean() if part.any() else np.nan for v, part in zip(values, parts, strict=True)])
     for one in (share, level):
         for part in (one[1 : len(valid) + 1], one[len(valid) + 1 :]):
+            # A view: the median goes off the frame's own numbers.
             part -= np.nanmedian(part) if np.isfinite(part).any() else 0.0
     return np.concatenate([level, share])
 
@@ -117,10 +119,12 @@ def changes(
         now = today[np.isfinite(today[:, k]), k]
         if min(len(then), len(now)) < RULES.fewest_for_scatter:
             continue
+        # Bonferroni: all questions of a day share one chance of a false alarm.
         low, high = difference_interval(now, then, level=1 - RULES.watch_chance / len(names))
         # Scenes without any scatter say nothing of chance.
         if low < high and (low > 0 or high < 0):
             value = float(now.mean() - then.mean())
+            # Ranked in units of scatter: nats and shares do not compare.
             changed.append((abs(value) / (high - low), Change(what, channel, value, low, high)))
     return tuple(change for _, change in sorted(changed, key=lambda pair: -pair[0]))
 

@@ -97,6 +97,7 @@ def discover(
     # Find: the null model with its nuisances, and what its residuals still depend on.
     dependences = find_dependences(division, mounting.known)
     finer = refine_lift(comparison, mounting, dependences.null, known=known)
+    # What the null says rests on where the sensor stands: it is asked again from there.
     if finer is not mounting:
         mounting, division = finer, Division.of(finer.comparison)
         dependences = find_dependences(division, mounting.known)
@@ -214,6 +215,7 @@ def sensor_model_of(
     added = add_effects(null, choice.steps, known=known, form=form, regions=divided.regions)
     if added.learned:
         log(f"{added.learned.learned.name}: no effect of the catalogue, added as it is")
+        # The law leaves less noise than there was: what is asked next must know it.
         choice = replace(choice, problem=refitted(in_place(null, added.chain)))
     log("looking for what repeats")
     repeats = examine(division, scenes, null, chain=added.chain, noise=choice.problem.noise, known=known)

@@ -62,6 +62,7 @@ def table_of(pair: Pair) -> Int[np.ndarray, "rows columns"]:
     line = np.round(np.asarray(pair.row_share) * (PLACES - 1)).astype(int)
     away = np.searchsorted(RANGES_M, np.asarray(pair.painted.range_m))
     angle = np.searchsorted(ANGLES_RAD, np.asarray(pair.incidence_rad))
+    # One number of mixed radix: so many borders part one bin more.
     return (line * (len(RANGES_M) + 1) + away) * (len(ANGLES_RAD) + 1) + angle
 
 
@@ -85,6 +86,7 @@ def fit_baselines(train: Sequence[Pair], judged: Sequence[Pair] = ()) -> dict[st
     """
     rows = max(len(pair.target) for pair in [*train, *judged])
     groups: dict[str, tuple[Group, int]] = {"global mean": (everywhere, 1)}
+    # A source without labels paints 0 everywhere: one class, which is the global mean again.
     if any((pair.painted.semantic > 0).any() for pair in train):
         groups["per-class mean"] = class_of, CLASSES
     groups["per-row mean"] = row_of, rows
@@ -150,6 +152,7 @@ def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
     of_intensity: Any = ensemble.HistGradientBoostingRegressor(loss="absolute_error", **settings, **SHARED)
     of_intensity.fit(x[back][::every], y[back][::every])
     dropped = ~back | (y < DROP_BELOW)
+    # A classifier needs cells of both outcomes; without them no drop is predicted.
     of_drops: Any = None
     if dropped[::every].any() and not dropped[::every].all():
         of_drops = ensemble.HistGradientBoostingClassifier(**OF_DROPS, **SHARED)
@@ -158,6 +161,7 @@ def fit_trees(train: Sequence[Pair], *, context: bool) -> Baseline:
     def guess(pair: Pair) -> Guess:
         shape = pair.target.shape
         cells = _features(pair, context=context).reshape(shape[0] * shape[1], -1)
+        # KITTI's sensor reports 0.99 at most.
         value = np.clip(of_intensity.predict(cells), 0, 0.99).astype(np.float32).reshape(shape)
         drops = np.zeros(shape, bool) if of_drops is None else of_drops.predict(cells).reshape(shape)
         return Guess(value, drops)
@@ -174,6 +178,7 @@ def _features(pair: Pair, *, context: bool) -> Float[np.ndarray, "rows columns k
     rgb = np.where(seen[..., None], painted.rgb, unknown).astype(np.float32)
     away = np.where(seen, painted.range_m, unknown).astype(np.float32)
     angle = np.where(seen, pair.incidence_rad, unknown).astype(np.float32)
+    # How far from the middle: left and right are alike to a turning sensor.
     column = np.broadcast_to(np.abs(np.linspace(-1, 1, columns, dtype=np.float32)), (rows, columns))
     depth = np.where(seen, painted.depth_m, unknown)
     channels = [away, angle, np.asarray(pair.row_share), *np.moveaxis(rgb, -1, 0), column, depth]
@@ -185,11 +190,13 @@ def _features(pair: Pair, *, context: bool) -> Float[np.ndarray, "rows columns k
 def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen: np.ndarray) -> list[np.ndarray]:
     """What a network would learn from the image, by hand: contrasts, exposure, and what neighbouring lines see."""
     grey = rgb.mean(-1)
+    # Of ln range, so that the spread on a slanted surface is the same near and far.
     logarithm = np.log(np.maximum(away, 1))
     channels = []
     for size in SIZES:
         channels += [*_mean_and_spread(grey, seen, size), _mean_and_spread(logarithm, seen, size)[1]]
         channels.append(cv2.blur(seen.astype(np.float32), (size, size)))
+    # Incidence, red against blue, green against grey: what brightness does not tell.
     colours = (angle, rgb[..., 0] - rgb[..., 2], rgb[..., 1] - grey)
     channels += [_mean_and_spread(channel, seen, 5)[0] for channel in colours]
     low, middle, high = np.quantile(grey[seen], (0.1, 0.5, 0.9)) if seen.any() else (0.0, 0.5, 1.0)
@@ -202,7 +209,9 @@ def _surroundings(rgb: np.ndarray, away: np.ndarray, angle: np.ndarray, *, seen:
 
 def _mean_and_spread(value: np.ndarray, seen: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """The mean and the standard deviation over the seen cells of a square around each cell."""
+    # float64: the variance below is a difference of nearly equal squares.
     blur = lambda x: cv2.blur(np.where(seen, x, 0).astype(np.float64), (size, size))  # noqa: E731
+    # OpenCV averages over the whole square; over the share that is seen, it is the mean of seen cells.
     share = np.maximum(blur(np.ones_like(value)), 1e-9)
     mean = blur(value) / share
     return mean, np.sqrt(np.maximum(blur(value * value) / share - mean * mean, 0))

@@ -28,6 +28,7 @@ from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
 from jaxsim.metrics.detection.files import read_detections
 
+# Right, down and forward of `cam` are -y, -z and x of `velo`.
 _AXES = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
 AT_LIDAR = View(intrinsics=np.eye(3), cam_from_velo=_AXES, rect_from_velo=_AXES, size=(1, 1))
 """Where boxes are written without a calibration: a camera that stands in the LiDAR. Their rectangles are empty."""
@@ -94,6 +95,7 @@ class CloudFolder:
         made = made_with(learned) | {
             "clouds": str(self.clouds.resolve()),
             "calib": str(self.calib.resolve()) if self.calib else None,
+            # Of images each has its own size; without a calibration no rectangle is written.
             "image_size": None if self.images or not self.calib else list(self.image_size),
         }
         claim(
@@ -119,6 +121,7 @@ def write_detections(path: Path, detected: Detected, kind: str, *, view: View) -
     lines = result_lines(detected, kind, view)
     if view is AT_LIDAR:
         words = [line.split() for line in lines]
+        # Columns 4 to 7 are the rectangle.
         lines = [" ".join([*w[:4], "0", "0", "0", "0", *w[8:]]) for w in words]
     write_lines(path, lines)
 

@@ -66,6 +66,7 @@ def make_find(experiment: DetectorExperiment) -> Find:
     detect, voxels = make_detect(experiment), experiment.voxels
 
     def find(network: Network, points: np.ndarray) -> tuple[Detected, dict[str, int]]:
+        # Points that no voxel takes would only make the padded size, and so the program, another.
         points = points[in_range(points, voxels)]
         padded, real = pad_points(points, room_for(len(points), STEP_POINTS))
         # A batch of one: clouds differ in size, and each size is a program of its own.
@@ -95,6 +96,7 @@ def find_all(
             left_out[name] = dropped
         yield name, detected
     if left_out:
+        # One line for all of them, with the worst: what helps that one helps the others.
         name, dropped = max(left_out.items(), key=lambda item: sum(item[1].values()))
         worst = ", ".join(f"{count} of {stage}" for stage, count in dropped.items())
         _log.info(
@@ -112,6 +114,7 @@ def counted(scene: Scene, experiment: DetectorExperiment) -> Boxes:
     labels = scene.labels
     if labels is None:
         raise ValueError(f"detect: {scene.name} has no labels to be scored by; choose labelled frames")
+    # Upwards: a share of 0 alone is easy, any other up to 1 is moderate.
     labels = replace(labels, occluded=np.ceil(labels.occluded).astype(np.int32))
     if experiment.scored == "all":
         return labels
@@ -128,6 +131,7 @@ def kitti_curves(scenes: Sequence[Scene], detected: Sequence[Detected], experime
     kind = experiment.detector.anchors.kind
     for scene, detections in zip(scenes, detected, strict=True):
         _check_finite(scene, detections)
+    # By way of files: what is scored is what the official tool would read, its decimals included.
     with TemporaryDirectory() as folder:
         labels, results = Path(folder) / "label_2", Path(folder) / "results"
         names = [f"{k:06d}" for k in range(len(scenes))]

@@ -117,6 +117,7 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
             for definition, count in COUNTS.items():
                 histograms = np.asarray(count(points[..., :3], valid))
                 each[definition].append(histograms[chosen])
+                # float32 would stop counting at 2^24 points a cell.
                 total[definition] += histograms.sum(0, dtype=np.float64)
             occupied += lidm_occupancy(cloud[real, :3] for cloud, real in zip(points, valid, strict=True))
             bar.update(len(names))
@@ -126,6 +127,7 @@ def _histograms(folder: Folder, compared: Collection[str]) -> _Histograms:
 def _bev(a: Folder, b: Folder, compared: int) -> dict[str, Score]:
     first = _histograms(a, {*spaced(a.names, compared)})
     second = _histograms(b, {*spaced(b.names, compared)})
+    # A distance rests on the smaller of the two folders.
     count = min(len(a.names), len(b.names))
     scores = {}
     for name in COUNTS:
@@ -180,6 +182,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
     tables, classes = [], True
     for folder, other in ((a, b), (b, a)):
         assert folder.grid is not None
+        # A batch's counts fit 32 bits, those of a folder may not.
         table = np.zeros((), np.int64)
         with Progress(total=len(folder.names), desc=f"intensities: {folder.path.name}", unit="frame") as bar:
             for first in range(0, len(folder.names), BATCH):
@@ -188,6 +191,7 @@ def _tables(a: Folder, b: Folder) -> tuple[np.ndarray, np.ndarray, bool]:
                     image, columns = folder.image(name)
                     semantic = columns.get("semantic")
                     if semantic is None and name in shared:
+                        # Frames of one name and grid see the same street: what stands there has one class.
                         semantic = other.image(name)[1].get("semantic")
                     classes = classes and semantic is not None
                     labels.append(np.zeros(image.valid.shape, np.int32) if semantic is None else semantic)
@@ -227,6 +231,7 @@ def generation_scores(
         return scores
     if same_grid(a.grid, b.grid) and min(len(a.grid.elevation_rad), len(a.grid.azimuth_rad)) >= 16:
         count = min(len(a.names), len(b.names), compared)
+        # Of the same frames where there are enough, so that streets do not count as a difference of sensors.
         both = (shared, shared) if len(shared) >= count else (a.names, b.names)
         swd = sliced_wasserstein(*(_Pictures(f, spaced(n, count)) for f, n in zip((a, b), both, strict=True)))
         scores |= {name: Score(value, "1", count) for name, value in swd.items()}

@@ -76,6 +76,7 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
         counts = looked & back
         half = STEP / 2  # the sensor rounds: a quantile within a step's half of what it reports covers it
         for k in range(2):
+            # Pairs from outside in: the k-th and the k-th from the end.
             low, high = quantiles[..., k] - half, quantiles[..., -1 - k] + half
             inside[k] += ((value >= low) & (value <= high))[counts].sum()
         cells += int(counts.sum())
@@ -105,6 +106,7 @@ def baseline_sums(
     sums = {name: baseline_frames(guess, judged) for name, guess in fitted.items()}
     copied = [(pair, before) for pair, before in zip(judged, previous, strict=True) if before]
     if copied:
+        # The one number of the global mean, wherever it is read.
         filling = float(fitted["global mean"](copied[0][0]).intensity[0, 0])
         sums["previous frame"] = [_sums(*previous_frame(before, filling), pair) for pair, before in copied]
     return sums
@@ -189,6 +191,7 @@ def frechet_of_run(
     if real is None:
         real = halves(extractor.batches(_in_batches(judged, measured), BATCH))
         save_halves(path, real, **about)
+    # Never kept: each checkpoint predicts other images.
     fake = halves(extractor.batches(_in_batches(judged, lambda pair: predicted(params, pair)), BATCH))
     return frechet_score(fake, real, name=extractor.score)
 

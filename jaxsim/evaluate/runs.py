@@ -77,6 +77,7 @@ def score_sensor(
     dataset = open_dataset(data) if data != of_run else own_dataset
     positions = frames_to_judge(frames, dataset, validation=validation)
     judged = prepared(dataset, positions, data, prepare=prepare)
+    # What `previous frame` copies; it need not be among the judged.
     before = pairs_before(dataset, positions, data, prepare=prepare)
     train = prepared(own_dataset, select(of_run.train, own_dataset), of_run, prepare=prepare)
     if extractor:
@@ -140,6 +141,7 @@ def score_checkpoints(
 
     Raises ValueError where no checkpoint is kept, and for frames that are not there or have no labels.
     """
+    # As it was trained, but for where the scenes come from.
     experiment = replace(load_run(run, DetectorRun).experiment, data=data)
     steps = Checkpoints(run).steps[-last:]
     if not steps:

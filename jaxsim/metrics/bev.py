@@ -144,6 +144,7 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
     """Largest eigenvalue of D' D of each D, which is its spectral norm squared, by Lanczos' method with every direction
     kept orthogonal to those before; and how far off it may be. A third of the time of all eigenvalues."""
     count, _, columns = difference.shape
+    # Always the same start: equal histograms score alike.
     start = jax.random.normal(jax.random.key(0), (columns,))
     along = [jnp.tile(start / jnp.linalg.norm(start), (count, 1))]
     diagonal = []
@@ -166,8 +167,8 @@ def _spectral_squares(difference: Float[Array, "n r c"]) -> tuple[Float[Array, "
 def _norms_squared(difference: Float[np.ndarray, "n r c"]) -> Float[np.ndarray, " n"]:
     # Scaled by 100, squares of tiny shares stay far from float32's smallest numbers.
     scaled = (100 * difference).astype(np.float32)
-    found, doubt = _spectral_squares(scaled)
-    squares = np.array(found, np.float64)
+    largest, doubt = _spectral_squares(scaled)
+    squares = np.array(largest, np.float64)
     off = np.array(doubt, np.float64)
     for k in np.flatnonzero(off > UNSURE * squares):
         squares[k] = np.linalg.norm(scaled[k], 2) ** 2

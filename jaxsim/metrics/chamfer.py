@@ -42,12 +42,12 @@ def chamfer(a: Points, b: Points) -> Chamfer:
             raise ValueError("chamfer: a cloud has points that are not finite; leave them out")
     trees = KDTree(np.asarray(a, np.float64)), KDTree(np.asarray(b, np.float64))
     means = []
-    for here, there in (trees, trees[::-1]):
-        distance, nearest = there.query(here.data)
+    for tree, partner in (trees, trees[::-1]):
+        distance, nearest = partner.query(tree.data)
         square = distance**2
         # n(y): how many points of this cloud have the same nearest point in the other.
-        shared = np.bincount(nearest, minlength=there.n)[nearest]
-        # s = here.n / there.n is what n(y) is where this cloud is spread evenly over the other.
-        density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (here.n / there.n))
+        shared = np.bincount(nearest, minlength=partner.n)[nearest]
+        # s = tree.n / partner.n is what n(y) is where this cloud is spread evenly over the other.
+        density = np.mean(1 - np.exp(-LIDAR_ALPHA_PER_M2 * square) / shared * (tree.n / partner.n))
         means.append((np.sqrt(square).mean(), square.mean(), density))
     return Chamfer(*(float(one + other) / 2 for one, other in zip(*means, strict=True)))

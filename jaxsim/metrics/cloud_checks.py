@@ -113,9 +113,9 @@ def objects_of(counts: CloudCounts, kind: str) -> int:
 def classes_in(counts: Mapping[str, CloudCounts], first: str) -> tuple[str, ...]:
     """Classes of which some cloud holds an object: `first`, then the others from the most frequent on."""
     number = {
-        kind: sum(objects_of(own, kind) for own in counts.values())
-        for own in counts.values()
-        for kind in own.on_objects
+        kind: sum(objects_of(of_cloud, kind) for of_cloud in counts.values())
+        for of_cloud in counts.values()
+        for kind in of_cloud.on_objects
     }
     return (first, *sorted(number.keys() - {first}, key=lambda kind: (-number[kind], kind)))
 

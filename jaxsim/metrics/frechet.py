@@ -111,8 +111,8 @@ def halves(batches: Iterable[Float[np.ndarray, "_n d"]]) -> Halves:
             # Even and odd by the place in the whole set, wherever a batch begins.
             chosen = batch[(half + seen) % 2 :: 2]
             if len(chosen):
-                more, kept = Moments.of(chosen), parts[half]
-                parts[half] = more if kept is None else kept.merge(more)
+                added, before = Moments.of(chosen), parts[half]
+                parts[half] = added if before is None else before.merge(added)
         seen += len(batch)
     even, odd = parts
     if even is None or odd is None:

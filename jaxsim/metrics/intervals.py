@@ -17,6 +17,7 @@ LEVEL = 0.90
 
 def student_reach(scenes: int | np.integer | Int[np.ndarray, "*k"]) -> float | Float[np.ndarray, "*k"]:
     """Standard errors to either side of a mean over so many scenes within which it lies at LEVEL."""
+    # One scene has no scatter, and its callers say NaN; 1 keeps the quantile a number until then.
     return student.ppf(0.5 + LEVEL / 2, np.maximum(np.subtract(scenes, 1), 1))
 
 
@@ -54,6 +55,7 @@ def ratio_interval(top: Float[np.ndarray, " s"], bottom: Float[np.ndarray, " s"]
     n = len(top)
     if n < 2:
         return float("nan"), float("nan")
+    # Of sums: a mean of the scenes' ratios would be ruled by those that have next to nothing below.
     without = (top.sum() - top) / (bottom.sum() - bottom)
     return jackknife_interval(float(top.sum() / bottom.sum()), without)
 

@@ -65,6 +65,7 @@ def ssim_map(
     xx = _blur(x * x, window) / total
     yy = _blur(y * y, window) / total
     xy = _blur(x * y, window) / total
+    # A difference of near equals in float32 may fall a hair below 0; c2 is far larger.
     var_x = xx - mean_x**2
     var_y = yy - mean_y**2
     covariance = xy - mean_x * mean_y
@@ -223,6 +224,7 @@ def scene_intervals(frames: Sequence[Mapping[str, float]], scenes: Sequence[str]
     names = sorted(set(scenes))
     if len(names) < 2:
         return {}
+    # Leaving a scene out costs a sum: no cell is looked at again.
     rest = [[f for f, scene in zip(frames, scenes, strict=True) if scene != name] for name in names]
     if not all(sum(frame["cells"] for frame in frames) for frames in rest):
         return {}

@@ -177,7 +177,7 @@ def range_features(
     """LiDARGen's features of scans that arrive in batches of points, remissions (0..1) and which are real."""
     row, column, channel = _chosen()
     maps = (np.asarray(decoder_map(values, network_image(*scan))) for scan in scans)
-    return np.concatenate([found[:, row, column, channel] for found in maps])
+    return np.concatenate([decoded[:, row, column, channel] for decoded in maps])
 
 
 def load_rangenet(path: Path) -> Values:

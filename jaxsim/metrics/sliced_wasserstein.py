@@ -75,6 +75,7 @@ def patches_at(image: Float[Array, "b h w c"], place: Int[Array, " k"]) -> Float
 
 @jax.jit
 def _standardised(patches: Float[Array, "n k 7 7 c"]) -> Float[Array, "m d"]:
+    # Each set by its own, as the program has it: what is brighter as a whole is no distance.
     mean = patches.mean((0, 1, 2, 3), keepdims=True)
     spread = jnp.std(patches, axis=(0, 1, 2, 3), ddof=1, keepdims=True)
     return ((patches - mean) / (spread + 1e-8)).reshape(-1, PATCH * PATCH * patches.shape[-1])
@@ -112,7 +113,7 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
     # Halving and doubling must give the same size: what is left over at the lower right is cut.
     multiple = 2 ** (levels - 1)
     height, width = rows // multiple * multiple, columns // multiple * multiple
-    found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
+    patches: list[tuple[list[Array], list[Array]]] = [([], []) for _ in range(levels)]
     for first in range(0, n, BATCH):
         parts = [jnp.asarray(images[first : first + BATCH][:, :height, :width], jnp.float32) for images in (a, b)]
         pyramids = [laplacian_pyramid(part, levels=levels) for part in parts]
@@ -121,9 +122,9 @@ def sliced_wasserstein(a: Images, b: Images) -> dict[str, float]:
             corners = (rows - PATCH + 1) * (columns - PATCH + 1)
             order = jax.random.permutation(jax.random.fold_in(key, level * n + first), corners)
             for side, image in enumerate(pair):
-                found[level][side].append(patches_at(image, order[:PLACES]))
+                patches[level][side].append(patches_at(image, order[:PLACES]))
     scores = {}
-    for level, sides in enumerate(found):
+    for level, sides in enumerate(patches):
         x = _standardised(jnp.concatenate(sides[0]))
         y = _standardised(jnp.concatenate(sides[1]))
         distances = []

@@ -162,10 +162,12 @@ def convolve(x: Array, kernel: Array, *, stride: int = 1, padding: Pair = (0, 0)
     b, h, w, _ = x.shape
     rows, columns = (h + 2 * padding[0] - kh) // stride + 1, (w + 2 * padding[1] - kw) // stride + 1
     if b * rows * columns <= 2 * wide:
+        # Few cells, many channels: gradients of a product need no transposed copy of the kernel.
         return _patch_product(_zero_pad(x, padding), kernel, (rows, columns), stride=stride)
     if stride > 1:
         return _convolve_strided((stride, padding), x, kernel)
     if padding == (0, 0):
+        # A column of zeros more, cut off again: XLA has a faster form for anything that is padded.
         return _convolve(x, kernel, around=((0, 0), (0, 1)))[:, :, :columns]
     return _convolve(x, kernel, around=_both_sides(padding))
 
@@ -233,6 +235,7 @@ def _reflect_backward(cells: Pair, _: None, gradient: Array) -> tuple[Array]:
         n = gradient.shape[axis] - 2 * pad
         part = partial(lax.slice_in_dim, gradient, axis=axis)
         low, high = lax.rev(part(0, pad), (axis,)), lax.rev(part(n + pad, n + 2 * pad), (axis,))
+        # Each mirrored cell gives its gradient to the one that it repeats; the outermost is not repeated.
         if n >= 2 * pad + 2:  # the mirrored cells of the two ends are apart
             parts = [
                 part(pad, pad + 1),
@@ -282,8 +285,10 @@ def _strided_backward(form: tuple[int, Pair], saved: tuple[Array, Array], gradie
 
     start = jnp.zeros((kh * kw, kernel.shape[3], kernel.shape[2]), kernel.dtype)
     total, _ = lax.scan(add_item, start, (x, gradient))
+    # Only the kernel's gradient is slow in XLA: that of the input stays its own.
     linear = partial(_convolve, kernel=kernel, around=_both_sides(padding), stride=stride)
     (back,) = jax.linear_transpose(linear, x)(gradient)
+    # Products are (taps, out, in), a kernel (kh, kw, in, out).
     return back, total.swapaxes(1, 2).reshape(kernel.shape)
 
 

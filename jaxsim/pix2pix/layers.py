@@ -85,6 +85,7 @@ def instance_norm(
 def _instance_norm(x: Array, scale: Array, shift: Array, eps: Array) -> tuple[Array, tuple[Array, ...]]:
     cells, wide = x.shape[1] * x.shape[2], x.astype(scale.dtype)
     mean = _sum_cells(wide) / cells
+    # In two passes: the mean of squares less the square of the mean would cancel.
     centred = wide - mean
     rate = jax.lax.rsqrt(_sum_cells(centred * centred) / cells + eps)
     gain = rate * scale[None, None, None]

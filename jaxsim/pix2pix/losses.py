@@ -121,6 +121,7 @@ def drop_loss(
 ) -> Float[Array, ""]:
     """Weighted cross entropy, in nats, of the drop whose logit `outputs` end with."""
     logit = outputs[..., -1]
+    # From the logit: a probability that rounds to 0 or 1 would have no logarithm.
     loss = jax.nn.softplus(logit) - jnp.where(dropped, logit, jnp.zeros_like(logit))
     return (weight * loss).sum() / jnp.maximum(mean(weight.sum()), jnp.finfo(loss.dtype).tiny)
 

@@ -172,6 +172,7 @@ class PatchDiscriminator(nnx.Module):
                     channels[i],
                     channels[i + 1],
                     stride=2 if i < config.layers else 1,
+                    # The original leaves the first layer without a norm.
                     norm=not (original and i == 0),
                     activation=relu,
                 )

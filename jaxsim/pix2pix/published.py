@@ -74,6 +74,7 @@ def from_published(arrays: Arrays, like: Network, form: Form = "imaginaire") -> 
         if place.name not in arrays or arrays[place.name].shape != shape:
             stored = arrays[place.name].shape if place.name in arrays else "missing"
             faults.append(f"{place.name} is {stored}, not {shape}")
+            # A stand-in: all faults are told at once, below.
             return np.zeros(value.shape, np.float32)
         return _ours(np.asarray(arrays[place.name], np.float32), place)
 
@@ -127,9 +128,11 @@ def _places(network: Network, form: Form) -> dict[Keys, Place]:
     }
     places = {}
     for path, _ in jax.tree.leaves_with_path((network.parameters, network.vectors)):
+        # The first step says which of the two trees.
         keys = _keys(path[1:])
         name = f"{_layer_name(keys[:-2], network.parameters, form)}.{LEAF_NAMES[form][keys[-2:]]}"
         if keys[-1] == "kernel" and keys[:-1] in spectral:
+            # PyTorch keeps the trained kernel so; its `weight` is what the norm makes of it.
             name += "_orig"
         places[keys] = Place(name, kernels.get(keys[:-1], ()), form == "original" and "up" in keys)
     return places

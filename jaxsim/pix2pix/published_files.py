@@ -59,6 +59,7 @@ def generator_sizes(arrays: Arrays, form: Form) -> tuple[GeneratorConfig, int]:
     enhancers = len({match[1] for name in arrays if (match := re.match(numbered, name))})
     layers = _layers(arrays, coarse)
     last = _layers(arrays, fine.format(start + enhancers - 1)) if enhancers else layers
+    # Stem, halvings, residual blocks, doublings, head: where the blocks begin tells the halvings.
     residual = [is_block for is_block, _ in layers]
     if True not in residual or residual[0] or not last or last[-1][0]:
         some = ", ".join(sorted(arrays)[:3]) or "nothing"
@@ -96,6 +97,7 @@ def discriminator_sizes(arrays: Arrays, form: Form) -> tuple[DiscriminatorConfig
     if len(depth) < 3 or len(kernels) != len(scales) * len(depth) or (0, 0) not in kernels:
         some = ", ".join(sorted(arrays)[:3]) or "nothing"
         raise ValueError(f"it is no pix2pixHD discriminator in the {form} form: it holds {some} ...")
+    # Behind the layers at stride 2 come one at stride 1 and the logits.
     filters, layers = kernels[0, 0][0], len(depth) - 2
     widest = kernels[0, layers][0]
     config = DiscriminatorConfig(

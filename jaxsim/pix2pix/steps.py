@@ -75,8 +75,8 @@ def learning_rate(config: OptimConfig, step: Array) -> Array:
     """Rate of update `step`: after `warm_up` constant, then from `decay_from` of the steps on linearly to 0."""
     start = config.decay_from * config.steps
     done = jnp.asarray(step, jnp.float32)
-    left = (config.steps - done) / max(config.steps - start, 1.0)
-    rate = config.lr * jnp.clip(left, 0.0, 1.0) if start < config.steps else jnp.full((), config.lr)
+    remaining = (config.steps - done) / max(config.steps - start, 1.0)
+    rate = config.lr * jnp.clip(remaining, 0.0, 1.0) if start < config.steps else jnp.full((), config.lr)
     return rate * jnp.minimum((done + 1) / config.warm_up, 1.0) if config.warm_up else rate
 
 
@@ -219,12 +219,14 @@ def make_train_step(
     def train_discriminator(
         discriminator: Network, optim: Tree, batch: Batch, *, fake: Array
     ) -> tuple[Network, Tree, Metrics]:
+        # The image is a constant here: the gradient is taken in the discriminator's own parameters alone.
         def of_discriminator(parameters: Tree):
             on_fake, network = discriminate(Network(parameters, discriminator.vectors), batch["inputs"], fake)
             on_real, network = discriminate(network, batch["inputs"], batch["target"])
             return weights.gan * discriminator_loss(on_fake, on_real, weights.form), network.vectors
 
         (loss, vectors), gradient = jax.value_and_grad(of_discriminator, has_aux=True)(discriminator.parameters)
+        # Vectors follow from the kernels alone, and need no mean: they are the same on every device.
         loss, gradient = mean((loss, gradient))
         updates, optim = adam.update(gradient, optim)
         discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)

@@ -74,13 +74,16 @@ class UNet(nnx.Module):
         pairs = list(pairwise(widths))
         self.widen = nnx.List([Plain(narrow, wide, size=1, rngs=rngs) for narrow, wide in pairs])
         self.narrow = nnx.List([Plain(wide, narrow, size=1, rngs=rngs, gain=0.5) for narrow, wide in pairs])
+        # None at full size, and the innermost level has its blocks on the way down.
         self.up = nnx.List([make(width) for width in widths[1:-1]])
         self.join = Plain(alone + widths[0], alone, size=1, rngs=rngs)
+        # Small at the start: all cells in the middle of the scale, drops at even odds.
         self.head = Plain(alone, out_channels or config.channels, size=1, rngs=rngs, gain=0.1)
 
     def __call__(self, inputs: Float[Array, "b h w c"], *, train: bool = False) -> Float[Array, "b h w k"]:
         _, h, w, _ = inputs.shape
         rows, columns = -h % self.multiple, -w % self.multiple
+        # Filled up so that every halving is whole; what is added is cut off before the join.
         x = self.stem(jnp.pad(inputs, ((0, 0), (0, rows), (0, columns), (0, 0))))
         skips = []
         for widen, blocks in zip(self.widen, self.down, strict=True):

@@ -53,6 +53,7 @@ def check_recipe(recipe: CloudRecipe, learned: LearnedSensor | None, effects_mod
 
 def lines_of(recipe: CloudRecipe) -> str:
     """The name of the recipe's lines, what is not named filled in."""
+    # A cloud of pixels is denser than any sensor's: unless other lines are asked for, it is thinned to 64.
     of_pixels = recipe.source == "depth" or (recipe.source == "simulated" and recipe.projection == "camera")
     return recipe.lines or ("64" if of_pixels else NO_LINES)
 
@@ -82,6 +83,7 @@ def make_cloud(
     if lines != NO_LINES:
         cells, rows = _cells(lines)
         beams = tuple(recipe.beams) or rows
+        # The published lines belong with the published crop; a sensor's own beams bound what they see.
         dense = crop_cloud(dense) if lines in LINES else dense
         winner = "last" if recipe.published else "nearest"
         dense = sparsify(dense, cells, beams=beams, winner=winner, clamp=recipe.published)
@@ -108,6 +110,7 @@ def _dense(
         grid, _ = learned.window
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, learned.run.experiment.prepare))
         image, painted = take(learned.simulate_view(batch), 0)
+        # Rays that the network drops stay, with intensity 0, which KITTI's own scans have too.
         image = replace(image, valid=painted.valid) if recipe.keep_zero else image
         if effects_model is not None:
             image = with_effects(effects_model, image, painted, grid=grid, key=key, **motion_of(frame))
@@ -117,6 +120,7 @@ def _dense(
             f"clouds: {frame.name} has no depth, which a cloud of pixels is made of; take a renderer's data set, or "
             "--recipe.source measured"
         )
+    # Depth 0 is a renderer's nothing; as a point it would lie in the camera's centre.
     has_depth = np.isfinite(view.depth_m) & (np.asarray(view.depth_m) > 0)
     has_depth = has_depth if view.depth_valid is None else has_depth & np.asarray(view.depth_valid)
     intensity = learned.intensity_map(view) if recipe.source == "simulated" and learned is not None else None

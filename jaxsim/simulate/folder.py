@@ -121,6 +121,7 @@ class FrameMaker:
 
     def keys(self, chosen: Batch) -> list[Array]:
         """What leaves a frame to chance, one a frame."""
+        # By the frame's place, not its turn: a resumed folder, or one made by several, draws the same.
         return [jax.random.fold_in(jax.random.key(self.seed), position) for position in chosen.positions]
 
     def write(self, chosen: Batch, frames: Sequence[Frame], simulated: Simulated) -> Made:
@@ -167,6 +168,7 @@ def simulate_folder(
     grid, _ = maker.learned.window
     first_s = 0.0
     if effects_model:
+        # Refused before the folder is claimed, not at the first frame that is written.
         opening = dataset[positions[0]]
         check_motion(effects_model, **motion_of(opening))
         first_s = opening.time_s or 0.0
@@ -174,6 +176,7 @@ def simulate_folder(
     claim_frames(
         out,
         fingerprint=maker.learned.fingerprint,
+        # Draws and most likely answers are two makings: neither goes on in the other's folder.
         data=f"{data}, drawn" if maker.draws else data,
         seed=maker.seed if effects_model or maker.draws else None,
     )

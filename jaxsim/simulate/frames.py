@@ -50,8 +50,10 @@ def simulate_batch(
         with placed(frame.name):
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
     views = [dense_view(frame, learned.run.experiment.prepare) for frame in frames]
+    # Filled up with copies, so that one compiled program serves the last batch, too.
     views += [views[-1]] * (size - len(views))
     batch = jax.tree.map(lambda *leaves: np.stack(leaves), *views)
+    # Views come from files: what is timed is the simulation.
     begun = time.monotonic()
     key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
     image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))
@@ -100,6 +102,7 @@ def with_effects(
     check_motion(model, time_s=time_s, speed_mps=speed_mps, heading_rad=heading_rad)
     about = {"speed": speed_mps or 0.0, "heading": heading_rad or 0.0}
     scan = scan_of(grid, [jax.tree.map(np.asarray, image)], [rasters(painted, grid)], about=[about])
+    # `scan_of` counts times from its own first frame, and this is its only one.
     scan = replace(scan, time_s=np.full(1, time_s or 0.0, np.float32))
     seen = take(model.simulate(scan, key), 0)
     # A ray that is cast again and nearly grazes a plane meets it kilometres away; no LiDAR reports that.
@@ -131,6 +134,7 @@ def check_motion(
                 "count as the recording's first moment",
                 stacklevel=1,
             )
+    # What is not said counts as 0. A speed or a time of 0 does nothing; a heading of 0 is a direction like any other.
     for name, _ in model.effects:
         what = get_effect(name).needs
         if not what or motion[what] is not None:
@@ -209,6 +213,7 @@ def write_pairs(
             write_frame(folders[1], frame.name, comparable(scan, under.valid))
             about[frame.name] = about_frame(frame.scene, **motion_of(frame))
         log(f"{len(about)} of {len(positions)} frames simulated")
+    # `scan_of` takes what a frame does not say for 0: it is given for all frames, or for none.
     for key in ("time", "speed", "heading"):
         lacking = [name for name, entry in about.items() if key not in entry]
         if 0 < len(lacking) < len(about):

@@ -35,6 +35,8 @@ def write_lambert(measured: Path, out: Path) -> Path:
         angle = np.asarray(angles)
         has_normal = np.asarray(where)
         shade = np.where(has_normal, np.cos(angle), SLANT_COS)
+        # Shaded as at 60 degrees, yet told as a right angle: that stands for what cannot be told in training pairs,
+        # too.
         angle = np.where(has_normal, angle, np.float32(np.pi / 2))
         write_frame(simulated, name, replace(image, intensity=ALBEDO * shade), incidence=angle, **labels)
     write_grid(simulated, frames.grid, frames=frames.about)

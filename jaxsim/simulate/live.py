@@ -101,11 +101,13 @@ class LiveRays:
             )
         ends = np.isfinite(away) & (away > 0)
         ends = ends if valid is None else ends & np.asarray(valid, bool)
+        # A ray that ends nowhere is 0 in every raster, as in painted frames.
         away = np.where(ends, away, np.float32(0))
         nothing = np.zeros(away.shape, np.int32)
         painted = Painted(
             range_m=away,
             depth_m=np.where(ends, self._depth(away), np.float32(0)),
+            # Nobody looks at it: `attach_rays` refuses runs that saw colours.
             rgb=np.zeros((*away.shape, 3), np.float32),
             semantic=nothing if semantic is None else np.asarray(semantic, np.int32),
             instance=nothing if instance is None else np.asarray(instance, np.int32),
@@ -116,6 +118,7 @@ class LiveRays:
 
     def _depth(self, range_m: Float[np.ndarray, "*b rows columns"]) -> Float[np.ndarray, "*b rows columns"]:
         """Depth as the run's own camera would have it: along its axis."""
+        # Row 2 of the transform gives z in `cam`; of the beams' origins on the sensor's axis only its z entry counts.
         axis = np.asarray(self.camera.cam_from_velo, np.float32)[2]
         rise = np.asarray(self.grid.origin_m, np.float32)[:, None] * axis[2]
         return range_m * (self.directions @ axis[:3]) + rise + axis[3]
@@ -133,6 +136,7 @@ def attach_camera(run: Run, params: Any, view: CameraFrame, *, generate: Generat
     check_view(cropped, prepare)
     grid, row_share = window_of(view.camera, size, run.spec, config=prepare)
     compiled = jax.jit(partial(_cloud_of_view, generate=generate, prepare=prepare))
+    # Arguments that stay on the device: closed over, they would be constants of the program.
     weights, window = jax.device_put((params, (grid, row_share)))
     call = lambda seen: compiled(weights, with_cameras(seen), window)  # noqa: E731
     latency = _latency(lambda: call(crop_image(view, prepare.image_crop)))
@@ -149,17 +153,19 @@ def attach_rays(run: Run, params: Any, window: Window, *, generate: Generate) ->
     prepare = run.experiment.prepare
     missing = [name for name in prepare.inputs if name in OF_CAMERA]
     if missing:
-        unknown = " ".join(name for name in prepare.inputs if name not in OF_CAMERA)
+        castable = " ".join(name for name in prepare.inputs if name not in OF_CAMERA)
         raise ValueError(
             f"live: the run was trained on {' and '.join(missing)}, which rays do not know; attach it to a camera, or "
-            f"train one with --prepare.inputs {unknown or 'range incidence row'}"
+            f"train one with --prepare.inputs {castable or 'range incidence row'}"
         )
     grid, _ = window
     compiled = jax.jit(partial(_cloud_of_rays, generate=generate, prepare=prepare))
     weights, window = jax.device_put((params, window))
     call = lambda painted, angle: compiled(weights, (painted, angle), window)  # noqa: E731
     needs = tuple(name for name in ("semantic", "edges") if name in prepare.inputs)
+    # Without a latency yet, for what is timed is the very function that is handed out.
     live = LiveRays(call, grid, np.asarray(directions(grid)), run.camera, needs, 0.0)
+    # Any scene takes as long: what the network does depends on sizes alone.
     far = np.full(live.directions.shape[:2], 10, np.float32)
     latency = _latency(lambda: live(far, semantic=np.zeros(far.shape, np.int32)))
     log.info("live: %d x %d rays, %.0f ms a call", *far.shape, 1000 * latency)

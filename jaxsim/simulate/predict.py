@@ -68,6 +68,7 @@ def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
             "simulate: this run's network gives one intensity a cell, not a distribution to draw from; leave out "
             "--draws, or train one with --generator.form unet"
         )
+    # A key a view: what is drawn of a frame does not depend on the batch that it came in.
     if key.ndim:
         return jax.vmap(drawn)(says, key, ranks)
     of_intensity, of_drop = jax.random.split(key)
@@ -79,6 +80,7 @@ def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
         slope = (values[k + 1] - values[k]) / (QUANTILES[k + 1] - QUANTILES[k])
         piece = values[k] + slope * (u - QUANTILES[k])
         intensity = jnp.where((u >= QUANTILES[k]) | (k == 0), piece, intensity)
+    # A ray that comes back reports a step at least, for 0 is what a lost one reports.
     drops = jax.random.uniform(of_drop, u.shape) < says.drop_share
     return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
 
@@ -134,6 +136,7 @@ def predict_cells(
     outputs = generate(params, inputs)
     distribution = outputs.shape[-1] > len(QUANTILES)
     if distribution:
+        # Mirrored, the window is of another street of the same sensor: errors of the two answers partly cancel.
         outputs = (outputs + generate(params, inputs[:, :, ::-1])[:, :, ::-1]) / 2
     channels = jnp.moveaxis(outputs, -1, 0).reshape(outputs.shape[-1], *batch, *outputs.shape[1:3])
     channels = resample(channels, (rows, columns), batch_dims=len(batch) + 1)
@@ -142,6 +145,7 @@ def predict_cells(
     if not distribution:
         intensity = _on_steps(values[0])
         return Prediction(intensity, intensity < STEP / 2)
+    # Each quantile is learned by itself, and they may cross; in order they are no worse (Chernozhukov et al. 2010).
     quantiles = jnp.clip(jnp.sort(jnp.moveaxis(values[: len(QUANTILES)], 0, -1), axis=-1), 0, 1)
     share = jax.nn.sigmoid(channels[-1])
     return Prediction(_on_steps(quantiles[..., QUANTILES.index(0.5)]), share > 0.5, quantiles, share)

@@ -40,6 +40,7 @@ class LearnedSensor:
         self.run, self.params = run, params
         prepare = run.experiment.prepare
         self.generate = make_generate(run.experiment, input_channels(prepare))
+        # Closed over: they are the sensor's own, and what is compiled holds for them alone.
         settings = {"generate": self.generate, "prepare": prepare}
         self._simulate = {
             "lidar": jax.jit(partial(simulate_frame, **settings)),
@@ -81,6 +82,7 @@ class LearnedSensor:
         check_view(view, self.run.experiment.prepare)
         self._check_projection(view, projection)
         grid, row_share = window or self.window
+        # Left out rather than None, for without projection there is nothing to draw with.
         draws = {} if key is None else {"key": key}
         return self._simulate[projection](self.params, with_cameras(view), grid, row_share=row_share, **draws)
 
@@ -152,6 +154,7 @@ class LearnedSensor:
             instance=instance,
         )
         prepare = self.run.experiment.prepare
+        # Another camera covers another part of the sensor's grid.
         window = window_of(view.camera, view.rgb.shape[-3:-1], self.run.spec, config=prepare) if camera else self.window
         image, _ = self.simulate_view(crop_image(view, prepare.image_crop), window, projection=projection)
         return polar_to_points(image, window[0])

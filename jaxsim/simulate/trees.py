@@ -93,10 +93,12 @@ class TreePlan:
             "sensor": self.learned and self.learned.fingerprint,
             "effects": self.effects_model and self.effects_model.effects,
         }
+        # Keys only where they say something: a tree that was begun without them goes on.
         if self.effects_model and self.effects_model.learned:
             made["learned"] = [law.to_json() for law in self.effects_model.learned]
         if self.effects_model and self.effects_model.regions:
             made["where"] = {name: region.to_json() for name, region in self.effects_model.regions.items()}
+        # As the file gives it back: what is compared with it must have lists for tuples.
         return json.loads(json.dumps(source | files | asdict(self.labels) | recipe | made))
 
 
@@ -165,6 +167,7 @@ def export_trees(
         for position in plan.positions:
             if not record.has(plan.out, _number(position)):
                 missing.setdefault(position, []).append(tree)
+    # Read for its time alone, which only effects ask for.
     timed = any(plan.effects_model for plan in plans)
     first_s = (dataset[0].time_s or 0.0) if timed else 0.0
     todo = [Todo(position, tuple(trees), first_s) for position, trees in sorted(missing.items())]
@@ -236,6 +239,7 @@ def _write_frame(dataset: Dataset, position: int, plan: TreePlan, *, frame: Fram
     entry = {"name": frame.name, "scene": frame.scene, "objects": objects, "points": 0, "left_out": None}
     if not objects and not plan.labels.keep_empty:
         return entry | {"left_out": f"no object within {plan.labels.reach_m:g} m"}
+    # By the frame's number: whoever makes it, and when, draws the same.
     key = jax.random.fold_in(jax.random.key(0), position)
     cloud = make_cloud(frame, plan.recipe, plan.learned, effects_model=plan.effects_model, key=key)
     points = int(np.asarray(cloud.valid).sum())
@@ -253,6 +257,7 @@ def _labels(rules: LabelRules, dataset: Dataset, position: int, *, frame: Frame)
         boxes = boxes_of(seen, levels=rules.filled)  # 1, 2, 3
         if rules.occlusion == "paper":
             return replace(boxes, occluded=np.array([1 - thing.occupancy for thing in seen], np.float32))
+        # KITTI's levels begin at 0; one level up no object is easy, as none is with the paper's fractions.
         shift = 1 if rules.occlusion == "levels" else 0
         return replace(boxes, occluded=np.asarray(boxes.occluded) - shift)
     if frame.boxes is None:
@@ -285,5 +290,6 @@ def _finish(plan: TreePlan, record: TreeRecord) -> None:
     left_out = "".join(f", {count} left out ({reason})" for reason, count in reasons.items())
     points = sum(entries[position]["points"] for position in finished) / max(len(finished), 1)
     _log.info(f"{len(finished)} frames of {points:.0f} points on average{left_out}: {out}")
+    # Last, when export.json is there to say why.
     if not finished:
         raise ValueError(f"export: no frame of {len(entries)} is left; see {out / 'export.json'}")

@@ -45,7 +45,9 @@ class Form:
         rays = problem.ev.rays
         x = values_of(dependence.covariate, rays, np.asarray(rays.hit)).astype(np.float64)
         knots = written_at(x, dependence.covariate)
+        # The basis follows from the values that it is made of: rays and knots go in, the knots' rows come out.
         basis = fixed_basis(np.concatenate([x, knots]), dependence.covariate)[len(x) :]
+        # Columns that only fill up have no height to fit.
         used = basis.any(0)
         heights = [np.asarray(to_values(curve.effect, one.z)["height"]) for one in curve.fits]
         numbers = tuple(knots.tolist())

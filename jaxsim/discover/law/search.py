@@ -333,6 +333,7 @@ def closed_law(fitted: LearnedFit) -> ClosedLaw | None:
     learned = fitted.learned
     if not all(name in VARIABLES and name not in ALTERNATING for name in learned.covariates):
         return None
+    # In the order of the law's values: the last covariate runs fastest.
     grids = np.meshgrid(*(np.asarray(knots) for knots in learned.knots), indexing="ij")
     variables = [
         Variable(*VARIABLES[name], np.exp(grid.ravel()) if name in LOGARITHMS else grid.ravel())

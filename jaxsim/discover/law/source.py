@@ -195,6 +195,7 @@ def _variable(covariate: str, law: ClosedLaw) -> str:
 
 def _code(law: ClosedLaw) -> str:
     """The expression as JAX reads it."""
+    # Where types are promoted strictly, a size multiplies no comparison: it is made 0 or 1.
     code = re.sub(r"\((\w+) >= edge\)", r"jnp.where(\1 >= edge, 1.0, 0.0)", law.expression)
     code = re.sub(r"\b(exp|log|sin|pi)\b", r"jnp.\1", code)
     for name in law.parameters:

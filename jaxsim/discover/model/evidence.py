@@ -369,6 +369,7 @@ def angle_scores(
     ground, terrain = np.isin(semantic, GROUND), np.isin(semantic, TERRAIN)
     for kind in (ground, terrain, ~ground & ~terrain):
         count, _ = np.histogram(given[kind & returns], borders)
+        # One ray more in each bin: empty ones then have a logarithm, and no cliff beside them.
         slope = np.gradient(np.log(gaussian_filter1d(count.astype(float), SMOOTH_STEPS) + 1), STEP_RAD)
         middle = (borders[1:] + borders[:-1]) / 2
         score[kind] = np.interp(given[kind], middle, np.clip(slope, -MOST_SCORE, MOST_SCORE))
@@ -381,6 +382,7 @@ def _features(
     """`Evidence.features`, of all rays."""
     given = jnp.minimum(given_rad, STEEPEST_RAD)
     seen = jnp.minimum(rays.incidence_rad, STEEPEST_RAD)
+    # Held within 1.5 nats: near grazing incidence ln cos runs away from small differences of angle.
     disagreement = jnp.clip(jnp.log(jnp.cos(seen)) - jnp.log(jnp.cos(given)), -1.5, 1.5)
     ground = jnp.isin(rays.semantic, jnp.asarray(GROUND))
     terrain = jnp.isin(rays.semantic, jnp.asarray(TERRAIN))

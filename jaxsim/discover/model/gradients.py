@@ -224,10 +224,12 @@ def _displaced(effect: Law, z: Z, rays: Rays) -> tuple[Fields, Pullback]:
 
 
 def _cast_again(by: Fields, passes: Array, rays: Rays, *, scan: Scan) -> Rays:
-    displaced = {name: getattr(rays, name) + more for name, more in by.items()}
+    # On top of what effects before it have turned and moved.
+    displaced = {name: getattr(rays, name) + change for name, change in by.items()}
     return recast(replace(rays, **displaced), scan, passes)
 
 
+# The number of passes is traced: effects that differ in it alone share the program.
 _recast = jax.jit(_cast_again)
 
 

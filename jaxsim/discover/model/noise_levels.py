@@ -72,6 +72,7 @@ def lattice_step(values: Float[np.ndarray, " n"], *, finest: float) -> float:
 
 def _refined(x: np.ndarray, step: float) -> float:
     """Least squares of the values on their multiples, from coarse values to all."""
+    # From small multiples on: a step that is a little off would count large values to the wrong one.
     for reach in (20, 200, 2000, 20000):
         k = np.round(x / step)
         few = (k > 0) & (k <= reach)

@@ -76,6 +76,7 @@ def restorer(tree: Any, *, dtype: type = np.float32) -> Callable[[Float[np.ndarr
     ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes)])
 
     def restore(x: Float[np.ndarray, " n"]) -> Any:
+        # SciPy climbs in float64, the compiled likelihood takes float32.
         x = np.asarray(x, dtype)
         return form.unflatten([x[ends[k] : ends[k + 1]].reshape(shape) for k, shape in enumerate(shapes)])
 

@@ -30,6 +30,7 @@ class Refit:
 
 def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Problem:
     """The null with these effects on top, in physical order, learned laws last; its nuisances are not refitted."""
+    # Effects do not commute (a ceiling cuts what a gain has raised): the catalogue's order is that of the light's way.
     order = {name: k for k, name in enumerate(EFFECTS)}
     physical = sorted(effects, key=lambda pair: order.get(pair[0].plain_name, len(order)))
     return all_on_top(physical, null, simulated=simulated)

@@ -68,10 +68,10 @@ def name_effects(
 
     def both_show(step: FittedStep) -> bool:
         """Whether the sides say an effect of each other."""
-        found = exchanged is not None and exchanged().has(step)
-        if found:
+        mutual_too = exchanged is not None and exchanged().has(step)
+        if mutual_too:
             log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats, and with the sides exchanged too: not said")
-        return found
+        return mutual_too
 
     refuse = both_show if exchanged else None
     choice = choose(null, catalogue, refuse=refuse, log=log)
@@ -86,6 +86,7 @@ def name_effects(
         choice = choose(null, catalogue, bars=bars, refuse=refuse, log=log) if raised else replace(choice, bars=bars)
     curves: list[Along] = []
     answer = decide(null, choice, dependences, scene=scene, without=without)
+    # The strongest may be mutual and the next one not: curves are struck off one by one.
     while exchanged and answer.curve and exchanged().has_curve(answer.choice.problem, *answer.curve):
         curves.append((answer.curve[0].channel, answer.curve[0].covariate))
         log(f"{in_words(curves[-1])}: found with the sides exchanged too: not said")
@@ -119,6 +120,7 @@ def decide(
     if outside:
         steps = tuple(step for step in choice.steps if stands(step, outside[0].channel))
         if not steps:
+            # With nothing left that is named, the problem is the null as it was.
             nothing = Choice((), choice.first_ranking, null, choice.bars, choice.refused)
             return Answer("not_in_catalogue", nothing, describe(null, *outside), curve=outside)
         if len(steps) < len(choice.steps):

@@ -57,6 +57,7 @@ class Exchanged:
         """Nats that the find scenes, none of which decides alone, gain by an effect with these values; `problem` is
         the null's, whose rays may carry a basis."""
         problem = problem or self.problem
+        # The values stay as they are: only the noise is fitted to the exchanged sides.
         placed = fit(effect, problem, problem.ev.all_blocks, starts=(values,), fixed=True)
         used = [CHANNELS.index(name) for name in channels_of(effect) if name in self.channels]
         by_block = (placed.score - self.fit.score)[:, used].sum(-1)
@@ -96,8 +97,8 @@ def alike(division: Division, null: Problem) -> frozenset[str]:
     intensities where these are and surfaces are as bright on both sides."""
     channels = {"range", "drop"} if division.simulator.ranges is not None else set()
     if division.simulator.intensities is not None:
-        own = implied_level(null.ev, null.equations)[np.asarray(null.ev.compared)]
-        if len(own) and own.std() <= RULES.same_brightness_nats:
+        brightness = implied_level(null.ev, null.equations)[np.asarray(null.ev.compared)]
+        if len(brightness) and brightness.std() <= RULES.same_brightness_nats:
             channels.add("intensity")
     return frozenset(channels)
 
@@ -115,6 +116,6 @@ def exchange(comparison: Comparison, division: Division) -> Comparison:
         intensity=jnp.asarray(np.where(valid, measured.intensity, 0)),
         hit=jnp.asarray(hit & valid),
     )
-    there = np.asarray(raw.hit)
-    simulated = Measured(np.where(there, raw.range_m, 0), np.where(there, raw.intensity, 0), there)
+    reported = np.asarray(raw.hit)
+    simulated = Measured(np.where(reported, raw.range_m, 0), np.where(reported, raw.intensity, 0), reported)
     return replace(comparison, scan=scan, measured=simulated)

@@ -60,6 +60,7 @@ def run_nulls(
     for seed in range(count):
         drawn = bootstrap(problem, explained, seed)
         null, _ = fit_null(problem.scan, drawn, drawn.all_blocks, clutter=problem.clutter)
+        # All that `Candidate.accepted` asks but the bar, which is what is looked for.
         best = _strongest(c for c in rank_effects(null, catalogue) if c.scenes_agree and not c.smooth_is_enough)
         dependences = localise(*standardised(null, drawn.all_blocks), scene)
         curve = _strongest(c for _, c in free_curves(null, dependences) if sure(c))

@@ -160,14 +160,14 @@ def choose(
         return first
     step, rival = begun
     log(f"{rival.effect.name} is simpler than {first.steps[step].chosen.effect.name}: once more, beginning with it")
-    kept = first.steps[:step]
-    place = with_steps(problem, kept) if kept else problem
+    earlier = first.steps[:step]
+    place = with_steps(problem, earlier) if earlier else problem
     ranking = first.steps[step].ranking
     # What gained more only stood in for several, or the second choice will not hold.
     instead = fitted_step(place, rival, ranking=ranking, good=[c for c in ranking if c.accepted(bars.effect)])
     if refuse and refuse(instead):
         return first
-    second = add_steps(problem, catalogue, (*kept, instead), bars=bars, refuse=refuse, log=log)
+    second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)
     return second if says_as_much(second, first) else first
 
 
@@ -212,6 +212,7 @@ def add_steps(
         done = {*refused, *(step.chosen.effect.name for step in steps)}
         ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
+        # What is refused once stays out: the next best may be another matter altogether.
         while step and refuse and refuse(step):
             refused.append(step.chosen.effect.name)
             step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
@@ -223,6 +224,7 @@ def add_steps(
         steps.append(replace(step, ranking=tuple(ranking)))
         if len(steps) > 1:
             steps = together(null, steps)
+        # Nuisances stood in for the effect as far as they could: they are fitted again before the next is asked.
         problem = with_steps(null, steps)
 
 

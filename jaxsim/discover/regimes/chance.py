@@ -184,6 +184,7 @@ def existing(rates: Float[np.ndarray, "c n"], whole: Bool[np.ndarray, "k n"]) ->
     """How often scenes without anything in them, which may change places and signs, agree so well in some region."""
     scaled = (whole / np.sqrt(whole.sum(1))[:, None]).T
     direction = rates / (np.sqrt((rates**2).sum(1, keepdims=True)) + 1e-12)
+    # Of its own: orders are drawn with seed 0.
     rng = np.random.default_rng(1)
     scenes = rates.shape[1]
     # Places and signs both change: where there is nothing, neither says anything.

@@ -178,8 +178,8 @@ def find_regimes(
     if not regimes:
         return Divided(answer)
     named = named_answer(choice, scene=facts.scene, but=answer.both_show)
-    kept = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
-    return Divided(replace(named, **kept), tuple(regimes))
+    unchanged = {"nulls": answer.nulls, "both_show": answer.both_show, "mutual": answer.mutual}
+    return Divided(replace(named, **unchanged), tuple(regimes))
 
 
 def _promising(lead: Lead, choice: Choice, regimes: Sequence[Regime]) -> bool:
@@ -262,9 +262,9 @@ def _of_candidates(null: Problem, choice: Choice, *, facts: Facts, asked: Sequen
     strongest = tried[0]
     result = strongest.fits[0]
     arcs = [one for one in asked if one.between_scenes(facts.scene) is None]
-    for found in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
-        exists = found.question.divides != "scene" or strongest.total > choice.bars.effect
-        leads.append(Lead(found, tuple(tried[:few]), None, result, exists=exists))
+    for division in _divisions(strongest.effect, result, null, facts=facts, asked=arcs):
+        exists = division.question.divides != "scene" or strongest.total > choice.bars.effect
+        leads.append(Lead(division, tuple(tried[:few]), None, result, exists=exists))
     return leads
 
 

@@ -229,6 +229,7 @@ class Registration:
         scan are apart; None where that is no more than noise makes."""
         names, scene = np.unique(list(scenes), return_inverse=True)
         of_drive = np.array([self.frames[scene == k, TRAVEL].mean() for k in range(len(names))])
+        # A drive's way is the mean of its frames', whose errors are independent.
         sd = np.array([np.linalg.norm(self.travel_sd_m[scene == k]) / np.sum(scene == k) for k in range(len(names))])
         least = np.maximum(RULES.driven_m, RULES.driven_sd * sd)
         if np.median(np.abs(of_drive) / least) < 1:

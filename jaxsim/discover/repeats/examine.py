@@ -100,16 +100,17 @@ def one_sided(
     those of the frames."""
     dense = Dense.of(exchanged.division, scenes, exchanged.problem, known=NOTHING_YET)
     maps = dense.maps([], exchanged.problem.noise)
-    own, both = [], []
+    one_side, both = [], []
     for one in repeats:
         channel = one.repeat.channel
         alike = channel in exchanged.channels and size_of(one, maps[channel]) >= RULES.exchanged_share
-        (both if alike else own).append(one)
-    return tuple(own), tuple(one.repeat.formula for one in both)
+        (both if alike else one_side).append(one)
+    return tuple(one_side), tuple(one.repeat.formula for one in both)
 
 
 def size_of(one: LearnedRepeat, maps: Maps) -> float:
     """Size of a pattern in other maps, over its own; negative where they show the opposite."""
+    # What these maps would show of the pattern if it were there: weights and levels take up a part.
     response = maps.centred(maps.response(one.pattern))
     steep = float((response * one.pattern).sum())
     return float((maps.centred(maps.total) * one.pattern).sum()) / steep if steep > 0 else 0.0
@@ -132,6 +133,7 @@ def with_what_repeats(answer: Answer, first: LearnedRepeat) -> Answer:
 def _unexplained(one: LearnedRepeat) -> Unexplained:
     repeat, law = one.repeat, one.learned
     character = "periodic" if repeat.scale in ("wave", "parity") else "other"
+    # Odd against even rows are told as rows.
     names = {name.replace("even ", "").removesuffix("s") for name in law.covariates}
     covariate = " x ".join(name for name in ("row", "column") if name in names)
     told = Unexplained(repeat.channel, covariate, character, repeat.formula)

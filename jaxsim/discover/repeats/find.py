@@ -66,6 +66,7 @@ def of_patterns(
     """
     squares = (np.abs(sums) ** 2).sum(0)
     spread = np.sqrt((squares + usual * information) / 2)
+    # A pattern that no scene shows anything of is infinitely unsure, not 0 / 0.
     spread = np.where(spread > 1e-9 * max(spread.max(initial=0), 1e-12), spread, np.inf)
     scaled = sums / spread
     by_chance = [np.abs(signs[k : k + CHUNK] @ scaled).max(1, initial=0) for k in range(0, len(signs), CHUNK)]
@@ -141,23 +142,23 @@ def find_repeats(
         if best is None:
             break
         channel, scale, k, p = best
-        left = remaining[channel]
+        maps_left = remaining[channel]
         phase = complex(looked[channel].sums[scale.name, scale.along][finding, k].sum()) if scale.pattern else 1.0
         # Where all patterns are asked about, the mean map of the find scenes is what judge scenes must show again.
-        pattern = scale.pattern(k, phase) if scale.pattern else mean_map(left, finding, scale)
-        response = left.centred(left.response(pattern))
-        shows = np.einsum("nrc,rc->n", left.total, pattern)
+        pattern = scale.pattern(k, phase) if scale.pattern else mean_map(maps_left, finding, scale)
+        response = maps_left.centred(maps_left.response(pattern))
+        shows = np.einsum("nrc,rc->n", maps_left.total, pattern)
         answers = np.einsum("nrc,rc->n", response, pattern)
         # Judge scenes must show it with the sign that the find scenes give it.
         height = shows[finding].sum() / max(answers[finding].sum(), 1e-12)
         p_judge = p_value(np.sign(height) * shows[~finding])
-        size = height_of(shows, answers, channel) if scale.pattern else common_size(left, scale, channel)
-        large = abs(size.value) >= np.hypot(least[channel], left.rounding(pattern))
+        size = height_of(shows, answers, channel) if scale.pattern else common_size(maps_left, scale, channel)
+        large = abs(size.value) >= np.hypot(least[channel], maps_left.rounding(pattern))
         if large and convincing(p_judge, int((~finding).sum())):
             repeat = repeat_of(channel, scale, k, phase=phase, size=size, p=p, p_judge=p_judge)
             patterns.append(FoundPattern(repeat, scale, k, phase))
         # Too small or not confirmed, it is taken out all the same: what lies beneath it shows.
-        remaining[channel] = replace(left, total=left.total - height * response)
+        remaining[channel] = replace(maps_left, total=maps_left.total - height * response)
         looked[channel] = Look.at(remaining[channel], finding, signs, bins=bins)
     return tuple(sorted(patterns, key=lambda one: one.repeat.p_value))
 

@@ -148,12 +148,12 @@ def half_steps(ev: Evidence) -> dict[str, float]:
     returned = np.asarray(ev.returned)
     readings = {"intensity": ev.intensity, "range": np.asarray(ev.range_m)}
     steps = {}
-    for own, (channel, values) in zip(np.asarray(ev.own_step).tolist(), readings.items(), strict=True):
+    for simulated, (channel, values) in zip(np.asarray(ev.own_step).tolist(), readings.items(), strict=True):
         seen = values[returned]
         step = lattice_step(
             seen[:: max(1, len(seen) // RULES.interaction_residuals)], finest=FINEST[f"{channel}_quantization"]
         )
-        steps[channel] = (own + step) / 2
+        steps[channel] = (simulated + step) / 2
     return steps
 
 

@@ -47,6 +47,7 @@ class _Side:
         right = np.roll(r, -1, 2)
         # NaN of a lost neighbour compares as no surface.
         smooth = np.abs(left - right) < NEAR * np.minimum(left, right)
+        # np.roll brings the other end's rays to the borders.
         smooth[..., [0, -1]] = False
         return cls(lost, smooth, comparison.frame_scene[frames])
 
@@ -83,6 +84,7 @@ def lost_rays(
         scenes = int(find[comparison.measured].sum())
         effects.append(_sector(np.asarray(comparison.grid.azimuth_rad, float), hidden, scenes=scenes))
     effects += _packets(measured, simulated, ~hidden)
+    # Rows that look at the sky lose rays to the street: their losses say nothing of the sensor.
     rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
     if rows.sum() < RULES.unpaired_fewest_rows:
         note = "in no three rows do simulated rays nearly always hit something: losses of single rays are not compared"

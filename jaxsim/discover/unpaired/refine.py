@@ -159,6 +159,7 @@ class JointFit:
                     linear = ahead
                     least = loss
                     break
+                # Back to where it stood, from which a shorter share is tried.
                 self.values = before
             else:
                 break

@@ -201,6 +201,7 @@ def named_by_law(
 
 def where(problem: Conditional, curves: Sequence[UnpairedCandidate]) -> tuple[Where, ...]:
     """The covariates along which free curves gain."""
+    # Halves of squares are nats: a gain takes twice itself off the sum of squares.
     squares = 2 * problem.equations.square[problem.find].sum()
     return tuple(
         Where("intensity", one.name, one.chance, float(max(2 * one.total / squares, 0.0)))

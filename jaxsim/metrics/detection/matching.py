@@ -62,9 +62,9 @@ def truth_flags(truth: Objects, kind: str, difficulty: Difficulty, *, rules: Rul
     height = truth.bbox_px[:, 3] - truth.bbox_px[:, 1]
     low = height < difficulty.height_px if rules == "official" else height <= difficulty.height_px
     hidden = (truth.occluded > difficulty.occluded) | (truth.truncated > difficulty.truncated) | low
-    own = names == kind.lower()
-    beside = names == neighbour.lower() if neighbour else np.zeros(len(names), bool)
-    return np.where(own & ~hidden, 0, np.where(own | beside, 1, -1))
+    of_class = names == kind.lower()
+    of_neighbour = names == neighbour.lower() if neighbour else np.zeros(len(names), bool)
+    return np.where(of_class & ~hidden, 0, np.where(of_class | of_neighbour, 1, -1))
 
 
 def detection_flags(detections: Objects, kind: str, difficulty: Difficulty) -> Int[np.ndarray, " n"]:
@@ -194,6 +194,7 @@ def candidates(
     starts = np.flatnonzero(np.diff(label, prepend=-1))
     length = np.diff(starts, append=len(label))
     frames = frame[label[starts]]
+    # Labels stand frame by frame: a label's turn counts from its frame's first.
     begins = np.flatnonzero(np.diff(frames, prepend=-1))
     turn = np.arange(len(starts)) - np.repeat(begins, np.diff(begins, append=len(starts)))
     within = np.arange(len(label)) - np.repeat(starts, length)

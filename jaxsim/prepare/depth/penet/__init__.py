@@ -73,6 +73,7 @@ class Penet:
         form = {"width": self.width, "convention": self.convention}
         depth = complete(self.values, rgb[None], sparse[None], valid=valid[None], intrinsics=moved[None], **form)
         dense = np.asarray(depth)[0]
+        # For its mask alone.
         _, backed = fill_in_multiscale(sparse, valid)
         known = backed & np.isfinite(dense) & (dense > NEAREST_M)
         return np.where(known, dense, np.float32(0)), known

@@ -38,6 +38,7 @@ def create(width: int, seed: int) -> Values:
         if path[-1].key != "kernel":
             return np.full(leaf.shape, float(path[-1].key in ("weight", "running_var")), np.float32)
         rows, columns, inputs, outputs = leaf.shape
+        # As the published program counts: a convolution's outputs, and a transposed one's inputs.
         fan = rows * columns * (inputs if _transposed(path) else outputs)
         return (rng.standard_normal(leaf.shape) * np.sqrt(2 / fan)).astype(np.float32)
 
@@ -70,10 +71,10 @@ def from_published(arrays: Mapping[str, np.ndarray]) -> tuple[int, Values]:
     if stem is None or stem.ndim != 4:
         raise ValueError(f"it is no PENet: {STEM} is missing.")
     width = stem.shape[0]
-    kept = fit(dict(arrays), published_shapes(width))
+    fitting = fit(dict(arrays), published_shapes(width))
 
     def ours(path: Any, leaf: Any) -> np.ndarray:
-        array = kept[_name(path)]
+        array = fitting[_name(path)]
         if array.ndim != 4:
             return array
         # A transposed convolution is one with the taps reversed.

@@ -148,6 +148,7 @@ def train_step(
         if path[-1].key in STORED:
             return new
         share = of_backbone if path[0].key == "backbone" else of_rest
+        # Not 0 times a change: a part that stands still stays the same whatever its gradient is, NaN too.
         return old - lr * share * delta if share else old
 
     values = jax.tree.map_with_path(updated, state.values, after, change)
