@@ -85,6 +85,8 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
         return "these data cannot tell it from the one that is named"
     if name in choice.refused:
         return "with the sides exchanged it is found as well"
+    if name in choice.needless:
+        return "what is named explains what it does, and more"
     if candidate.total <= choice.bars.effect:
         return "its gain is within what a null reaches"
     if candidate.smooth_is_enough:

@@ -127,6 +127,8 @@ class Choice(Selection[Candidate]):
     bars: Bars = Bars()
     refused: tuple[str, ...] = ()
     """Names of accepted effects that were refused."""
+    needless: tuple[str, ...] = ()
+    """Names of effects that were added and taken back, as what came after them explains what they did."""
 
 
 Refuse = Callable[[FittedStep], bool]
@@ -146,7 +148,7 @@ def choose(
     refuse: Refuse | None = None,
     log: Log = lambda line: None,
 ) -> Choice:
-    """Adds the best accepted effect, refits the null on top, and again, until none is accepted; then looks back.
+    """Adds the best accepted effect, refits all on top, and again, until none is accepted; then looks back.
 
     The first may have stood in for two that act together (a number a class for losses at random and a longest range),
     and what comes after it then only mends it. So where a simpler candidate gained nearly as much, a second choice
@@ -154,7 +156,18 @@ def choose(
     `refuse` says.
     """
     catalogue = list(effects)
-    first = add_steps(problem, catalogue, (), bars=bars, refuse=refuse, log=log)
+    ranking = rank_effects(problem, catalogue)
+    first = add_steps(problem, catalogue, (), ranking=ranking, bars=bars, refuse=refuse, log=log)
+    choice = second_choice(problem, catalogue, first, bars=bars, refuse=refuse, log=log)
+    # The first ranking is told whole, with what was added and taken back.
+    told = tuple(replace(step, ranking=tuple(ranking)) for step in choice.steps[:1])
+    return replace(choice, steps=(*told, *choice.steps[1:]))
+
+
+def second_choice(
+    problem: Problem, catalogue: Sequence[Effect], first: Choice, *, bars: Bars, refuse: Refuse | None, log: Log
+) -> Choice:
+    """The choice that begins with a simpler candidate, where there is one and it says as much; else the first."""
     begun = simpler_beginning(first)
     if begun is None:
         return first
@@ -199,33 +212,45 @@ def add_steps(
     catalogue: Sequence[Effect],
     begun: Sequence[FittedStep],
     *,
+    ranking: Sequence[Candidate] | None = None,
     bars: Bars,
     refuse: Refuse | None,
     log: Log,
 ) -> Choice:
-    """Effects added one after the other to those of `begun`, until none is accepted, without those that are not needed
-    in the end."""
+    """Effects added one after the other to those of `begun`, until none is accepted; `ranking` is that of the
+    candidates beside `begun`, where it is known.
+
+    Where one of them is not needed in the end, what came after it was chosen for what it had left over: all from there
+    on is chosen once more without it.
+    """
     steps = list(begun)
     problem = with_steps(null, steps) if steps else null
     refused: list[str] = []
     while True:
         done = {*refused, *(step.chosen.effect.name for step in steps)}
-        ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
+        if ranking is None:
+            ranking = rank_effects(problem, [effect for effect in catalogue if effect.name not in done])
         step = None if len(steps) == RULES.most_effects else first_step(problem, ranking, bars)
         # What is refused once stays out: the next best may be another matter altogether.
         while step and refuse and refuse(step):
             refused.append(step.chosen.effect.name)
             step = first_step(problem, [one for one in ranking if one.effect.name not in refused], bars)
         if step is None:
-            needed = look_back(null, steps, bars, log=log)
-            problem = problem if len(needed) == len(steps) else with_steps(null, needed)
-            return Choice(needed, tuple(ranking), problem, bars, tuple(refused))
+            k = needless(null, steps, bars, log=log)
+            if k is None:
+                return Choice(tuple(steps), tuple(ranking), problem, bars, tuple(refused))
+            gone, rest = steps[k], [e for e in catalogue if e.name != steps[k].chosen.effect.name]
+            # Beside nothing the ranking is as it was; else what stands before was fitted beside what is gone.
+            known = [one for one in gone.ranking if one is not gone.chosen] if k == 0 else None
+            before = together(null, steps[:k]) if k else []
+            choice = add_steps(null, rest, before, ranking=known, bars=bars, refuse=refuse, log=log)
+            return replace(choice, needless=(gone.chosen.effect.name, *choice.needless))
         log(f"{step.chosen.effect.name}: {step.chosen.total:.0f} nats on scenes that its fit had not seen")
         steps.append(replace(step, ranking=tuple(ranking)))
         if len(steps) > 1:
             steps = together(null, steps)
         # Nuisances stood in for the effect as far as they could: they are fitted again before the next is asked.
-        problem = with_steps(null, steps)
+        problem, ranking = with_steps(null, steps), None
 
 
 def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> FittedStep | None:
@@ -248,32 +273,17 @@ def fitted_step(
     return FittedStep(best, alike, tuple(ranking), result)
 
 
-def look_back(
-    null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log = lambda line: None
-) -> tuple[FittedStep, ...]:
-    """The steps whose effects are still accepted once all others are in place: an early one may have stood in for two
-    that came later. What came after one that is gone counts for what it gains without it."""
-    needed = list(steps)
+def needless(null: Problem, steps: Sequence[FittedStep], bars: Bars, *, log: Log = lambda line: None) -> int | None:
+    """The first of the steps whose effect is no longer accepted once all others are in place: it stood in for what
+    came later. None where all are needed."""
     # The last was accepted with all others in place, fitted beside one another.
-    for step in steps[:-1]:
-        others = [other for other in needed if other is not step]
+    for k, step in enumerate(steps[:-1]):
+        others = [other for other in steps if other is not step]
         [again] = rank_effects(with_steps(null, together(null, others)), [step.chosen.effect])
         if not again.accepted(bars.effect):
             log(f"{step.chosen.effect.name} is not needed beside the others: {again.total:.0f} nats")
-            needed = others
-    return tuple(needed) if len(needed) == len(steps) else counted_again(null, together(null, needed), steps)
-
-
-def counted_again(null: Problem, needed: Sequence[FittedStep], steps: Sequence[FittedStep]) -> tuple[FittedStep, ...]:
-    """Those of the steps that are needed, from the first that is not on each with its gain on top of the needed ones
-    before it: beside what is gone it gained only what that had left over."""
-    name = lambda step: step.chosen.effect.name  # noqa: E731
-    known = next(k for k, step in enumerate(steps) if k == len(needed) or name(step) != name(needed[k]))
-    counted = list(needed[:known])
-    for step in needed[known:]:
-        [again] = rank_effects(with_steps(null, counted), [step.chosen.effect])
-        counted.append(replace(step, chosen=again))
-    return tuple(counted)
+            return k
+    return None
 
 
 def together(null: Problem, steps: Sequence[FittedStep]) -> list[FittedStep]:

@@ -1,5 +1,6 @@
 """Which candidates are chosen, which stand beside them, and which are taken back."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,13 +12,14 @@ from jaxsim.discover.name.select import (
     Bars,
     Choice,
     choose,
-    look_back,
+    needless,
     runner_up,
     says_as_much,
     simpler_beginning,
     too_rich,
     worse,
 )
+from jaxsim.effects import EFFECTS
 from tests.discover.name.made import candidate, problem, step
 
 
@@ -34,8 +36,8 @@ def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
     assert not worse(candidate("saturation", 10.0 + np.array([1, -1] * 5 + [0])), best)
 
 
-def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch):
-    again = {"gamma_response": 0.1, "range_falloff": 9.0, "beam_gain": 9.0}
+def test_an_early_effect_that_the_others_make_needless_is_found(monkeypatch):
+    again = {"gamma_response": 9.0, "range_falloff": 0.1, "beam_gain": 9.0}
     beside = []
 
     def added(null, steps):
@@ -48,35 +50,52 @@ def test_an_early_effect_that_the_others_make_needless_is_taken_back(monkeypatch
         select, "rank_effects", lambda problem, effects: [candidate(e.name, again[e.name]) for e in effects]
     )
     lines = []
-    steps = [step(candidate(name, 9.0)) for name in ("gamma_response", "range_falloff", "beam_gain")]
-    needed = look_back(problem(), steps, Bars(), log=lines.append)
-    assert [one.chosen.effect.name for one in needed] == ["range_falloff", "beam_gain"]
-    assert beside[:2] == [["range_falloff", "beam_gain"], ["beam_gain"]]
-    assert lines == ["gamma_response is not needed beside the others: 1 nats"]
+    steps = [step(candidate(name, 9.0)) for name in again]
+    assert needless(problem(), steps, Bars(), log=lines.append) == 1
+    assert beside == [["range_falloff", "beam_gain"], ["gamma_response", "beam_gain"]]
+    assert lines == ["range_falloff is not needed beside the others: 1 nats"]
+    again["range_falloff"] = 9.0
+    assert needless(problem(), steps, Bars()) is None
 
 
-def test_what_came_after_an_effect_that_is_gone_counts_for_what_it_gains_without_it(monkeypatch):
-    """A gate beside losses of faint echoes gains little; without them, which it explains too, it gains all."""
-    faint = {"gain": 0.1}
+def test_what_came_after_an_effect_that_is_gone_is_chosen_once_more_without_it(monkeypatch):
+    """Losses of faint echoes stand in for losses at random and a gate, of which they leave a number a class to mend."""
+    alone = {"snr_dropout": 90.0, "material_dropout": 85.0, "random_dropout": 84.0, "range_gate": 30.0}
+    # What each gains beside others; 0.1 where they say it already.
+    beside = {
+        ("range_gate", ("snr_dropout",)): 20.0,
+        ("material_dropout", ("range_gate", "snr_dropout")): 15.0,
+        ("range_gate", ("material_dropout",)): 28.0,
+        ("range_gate", ("random_dropout",)): 29.0,
+        ("material_dropout", ("range_gate",)): 80.0,
+        ("random_dropout", ("range_gate",)): 80.0,
+        ("range_gate", ("material_dropout", "snr_dropout")): 20.0,
+    }
+    numbers = {"material_dropout": 34, "random_dropout": 1}
+    asked = []
 
-    def rank(beside, effects):
-        [effect] = effects
-        # Effects in place -> what the gate gains on top of them.
-        gate = 90.0 if beside == ["random_dropout"] else 1.0
-        gain = {"snr_dropout": faint["gain"], "range_gate": gate}.get(effect.name, 50.0)
-        return [candidate(effect.name, gain)]
+    def rank(place, effects):
+        names = [effect.name for effect in effects]
+        asked.append((place, names))
+        gains = {name: beside.get((name, place), 0.1) if place else alone[name] for name in names}
+        made = [candidate(name, gains[name], "drop", numbers=numbers.get(name, 2)) for name in names]
+        return sorted(made, key=lambda one: -one.total)
 
-    monkeypatch.setattr(select, "with_steps", lambda null, steps: [one.chosen.effect.name for one in steps])
+    named = lambda steps: tuple(sorted(one.chosen.effect.name for one in steps))  # noqa: E731
+    monkeypatch.setattr(select, "rank_effects", lambda place, effects: rank(place.scan, list(effects)))
+    monkeypatch.setattr(select, "fitted_step", lambda place, best, *, ranking, good: step(best, ranking=ranking))
+    monkeypatch.setattr(select, "with_steps", lambda null, steps: problem(scan=named(steps)))
     monkeypatch.setattr(select, "together", lambda null, steps: list(steps))
-    monkeypatch.setattr(select, "rank_effects", rank)
-    gains = {"random_dropout": 60.0, "snr_dropout": 80.0, "range_gate": 1.0, "beam_gain": 6.0}
-    steps = [step(candidate(name, each)) for name, each in gains.items()]
-    needed = look_back(problem(), steps, Bars())
-    assert [one.chosen.effect.name for one in needed] == ["random_dropout", "range_gate", "beam_gain"]
-    assert [one.chosen.by_scene[0] for one in needed] == [60.0, 90.0, 50.0]
-    assert needed[0] is steps[0]
-    faint["gain"] = 50.0
-    assert look_back(problem(), steps, Bars()) == tuple(steps)
+    choice = choose(problem(scan=()), [EFFECTS[name] for name in alone])
+    assert [one.chosen.effect.name for one in choice.steps] == ["random_dropout", "range_gate"]
+    assert choice.steps[1].chosen.by_scene[0] == 29.0
+    # The first ranking is told whole, and computed once.
+    assert [one.effect.name for one in choice.first_ranking] == list(alone)
+    assert [place for place, names in asked if names == list(alone)] == [()]
+    # Whoever asks why the best alone is not named is told.
+    assert why_not(choice.first_ranking[0], replace(choice, needless=("snr_dropout",))) == (
+        "what is named explains what it does, and more"
+    )
 
 
 def test_what_gains_less_than_the_nulls_is_not_named(monkeypatch):
