@@ -191,7 +191,9 @@
     byId("divide").style.left = `${100 * state.wipe}%`;
     wipe.hidden = !two;
     sceneAt(state.scene).sides.forEach((side, k) => { byId(k ? "right" : "left").textContent = side.name; });
-    byId("right").hidden = !two;
+    // A side that the slider leaves no room has no name either.
+    byId("left").hidden = two && state.wipe === 0;
+    byId("right").hidden = !two || state.wipe === 1;
   };
   const scale = () => {
     const { ramp, low, high, unit } = channelOf[state.channel], brush = byId("scale").getContext("2d");
