@@ -269,11 +269,18 @@ def test_simulated_stands_beside_measured_and_boxes_are_drawn(chromium, tmp_path
             colour = rgb[coloured(rgb)].mean(0)
             assert (colour[2] > colour[0]) == blue
         assert tab.locator("#clear").is_hidden()
+        assert tab.locator("#told").inner_text() == "simulated 3000, measured 3000 points in street."
         tab.get_by_role("button", name="nothing").click()
         empty = picture(tab, "#cloud")
         assert tab.locator("#wipe").is_hidden()
         tab.get_by_role("button", name="car").press("Enter")
         assert 50 < coloured(picture(tab, "#cloud")).sum() - coloured(empty).sum() < 20_000
+
+
+def test_a_thinned_cloud_says_so(chromium, report, tmp_path):
+    (tmp_path / "page.html").write_text(report.read_text().replace('"every":1', '"every":3'))
+    with opened(chromium, tmp_path / "page.html") as tab:
+        assert tab.locator("#told").inner_text().endswith("one point in 3 is drawn.")
 
 
 def test_names_from_data_cannot_become_code(chromium, tmp_path):

@@ -214,9 +214,11 @@
 
   // What is lit, in words and on the charts.
   const say = () => {
-    const side = sceneAt(state.scene).sides[0];
-    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${side.count} rays are lit` : `${side.count} points`;
-    told.textContent = `${what} in ${sceneAt(state.scene).name}.`;
+    const clouds = sceneAt(state.scene).sides.filter((side) => side.xyz);
+    const counts = clouds.map((side) => (clouds.length > 1 ? `${side.name} ${side.count}` : side.count)).join(", ");
+    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${clouds[0].count} rays are lit` : `${counts} points`;
+    const thinned = data.every > 1 ? ` To keep this page small, one point in ${data.every} is drawn.` : "";
+    told.textContent = `${what} in ${sceneAt(state.scene).name}.${thinned}`;
     // Who clicks elsewhere on the page is told there, and led to the cloud.
     there.textContent = `${told.textContent} Show.`;
     there.hidden = seesCloud || !changed;
