@@ -17,7 +17,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for needed in ("sphinx", "myst_parser", "furo", "jupytext", "sphinx_copybutton"):
         pytest.importorskip(needed, reason="no Sphinx: pip install '.[docs]'")
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(folder)]
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", str(ROOT / "docs"), str(folder)]
     result = subprocess.run(command, text=True, capture_output=True, timeout=1800)
     assert result.returncode == 0, result.stderr
     return folder

@@ -50,7 +50,8 @@ class Doctor:
 
     def __call__(self) -> None:
         needs, extras = requirements()
-        lines = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *settings(), *cache(), *installed_extras(extras)]
+        lines = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *settings(), *cache()]
+        lines += installed_extras(extras)
         print("\n".join(f"{name + ':':<12}{value}" for name, value in lines), flush=True)
         missing = [name for name in needs if version_of(name) is None]
         if missing:

@@ -218,6 +218,18 @@ def test_nothing_is_wider_than_the_screen_and_ink_stands_out(chromium, report, s
         assert (np.abs(light - paper) > 100).any()
 
 
+def test_a_shadow_tells_that_a_chart_goes_on(chromium, report):
+    """On a narrow screen, on the side where it does."""
+    with opened(chromium, report, viewport={"width": 400, "height": 800}) as tab:
+        chart = "#curve_intensity_row"
+        edges = [[picture(tab, chart)[-60:-50, k].mean() for k in (1, -2)]]
+        tab.locator(chart).evaluate("one => one.scrollTo(one.scrollWidth, 0)")
+        edges.append([picture(tab, chart)[-60:-50, k].mean() for k in (1, -2)])
+        (left, right), (left_at_end, right_at_end) = edges
+        assert right < left - 20
+        assert left_at_end < right_at_end - 20
+
+
 def test_in_print_there_is_no_viewer(chromium, report):
     with opened(chromium, report) as tab:
         tab.emulate_media(media="print")
