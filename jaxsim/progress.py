@@ -43,7 +43,9 @@ class Progress(tqdm):
             shown |= {"mininterval": LINE_EVERY_S, "maxinterval": 2 * LINE_EVERY_S, "delay": 1e-3}
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
                 shown["bar_format"] = LINE
-        self.told, self.ended, self.line_at_s = 0, threading.Event(), -math.inf
+        self.told = 0
+        self.ended = threading.Event()
+        self.line_at_s = -math.inf
         super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
         if self.as_lines and not self.disable:
             # By a weak reference: a task that an error ended is collected, and its lines end.
@@ -61,7 +63,8 @@ class Progress(tqdm):
     def _write_line(self) -> None:
         self.fp.write(f"{self}\n")
         self.fp.flush()
-        self.told, self.line_at_s = self.n, time.monotonic()
+        self.told = self.n
+        self.line_at_s = time.monotonic()
 
     def tell_if_silent(self) -> float:
         """Writes a line if none was written for as long as lines are apart; gives the seconds until it is to be asked

@@ -164,8 +164,8 @@ def objects(kinds: Sequence[Fidelity]) -> Markup:
 def _error(one: Interval) -> str:
     if not np.isfinite(one.value):
         return "-"
-    value, low, high = (f"{part:.1f}".replace("-", "−") for part in (one.value, one.low, one.high))
-    return below(f"{value} %", f"{low} to {high}")
+    value, interval = f"{one.value:.1f} %", f"{one.low:.1f} to {one.high:.1f}"
+    return below(value.replace("-", "−"), interval.replace("-", "−"))
 
 
 def _level(side: Interval, factor: float, unit: str) -> str:
