@@ -24,6 +24,8 @@ html_theme = "furo"
 html_title = f"jaxsim {release}"
 html_static_path = []
 html_show_sphinx = False
+# They are read from the pages, which no browser lets a page do that is opened from disk.
+html_show_search_summary = False
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 # Blocks of commands and of JSON with gaps are no language that a lexer knows.
@@ -60,7 +62,7 @@ def relinked(text: str, *, page: Path, shown_at: Path) -> str:
         if name in SITE_PAGE:
             file = ROOT / "docs" / SITE_PAGE[name]
         elif not name.startswith("docs/") or file.suffix == ".py":
-            return words if words.strip("`") == name else f"{words} (`{name}`)"
+            return words if words.strip("`/") == name else f"{words} (`{name}`)"
         up = "../" * (len(shown_at.parent.relative_to(ROOT / "docs").parts))
         there = f"{up}{file.relative_to(ROOT / 'docs').as_posix()}"
         return f"{picture}[{words}]({there}{'#' + anchor if anchor else ''})"

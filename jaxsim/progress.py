@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import sys
+import threading
+import time
+import weakref
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,6 +18,8 @@ QUIET = "JAXSIM_QUIET"
 """Set to anything by `--quiet`; processes that a command starts inherit it."""
 LINE_EVERY_S = 30.0
 """Seconds between two lines where there is no terminal."""
+FIRST_LINE_S = 2.0
+"""Seconds after which a task that has written nothing yet says there what it is."""
 LINE = "{desc}: {n_fmt} of {total_fmt} {unit}s, {elapsed} so far, {remaining} left{postfix}"
 
 
@@ -38,7 +44,12 @@ class Progress(tqdm):
             if shown.get("total") is not None or hasattr(iterable, "__len__"):
                 shown["bar_format"] = LINE
         self.told = 0
+        self.ended = threading.Event()
+        self.line_at_s = -math.inf
         super().__init__(iterable, disable=disable or bool(os.environ.get(QUIET)), **shown)
+        if self.as_lines and not self.disable:
+            # By a weak reference: a task that an error ended is collected, and its lines end.
+            threading.Thread(target=_keep_telling, args=(weakref.ref(self), self.ended), daemon=True).start()
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:
         """Writes a line in place of the bar where there is no screen."""
@@ -46,13 +57,27 @@ class Progress(tqdm):
             return bool(super().display(msg, pos))
         # tqdm clears a bar by an empty one; a line that is written stays.
         if msg is None and self.n > self.initial:
-            self.fp.write(f"{self}\n")
-            self.fp.flush()
-            self.told = self.n
+            self._write_line()
         return True
+
+    def _write_line(self) -> None:
+        self.fp.write(f"{self}\n")
+        self.fp.flush()
+        self.told = self.n
+        self.line_at_s = time.monotonic()
+
+    def tell_if_silent(self) -> float:
+        """Writes a line if none was written for as long as lines are apart; gives the seconds until it is to be asked
+        again."""
+        silent_s = time.monotonic() - self.line_at_s
+        if silent_s >= LINE_EVERY_S:
+            self._write_line()
+            return LINE_EVERY_S
+        return LINE_EVERY_S - silent_s
 
     def close(self) -> None:
         """Writes a last line where there is no terminal and something was done since the one before."""
+        self.ended.set()
         if self.as_lines and not self.disable:
             if self.leave and self.n > self.told:
                 self.display()
@@ -67,3 +92,16 @@ class Progress(tqdm):
     def moveto(self, n: int) -> None:
         if not self.as_lines:
             super().moveto(n)
+
+
+def _keep_telling(bar: weakref.ref[Progress], ended: threading.Event) -> None:
+    """Lines while a single step takes long, as one that compiles: tqdm looks at the clock at steps alone."""
+    wait_s = FIRST_LINE_S
+    while not ended.wait(wait_s):
+        shown = bar()
+        if shown is None:
+            return
+        with shown.get_lock():
+            if not ended.is_set():
+                wait_s = shown.tell_if_silent()
+        del shown

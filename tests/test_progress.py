@@ -1,9 +1,12 @@
 """How far a long task is: a bar, lines, or nothing."""
 
 import contextlib
+import gc
 import io
 import os
 import termios
+import time
+import weakref
 
 import pytest
 
@@ -71,6 +74,32 @@ def test_a_terminal_without_columns_is_a_log(columns, is_drawn):
     os.close(ours)
     assert ("simulating: 3 of 3" in text) is not is_drawn
     assert ("3/3" in text) is is_drawn
+
+
+def test_a_log_is_told_of_a_step_that_takes_long(monkeypatch):
+    """As a first one that compiles."""
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.05)
+    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.2)
+    log = io.StringIO()
+    bar = Progress(total=4, desc="simulating", unit="frame", file=log)
+    time.sleep(0.6)
+    lines = log.getvalue().splitlines()
+    assert 2 <= len(lines) <= 4
+    assert lines[0] == "simulating: 0 of 4 frames, 00:00 so far, ? left"
+    bar.close()
+    told = log.getvalue()
+    time.sleep(0.4)
+    assert log.getvalue() == told
+
+
+def test_a_task_that_nobody_holds_says_no_more(monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.05)
+    log = io.StringIO()
+    held = weakref.ref(Progress(total=4, file=log))
+    gc.collect()
+    time.sleep(0.2)
+    assert held() is None
+    assert log.getvalue() == ""
 
 
 def test_a_short_task_that_never_moved_writes_nothing():

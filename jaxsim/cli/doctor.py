@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from jaxsim.cli.commands import cache_folder
+from jaxsim.cli.endings import words_of
 
 NAME = "jaxsim-lidar"
 SAMPLE_FRAME = 1920
@@ -49,13 +50,15 @@ class Doctor:
 
     def __call__(self) -> None:
         needs, extras = requirements()
-        lines = [*machine(), *packages(needs), *devices(), *cache(), *installed_extras(extras)]
+        lines = [*machine(), *packages([*needs, "jaxlib"]), *devices(), *settings(), *cache()]
+        lines += installed_extras(extras)
         print("\n".join(f"{name + ':':<12}{value}" for name, value in lines), flush=True)
         missing = [name for name in needs if version_of(name) is None]
         if missing:
             raise ModuleNotFoundError(f"doctor: {', '.join(missing)} missing; pip install '{NAME}' brings them")
         if self.run:
-            print(f"{'sample run:':<12}{sample_run()}")
+            print(f"{'sample run:':<12}", end="", flush=True)
+            print(sample_run())
 
 
 Lines = list[tuple[str, str]]
@@ -107,11 +110,15 @@ def devices() -> Lines:
 
     try:
         devices_here = [f"{one.platform} {one.device_kind}" for one in jax.devices()]
-    except RuntimeError as error:
-        return [("devices", f"none: {str(error).splitlines()[0]}")]
-    settings = [name for name in os.environ if name.startswith(("JAX_", "XLA_", "CUDA_VISIBLE", "JAXSIM_"))]
-    told = ", ".join(f"{name}={os.environ[name]}" for name in sorted(settings)) or "none"
-    return [("devices", ", ".join(devices_here)), ("settings", told)]
+    except (RuntimeError, AssertionError) as error:
+        return [("devices", f"none: {words_of(error) or error}")]
+    return [("devices", ", ".join(devices_here))]
+
+
+def settings() -> Lines:
+    """What the environment sets of JAX and of jaxsim; of most use where no device starts."""
+    given = [name for name in os.environ if name.startswith(("JAX_", "XLA_", "CUDA_VISIBLE", "JAXSIM_"))]
+    return [("settings", ", ".join(f"{name}={os.environ[name]}" for name in sorted(given)) or "none")]
 
 
 def cache() -> Lines:

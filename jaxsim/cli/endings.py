@@ -75,9 +75,18 @@ def words_of(error: BaseException) -> str | None:
         return str(error)
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
         return f"not enough memory ({_first(error)}); lower --batch or --optim.batch, or use a larger machine"
+    if _has_no_device(error):
+        return f"JAX starts no device ({_first(error)}); JAX_PLATFORMS=cpu needs none, jaxsim doctor tells what is set"
     if isinstance(error, DAMAGE):
         return f"a file is damaged ({type(error).__name__}: {_first(error)}); JAXSIM_TRACEBACK=1 shows where it is read"
     return None
+
+
+def _has_no_device(error: BaseException) -> bool:
+    """Whether JAX found nothing to compute on; of a platform whose plugin is missing it asserts so, without a word."""
+    if isinstance(error, AssertionError):
+        return not str(error) and bool(os.environ.get("JAX_PLATFORMS"))
+    return isinstance(error, RuntimeError) and "Unable to initialize backend" in str(error)
 
 
 def _first(error: BaseException) -> str:

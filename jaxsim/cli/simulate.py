@@ -101,6 +101,8 @@ class Simulate(Checked):
         print(f"{speed.simulated} frames simulated, {speed.already} were there: {self.out}")
         if speed.simulated:
             print(speed_words(speed, workers=bool(self.cluster)))
+        if self.page.exists():
+            print(f"{self.page} turns the frames that were drawn")
 
     def maker(self, learned: LearnedSensor) -> FrameMaker:
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""

@@ -59,10 +59,10 @@ def compare_objects(comparison: Comparison) -> tuple[Fidelity, ...]:
             Fidelity(
                 kind,
                 count,
-                points=_over_scenes([np.abs(rows) for rows in points]),
-                points_more=_over_scenes(points),
-                intensity=_over_scenes([np.abs(rows) for rows in intensity]),
-                intensity_more=_over_scenes(intensity),
+                points=mean_over_scenes([np.abs(rows) for rows in points], least=0.0),
+                points_more=mean_over_scenes(points),
+                intensity=mean_over_scenes([np.abs(rows) for rows in intensity], least=0.0),
+                intensity_more=mean_over_scenes(intensity),
             )
         )
     return tuple(sorted(comparisons, key=lambda one: -one.targets))
@@ -105,10 +105,12 @@ def _more(simulated: float, measured: float) -> float:
     return simulated / measured - 1 if measured else float("nan")
 
 
-def _over_scenes(values: list[np.ndarray]) -> Interval:
-    """The mean over scenes of the means over their targets, in per cent."""
+def mean_over_scenes(values: list[np.ndarray], *, least: float = -np.inf) -> Interval:
+    """The mean over scenes of the means over their targets, in per cent; its interval ends at what it is at `least`,
+    as no absolute error is below 0."""
     means = np.array([np.nanmean(rows) if np.isfinite(rows).any() else np.nan for rows in values])
     means = 100 * means[np.isfinite(means)]
     if len(means) < RULES.fewest_for_scatter:
         return Interval(float("nan"), float("nan"), float("nan"), "%")
-    return Interval(float(means.mean()), *mean_interval(means), "%")
+    low, high = mean_interval(means)
+    return Interval(float(means.mean()), max(low, least), high, "%")

@@ -194,7 +194,7 @@ def _why(effect: Effect, held: Float[np.ndarray, " s"], *, taken: float) -> str:
     if taken < RULES.taken_share:
         return "too few rays show it"
     takers = [words for channel, words in TAKERS.items() if channel in effect.channels]
-    return f"{' and '.join(takers)} take up {taken:.0%} of what it does"
+    return f"{' and '.join(takers)} take up {100 * taken:.0f} % of what it does"
 
 
 def _record(effect: Effect, scenes: int, *, times: float | None) -> str:

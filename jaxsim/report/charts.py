@@ -230,9 +230,14 @@ def curve_chart(
             for k, at in enumerate(x)
         ]
     if name:
-        words = [f"{x_label} {' '.join(row[:1])}" for row in canvas.rows[1:]] or [x_label]
+        words = [at_words(x_label, row[0]) for row in canvas.rows[1:]] or [x_label]
         _targets(canvas, x, across, name=name, words=words)
     return canvas
+
+
+def at_words(x_label: str, at: str) -> str:
+    """Words for a point of an axis: what an axis explains in brackets would come between its name and the number."""
+    return f"{x_label.partition(' (')[0]} {at}"
 
 
 def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
@@ -275,6 +280,6 @@ def interval_chart(
     canvas.rows = [(x_label, y_label, "90 % from", "to")]
     canvas.rows += [(str(k), *(number(float(one)) for one in row)) for k, row in enumerate(array)]
     if name:
-        words = [f"{x_label}: {k}" for k in range(len(array))]
+        words = [at_words(x_label, str(k)) for k in range(len(array))]
         _targets(canvas, np.arange(len(array), dtype=float), across, name=name, words=words)
     return canvas

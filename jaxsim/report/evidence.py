@@ -13,7 +13,7 @@ from jaxsim.discover.verdict import CurveLine, Fidelity, Gained, Gap, Interval, 
 from jaxsim.report.canvas import AFTER, BEFORE
 from jaxsim.report.charts import SHARE_SHOWN, curve_chart, residual_maps
 from jaxsim.report.page import NOTHING, Draw, below, file_name, key, paragraph, section, shows, table, together
-from jaxsim.report.words import AXES, CHANNELS, NUISANCES, Axis, nuisance, number, percent, probability
+from jaxsim.report.words import AXES, CHANNELS, Axis, nuisance, nuisance_title, number, percent, probability
 
 SMALL = 0.005
 """A change below this share of the distance is none that matters, however sure its sign."""
@@ -36,7 +36,7 @@ def where(places: Sequence[Where]) -> Markup:
     ]
     words = (
         "Dependences of the residuals after class reflectances, gain, noise and pose were fitted; each covariate "
-        "counts for what it adds to those above it in its channel, a pair (A x B) for what no single one explains. "
+        "counts for what it adds to those above it in its channel, a pair (A × B) for what no single one explains. "
         "p: that the strongest of all covariates, or pairs, of all channels agrees so well by chance. "
         "Share: of the residual variance on held-out scenes."
     )
@@ -164,7 +164,8 @@ def objects(kinds: Sequence[Fidelity]) -> Markup:
 def _error(one: Interval) -> str:
     if not np.isfinite(one.value):
         return "-"
-    return below(f"{one.value:.1f} %", f"{one.low:.1f} to {one.high:.1f}")
+    value, interval = f"{one.value:.1f} %", f"{one.low:.1f} to {one.high:.1f}"
+    return below(value.replace("-", "−"), interval.replace("-", "−"))
 
 
 def _level(side: Interval, factor: float, unit: str) -> str:
@@ -261,7 +262,7 @@ def moved(verdict: Verdict) -> Markup:
     if not verdict.moved or not verdict.effects:
         return NOTHING
     rows = [
-        [NUISANCES.get(name, (name, ""))[0], nuisance(name, before), nuisance(name, after)]
+        [nuisance_title(name), nuisance(name, before), nuisance(name, after)]
         for name, (before, after) in verdict.moved.items()
     ]
     words = (

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.verdict import Interval, Regime, Repeat, Unexplained, Verdict
 from jaxsim.effects import EFFECTS
 
@@ -83,6 +84,16 @@ NUISANCES = {
 """Meaning and unit of jaxsim.discover.model.noise.Noise: logarithms of scales, or log odds of rates (no unit)."""
 
 
+CLASSES = {number: name for name, number in IDS.items()}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def nuisance_title(name: str) -> str:
+    """What a nuisance is called; classes by Cityscapes' names, as targets are."""
+    kind, _, of = name.partition(" ")
+    return CLASSES.get(int(of), name) if kind == "class" and of.isdecimal() else NUISANCES.get(name, (name, ""))[0]
+
+
 def nuisance(name: str, value: Real) -> str:
     """A noise scale with its unit, or a rate as a share."""
     if name not in NUISANCES:
@@ -92,14 +103,16 @@ def nuisance(name: str, value: Real) -> str:
 
 
 def number(value: Real | None) -> str:
-    """Three significant digits with a true minus sign; a dash where there is no value."""
+    """Three significant digits with a true minus sign, and a power of ten where it is tiny or huge; a dash where there
+    is no value."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0 or 1e-4 <= abs(value) < 1e5:
         places = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
         text = f"{value:.{places}f}"
     else:
-        text = f"{value:.2e}"
+        digits, power = f"{value:.2e}".split("e")
+        text = f"{digits}·10{str(int(power)).translate(RAISED)}"
     return text.replace("-", "−")
 
 

@@ -83,12 +83,16 @@ def start_run(folder: Path, run: AnyRun) -> None:
 
 
 def run_kind(folder: Path | str) -> Kind:
-    """The kind of the run in a folder. Raises ValueError where there is none, naming the runs below it."""
+    """The kind of the run in a folder. Raises ValueError where there is none, naming those below or beside
+    it."""
     path = Path(folder) / "config.json"
     if not path.is_file():
-        near = sorted(str(p.parent) for p in Path(folder).glob("*/config.json"))
-        hint = f"; there are runs at {', '.join(near)}" if near else "; `jaxsim train` makes one"
-        raise ValueError(f"run: no config.json in {folder}{hint}")
+        # A folder of runs was given, or a run's name mistyped.
+        near = sorted(Path(folder).glob("*/config.json")) or sorted(Path(folder).parent.glob("*/config.json"))
+        there = (
+            f"there are runs at {', '.join(str(one.parent) for one in near)}" if near else "`jaxsim train` makes one"
+        )
+        raise ValueError(f"run: no config.json in {folder}; {there}; `embedded` names the packaged sensor")
     return _kind_in(path, read_json(path, by="run"))
 
 

@@ -13,9 +13,22 @@ def test_it_tells_versions_devices_cache_and_extras(capsys, monkeypatch, tmp_pat
     told = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
     assert "cpu" in told["devices"]
     assert "jax 0." in told["packages"]
+    assert "jaxlib 0." in told["packages"]
     assert "MISSING" not in told["packages"]
     assert "1 files, 1 MiB" in told["cache"]
     assert "sample run" not in told
+
+
+def test_settings_are_told_where_no_device_starts(capsys, monkeypatch):
+    def none():
+        raise RuntimeError("Unable to initialize backend 'tpu'\nand more")
+
+    monkeypatch.setattr("jax.devices", none)
+    monkeypatch.setenv("JAX_PLATFORMS", "tpu")
+    Doctor(run=False)()
+    told = dict(line.split(":", 1) for line in capsys.readouterr().out.splitlines())
+    assert "none: JAX starts no device (Unable to initialize backend 'tpu'); JAX_PLATFORMS=cpu" in told["devices"]
+    assert "JAX_PLATFORMS=tpu" in told["settings"]
 
 
 def test_what_is_needed_and_what_is_extra_comes_from_the_package_itself():

@@ -51,6 +51,16 @@ def test_running_out_of_a_devices_memory_is_told_as_such():
     assert "not enough memory (RESOURCE_EXHAUSTED" in str(words_of(RuntimeError("RESOURCE_EXHAUSTED: Out of memory")))
 
 
+def test_a_platform_that_is_not_there_is_told_as_such(monkeypatch):
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    for error in (RuntimeError("Unable to initialize backend 'cuda': no plugin\nmore"), AssertionError()):
+        assert str(words_of(error)).startswith("JAX starts no device (")
+    # Without a platform that was asked for, an assertion is a fault; and so is one that says something.
+    assert words_of(AssertionError("x")) is None
+    monkeypatch.delenv("JAX_PLATFORMS")
+    assert words_of(AssertionError()) is None
+
+
 @pytest.mark.parametrize("error", [TypeError("x"), AttributeError("x"), RuntimeError("x"), KeyError("x")])
 def test_a_fault_of_our_own_keeps_its_traceback(error):
     with pytest.raises(type(error)), stop_on_error():

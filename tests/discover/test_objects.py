@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.data.cityscapes import IDS
 from jaxsim.discover.model.evidence import Measured
-from jaxsim.discover.objects import compare_objects
+from jaxsim.discover.objects import compare_objects, mean_over_scenes
 from jaxsim.discover.read import Comparison
 from jaxsim.effects.scan import scan_of
 from jaxsim.frame import PolarGrid, PolarImage
@@ -58,6 +58,14 @@ def test_absolute_errors_do_not_cancel_and_signed_ones_do(fidelity):
     assert car.intensity.value == pytest.approx(100 * (0.25 + 0.2) / 2, rel=1e-4)
     assert car.intensity_more.value == pytest.approx(100 * (0.25 - 0.2) / 2, rel=1e-4)
     assert car.intensity.low < car.intensity.value < car.intensity.high
+
+
+def test_an_absolute_error_is_nowhere_below_0():
+    """One scene of many with poles far off spreads the interval of their mean."""
+    scenes = [np.array([share]) for share in (0.01, 0.01, 0.02, 0.9)]
+    assert mean_over_scenes(scenes).low < 0
+    assert mean_over_scenes(scenes, least=0.0).low == 0
+    assert mean_over_scenes(scenes, least=0.0).high == mean_over_scenes(scenes).high
 
 
 def test_what_has_no_number_is_seen_by_patches(fidelity):

@@ -29,7 +29,7 @@ HIDDEN = Sensitivity(
     taken=0.99,
     times=None,
     testable=False,
-    why="levels of classes, streets and surfaces take up 99% of what it does",
+    why="levels of classes, streets and surfaces take up 99 % of what it does",
     record="scenes that hold its surfaces & many of them",
 )
 SEEN = Sensitivity("range_falloff", {"exponent": 0.2}, 38.0, 10.5, 0.9, 0.5, testable=True, why="", record="")

@@ -79,9 +79,10 @@ def test_categories_are_points_with_bars_and_lines_break_at_gaps():
 def test_a_chart_is_a_table_too_and_its_points_answer_where_it_has_a_name():
     x = np.array([0.0, 1.0, 5.0])
     lines = [("before", np.array([0.1, -0.2, np.nan]), "#d55e00")]
-    chart = curve_chart(x, lines, np.full(3, 0.05), x_label="x", y_label="y", name="curve 0")
-    assert chart.rows[0] == ("x", "before", "half of the 90 % band")
+    chart = curve_chart(x, lines, np.full(3, 0.05), x_label="x (m)", y_label="y", name="curve 0")
+    assert chart.rows[0] == ("x (m)", "before", "half of the 90 % band")
     assert [row[:2] for row in chart.rows[1:]] == [("0", "0.100"), ("1", "−0.200"), ("5", "–")]
     svg = chart.svg("it")
+    assert 'aria-label="x 5"' in svg
     assert [svg.count(f'data-chart="curve 0" data-index="{k}"') for k in range(4)] == [1, 1, 1, 0]
     assert "target" not in curve_chart(x, lines, np.full(3, 0.05), x_label="x", y_label="y").svg("it")

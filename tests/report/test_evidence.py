@@ -77,9 +77,12 @@ def test_a_sure_but_tiny_change_is_no_change(tmp_path: Path):
 
 def test_targets_show_errors_and_their_sign():
     one = Interval(12.34, 10.0, 14.5, "%")
+    fewer = Interval(-35.8, -38.1, -33.5, "%")
     unknown = Interval(float("nan"), float("nan"), float("nan"), "%")
-    page = objects([Fidelity("car", 31, points=one, points_more=one, intensity=unknown, intensity_more=unknown)])
+    page = objects([Fidelity("car", 31, points=one, points_more=fewer, intensity=unknown, intensity_more=unknown)])
     assert "car" in page
     assert "12.3 %" in page
     assert "10.0 to 14.5" in page
+    assert "−35.8 %" in page
+    assert "−38.1 to −33.5" in page
     assert not objects([])

@@ -61,6 +61,23 @@ def test_the_slider_moves_from_before_to_after(chromium, report):
             colours[place] = [coloured(picture(tab, name)).sum() for name in ("#cloud", "#map")]
         assert colours[100][0] > 5 * colours[0][0]
         assert colours[100][1] > colours[0][1]
+        # At an end there is one side alone, and one name.
+        assert tab.locator("#left").is_visible()
+        assert tab.locator("#right").is_hidden()
+
+
+def test_what_is_lit_while_the_slider_still_settles_stays_lit(chromium, report):
+    with opened(chromium, report) as tab:
+        tab.locator("#curve_intensity_row .target").nth(3).click()
+        lit = picture(tab, "#cloud")
+        tab.keyboard.press("Escape")
+        tab.evaluate("""async () => {
+            document.getElementById("wipe").dispatchEvent(new Event("input"));
+            await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+            document.querySelectorAll("#curve_intensity_row .target")[3].dispatchEvent(new Event("click"));
+        }""")
+        tab.wait_for_timeout(500)
+        np.testing.assert_array_equal(picture(tab, "#cloud"), lit)
 
 
 def test_a_click_on_a_curve_lights_its_rays_in_cloud_and_map(chromium, report):
@@ -176,13 +193,13 @@ def test_without_webgl_the_map_still_works_and_the_page_says_why(chromium, repor
         tab.locator("#wipe").fill("100")
         assert coloured(picture(tab, "#map")).any()
         tab.locator("#curve_intensity_row .target").nth(3).click()
-        assert "rays are lit" in tab.locator("#told").inner_text()
+        assert "row 3: " in tab.locator("#told").inner_text()
 
 
 def test_without_scripts_figures_and_tables_stay(chromium, report):
     with opened(chromium, report, java_script_enabled=False) as tab:
         assert tab.locator("#explorer").is_hidden()
-        assert tab.locator("noscript").inner_text().startswith("The cloud needs scripts")
+        assert "needs scripts" in tab.locator(".still").inner_text()
         assert tab.locator("#turn table").is_visible()
         assert coloured(picture(tab, "#map_intensity svg", scripts=False)).any()
 
@@ -201,11 +218,28 @@ def test_nothing_is_wider_than_the_screen_and_ink_stands_out(chromium, report, s
         assert (np.abs(light - paper) > 100).any()
 
 
+def test_a_shadow_tells_that_a_chart_goes_on(chromium, report):
+    """On a narrow screen, on the side where it does."""
+    with opened(chromium, report, viewport={"width": 400, "height": 800}) as tab:
+        chart = "#curve_intensity_row"
+        edges = [[picture(tab, chart)[-60:-50, k].mean() for k in (1, -2)]]
+        tab.locator(chart).evaluate("one => one.scrollTo(one.scrollWidth, 0)")
+        edges.append([picture(tab, chart)[-60:-50, k].mean() for k in (1, -2)])
+        (left, right), (left_at_end, right_at_end) = edges
+        assert right < left - 20
+        assert left_at_end < right_at_end - 20
+
+
 def test_in_print_there_is_no_viewer(chromium, report):
     with opened(chromium, report) as tab:
         tab.emulate_media(media="print")
         assert tab.locator("#explorer").is_hidden()
         assert tab.locator("#map_intensity svg").is_visible()
+        assert tab.locator(".still").is_visible()
+        # Paper unfolds nothing.
+        folded = tab.locator("details:not([open])")
+        assert folded.count() > 1
+        assert all(one.locator("table").is_visible() for one in folded.all())
 
 
 def test_a_hundred_thousand_points_turn(chromium, tmp_path, record_property):
@@ -247,11 +281,18 @@ def test_simulated_stands_beside_measured_and_boxes_are_drawn(chromium, tmp_path
             colour = rgb[coloured(rgb)].mean(0)
             assert (colour[2] > colour[0]) == blue
         assert tab.locator("#clear").is_hidden()
+        assert tab.locator("#told").inner_text() == "simulated 3000, measured 3000 points in street."
         tab.get_by_role("button", name="nothing").click()
         empty = picture(tab, "#cloud")
         assert tab.locator("#wipe").is_hidden()
         tab.get_by_role("button", name="car").press("Enter")
         assert 50 < coloured(picture(tab, "#cloud")).sum() - coloured(empty).sum() < 20_000
+
+
+def test_a_thinned_cloud_says_so(chromium, report, tmp_path):
+    (tmp_path / "page.html").write_text(report.read_text().replace('"every":1', '"every":3'))
+    with opened(chromium, tmp_path / "page.html") as tab:
+        assert tab.locator("#told").inner_text().endswith("one point in 3 is drawn.")
 
 
 def test_names_from_data_cannot_become_code(chromium, tmp_path):

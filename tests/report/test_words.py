@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from jaxsim.report import verdict_sentence
-from jaxsim.report.words import listed, nuisance, number, percent, probability
+from jaxsim.report.words import listed, nuisance, nuisance_title, number, percent, probability
 from tests.report import results
 
 
@@ -34,7 +34,7 @@ def test_numbers_are_short_and_honest():
     assert number(-0.12345) == "−0.123"
     assert number(211.4) == "211"
     assert number(float("nan")) == "–"
-    assert number(3e-6) == "3.00e−06"
+    assert number(3e-6) == "3.00·10⁻⁶"
     assert probability(1e-5) == "< 0.0001"
 
 
@@ -45,7 +45,11 @@ def test_shares_names_and_noise_are_written_as_people_read_them():
     assert listed(["a", "b", "c"], "or") == "a, b or c"
     assert nuisance("drop", 0.0) == "50.0 %"
     assert nuisance("range_", 0.0) == "1.00 m"
-    assert nuisance("reflectance of class 7", 0.5) == "0.500"
+    assert nuisance("class 7", 0.5) == "0.500"
+    assert nuisance_title("class 7") == "road"
+    assert nuisance_title("class 250") == "class 250"
+    assert nuisance_title("drop_sky") == "rays lost, beside the sky"
+    assert nuisance_title("gain") == "gain"
 
 
 def test_what_repeats_is_in_the_sentence():

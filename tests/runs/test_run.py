@@ -41,6 +41,8 @@ def test_a_folder_that_is_no_run_names_the_runs_in_it(tmp_path):
     start_run(tmp_path / "one", run())
     with pytest.raises(ValueError, match=r"there are runs at .*one"):
         load_run(tmp_path)
+    with pytest.raises(ValueError, match=r"no config.json in .*oen; there are runs at .*one; `embedded` names"):
+        load_run(tmp_path / "oen")
 
 
 def test_settings_of_another_version_are_refused_with_the_field(tmp_path):

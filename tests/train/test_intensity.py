@@ -141,6 +141,7 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work,
     second = simulate(work, "--frames", "4-6", "--out", "sim")
     assert "1 frames simulated" in second
     assert "2 were there" in second
+    assert "clouds.html turns the frames that were drawn" in second
     assert before == {p: p.stat().st_mtime_ns for p in before}
 
 

@@ -96,11 +96,14 @@ const cloudOn = (stage) => {
 
   let share = 1, rest = 0;
   const most = () => Math.max(...sides.map((side) => side.count), 1);
+  const settle = () => { clearTimeout(rest); rest = 0; };
+  // What is drawn whole is newer than what a rest would draw: nothing may come after it.
+  const whole = (view) => { settle(); draw(view); };
   const move = (view) => {
     const took = timed(view, { share, moving: true }), fewest = Math.min(1, FEWEST / most());
     share = Math.min(1, Math.max(fewest, share * Math.min(Math.max(IN_TIME_MS / took, 0.5), 1.25)));
-    clearTimeout(rest);
-    rest = setTimeout(() => { rest = 0; draw(view); }, RESTS_AFTER_MS);
+    settle();
+    rest = setTimeout(() => whole(view), RESTS_AFTER_MS);
   };
-  return { show, paint, draw, move, timed, share: () => share, rests: () => !rest };
+  return { show, paint, draw: whole, move, timed, share: () => share, rests: () => !rest };
 };

@@ -191,7 +191,9 @@
     byId("divide").style.left = `${100 * state.wipe}%`;
     wipe.hidden = !two;
     sceneAt(state.scene).sides.forEach((side, k) => { byId(k ? "right" : "left").textContent = side.name; });
-    byId("right").hidden = !two;
+    // A side that the slider leaves no room has no name either.
+    byId("left").hidden = two && state.wipe === 0;
+    byId("right").hidden = !two || state.wipe === 1;
   };
   const scale = () => {
     const { ramp, low, high, unit } = channelOf[state.channel], brush = byId("scale").getContext("2d");
@@ -212,9 +214,11 @@
 
   // What is lit, in words and on the charts.
   const say = () => {
-    const side = sceneAt(state.scene).sides[0];
-    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${side.count} rays are lit` : `${side.count} points`;
-    told.textContent = `${what} in ${sceneAt(state.scene).name}.`;
+    const clouds = sceneAt(state.scene).sides.filter((side) => side.xyz);
+    const counts = clouds.map((side) => (clouds.length > 1 ? `${side.name} ${side.count}` : side.count)).join(", ");
+    const what = state.pick ? `${state.pick.words}: ${countLit()} of ${clouds[0].count} rays are lit` : `${counts} points`;
+    const thinned = data.every > 1 ? ` To keep this page small, one point in ${data.every} is drawn.` : "";
+    told.textContent = `${what} in ${sceneAt(state.scene).name}.${thinned}`;
     // Who clicks elsewhere on the page is told there, and led to the cloud.
     there.textContent = `${told.textContent} Show.`;
     there.hidden = seesCloud || !changed;
