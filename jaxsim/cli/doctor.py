@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxsim.cli.commands import cache_folder
+from jaxsim.compilation import cache_folder
 
 NAME = "jaxsim-lidar"
 SAMPLE_FRAME = 1920
