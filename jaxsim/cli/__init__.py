@@ -3,7 +3,8 @@
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
 for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `table` (the rows),
 `commands` (how a row becomes a running command), `console` (what all tell), `source` (flags that several share),
-`spellings` (their earlier names), `endings` (how failures are told), and of discover `sides`, `unpaired` and `gates`.
+`spellings` (their earlier names), `elsewhere` (a command on a cluster), `endings` (how failures are told), and of
+discover `sides`, `unpaired` and `gates`.
 """
 
 from __future__ import annotations

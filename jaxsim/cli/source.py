@@ -55,6 +55,12 @@ class Source(Checked):
         given = {name: value for name in optional if (value := getattr(self, name)) is not None}
         return source_of(of_run or DataConfig(), self.kind, root=self.root, scenes=self.scenes, **given)
 
+    def named(self, by: str, example: str) -> DataConfig:
+        """The data set's settings, for a command without a run. Raises ValueError where no data set was named."""
+        if not self.foreign:
+            raise ValueError(f"{by}: no data set was named; give its kind: {example}")
+        return self.config()
+
     def validation(self, of_run: DataConfig) -> str:
         """The frames that a run judges by where it is asked for no others: of another data set all, which is ""."""
         return "" if self.foreign else of_run.validation

@@ -7,6 +7,7 @@ canvas, charts, page                 drawings, charts and the parts of a page
 scenes                               clouds that a page turns in 3D, and pages of them
 detection, detected                  KITTI's scores of a detector; what it found in clouds
 discovery, named, evidence, accounts, regimes, words   the report of a discovery
+simulated                            simulated frames, beside what was measured
 notebook                             what notebooks show of results, frames and clouds
 """
 
