@@ -37,7 +37,8 @@ import numpy as np
 
 from benchmarks.blind.hidden import make_case
 from benchmarks.blind.hidden.streets import make_unpaired
-from jaxsim.cli import enable_compilation_cache, main
+from jaxsim.cli import main
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DepthExperiment, DetectorExperiment, Experiment, Stage
 from jaxsim.discover import discover_folders, discover_unpaired
 from jaxsim.effects.chain import SensorModel

@@ -38,7 +38,7 @@ install_import_hook(
 import jax
 import pytest
 
-from jaxsim.cli.commands import tell_on_console
+from jaxsim.cli.console import tell_on_console
 from tests.data.fixtures import (  # noqa: F401  (trees of data sets, for all folders)
     object_root,
     raw_root,

@@ -79,7 +79,7 @@ def answers(jobs: list[tuple[Job, Settings]], out: Path, *, workers: int) -> Ite
 
 
 def _begin() -> None:
-    from jaxsim.cli import enable_compilation_cache
+    from jaxsim.compilation import enable_compilation_cache
     from jaxsim.discover.name import candidates
 
     enable_compilation_cache()

@@ -27,7 +27,7 @@ from benchmarks.blind.making import make
 from benchmarks.blind.plan import Job, Settings
 from benchmarks.blind.rows import read_rows
 from benchmarks.blind.tables import of_kind, rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import read_comparison
 from jaxsim.discover.model.null import fit_null
 from jaxsim.discover.read import Division

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from benchmarks.blind.hidden import make_case
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import Comparison, read_comparison
 from jaxsim.discover.model.cast import with_planes
 from jaxsim.discover.model.evidence import Evidence, gather

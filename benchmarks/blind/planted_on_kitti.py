@@ -35,7 +35,7 @@ from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on, simul
 from benchmarks.blind.hidden.simulator import SIMULATORS
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import coverage, rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.kitti_files import read_velodyne
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import discover_folders

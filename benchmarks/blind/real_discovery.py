@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data import open_dataset, read_pcap
 from jaxsim.data.polar_frames import read_grid, write_frame, write_grid
 from jaxsim.discover import discover_folders

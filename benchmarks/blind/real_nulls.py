@@ -29,7 +29,7 @@ from benchmarks.blind.hidden.replay import Scan, list_plantable, plant_on
 from benchmarks.blind.planted_on_kitti import STEP, whole_turns
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data.polar_frames import write_frame, write_grid
 from jaxsim.discover import Verdict, discover_folders, discover_unpaired
 from jaxsim.frame import PolarGrid, PolarImage

@@ -31,7 +31,7 @@ from benchmarks.blind.hidden import case_name, key_path, make_case, score_case
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.devices import one_blas_thread
 from jaxsim.discover import Comparison, discover, read_comparison
 from jaxsim.discover.find import find_dependences

@@ -24,7 +24,7 @@ from benchmarks.blind.hidden.streets import make_unpaired
 from benchmarks.blind.plan import Job
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import coverage, rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import discover_unpaired
 from jaxsim.discover.unpaired.columns import untold
 from jaxsim.effects import EFFECTS

@@ -20,7 +20,7 @@ from benchmarks.blind.hidden import key_path, make_case, score
 from benchmarks.blind.plan import Counts, Job, Settings, plan
 from benchmarks.blind.rows import append_row, check_settings, code_version, read_rows
 from benchmarks.blind.tables import of_kind, rate
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.discover import disagreements, read_comparison
 
 Row = dict[str, Any]

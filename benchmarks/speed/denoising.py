@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data import KittiRaw
 from jaxsim.data.synthetic import SyntheticWorld
 from jaxsim.files import replacing

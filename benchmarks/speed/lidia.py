@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from timing import interleave
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.prepare.denoise.lidia import apply, open_lidia, to_published
 
 SHAPE, RADIUS, NEAR = (44, 372), 14, 14

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from timing import interleave
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import Part, PenetConfig
 from jaxsim.frame import DepthFrame
 from jaxsim.prepare.depth.penet import layers

@@ -15,8 +15,8 @@ import jax
 import numpy as np
 from timing import interleave
 
-from jaxsim.cli import enable_compilation_cache
 from jaxsim.cli.train import parse_experiment
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.batches import batches, stack

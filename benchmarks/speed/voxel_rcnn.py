@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 
 from jaxsim import detect
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DataConfig, DetectorExperiment
 from jaxsim.data import open_dataset
 from jaxsim.detect.scenes import scene_of

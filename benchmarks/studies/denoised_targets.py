@@ -30,7 +30,7 @@ import numpy as np
 from tqdm import tqdm
 
 import jaxsim
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import DataConfig, PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PairRecord, example_of

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from denoised_targets import predictions, train
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import PrepareConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.files import replacing

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.data import open_dataset, select
 from jaxsim.detect.scenes import Scene
 from jaxsim.evaluate.detector import experiment_scenes, load_detector, make_find, mean_curves, score_detector

@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 import jaxsim
 from configs.kitti_drives import FOLDS
-from jaxsim.cli import enable_compilation_cache
+from jaxsim.compilation import enable_compilation_cache
 from jaxsim.config import QUANTILES, DataConfig, Experiment
 from jaxsim.data import open_dataset, select
 from jaxsim.data.polar_frames import frame_names, read_grid, write_grid

@@ -1,8 +1,10 @@
 """`jaxsim COMMAND`: the commands of the console script.
 
 A command is a row of COMMANDS (or of MODES) and a module of this package. Only the module of the command that is asked
-for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `commands` (how a
-row becomes a running command), `source` and `sides` (flags that several share) and `endings` (how failures are told).
+for is imported, so that `jaxsim --help` answers at once; nothing here imports JAX. No commands are `table` (the rows),
+`commands` (how a row becomes a running command), `console` (what all tell), `source` (flags that several share),
+`spellings` (their earlier names), `elsewhere` (a command on a cluster), `endings` (how failures are told), and of
+discover `sides`, `unpaired` and `gates`.
 """
 
 from __future__ import annotations
@@ -10,115 +12,12 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version
 
-from jaxsim.cli.commands import (
-    Command,
-    call,
-    choose,
-    enable_compilation_cache,
-    overview,
-    tell_on_console,
-    without_quiet,
-)
+from jaxsim.cli.commands import call, choose, overview
+from jaxsim.cli.console import tell_on_console, without_quiet
 from jaxsim.cli.endings import stop_on_error
+from jaxsim.cli.table import COMMANDS, MODES
 
-__all__ = ["COMMANDS", "MODES", "enable_compilation_cache", "main", "stop_on_error"]
-
-COMMANDS = {
-    "frames": Command(
-        "frames:Frames",
-        "any log of a LiDAR as polar frames: pcap, bag, MCAP, PCD, OSI, CARLA ...",
-        "jaxsim frames recording.pcap --out measured",
-    ),
-    "prepare": Command(
-        "prepare:Prepare",
-        "make a data set's training pairs once and keep them",
-        "jaxsim prepare synthetic --train 0-159 --eval 160-199 --out pairs",
-    ),
-    "train": Command(
-        "train:run",
-        "train an intensity network, a detector or depth completion; resumes",
-        "jaxsim train synthetic",
-    ),
-    "join": Command(
-        "join:Join",
-        "one run of several that differ in their seed: the mean of their networks",
-        "jaxsim join runs/first runs/second runs/third --out runs/joined",
-    ),
-    "eval": Command(
-        "eval:Evaluation",
-        "score a trained run, two folders of frames, a detector's results; compare networks",
-        "jaxsim eval runs/demo",
-    ),
-    "simulate": Command(
-        "simulate:Simulate",
-        "frames, clouds and pictures of a learned sensor",
-        "jaxsim simulate runs/demo --out simulated",
-    ),
-    "export": Command(
-        "export:Export",
-        "a data set as a KITTI object tree, which detectors train on",
-        "jaxsim export --data.kind synthetic --frames 0-199 --validation 160-199 --out tree",
-    ),
-    "detect": Command(
-        "detect:Detect",
-        "find objects in a folder of clouds",
-        "jaxsim detect runs/voxel_rcnn_small --clouds tree/training/velodyne --out detected",
-    ),
-    "real2sim2real": Command(
-        "real2sim2real:run",
-        "the paper's loop: from real drives to detectors that train on simulated clouds",
-        "jaxsim real2sim2real --config real2sim2real",
-    ),
-    "discover": Command(
-        "discover:Discover",
-        "name the effect that a simulation lacks",
-        "jaxsim discover --measured measured --simulated simulated/polar --out answer",
-    ),
-    "engines": Command(
-        "engines:Engines",
-        "what discover found, in the parameters of CARLA, Isaac Sim, RGL, Gazebo, HELIOS++",
-        "jaxsim engines answer/sensor.json --for carla",
-    ),
-    "watch": Command(
-        "watch:Watch", "how a sensor changes from day to day", "jaxsim watch monday --days tuesday wednesday"
-    ),
-    "effects": Command("effects:Effects", "the catalogue of sensor effects", "jaxsim effects beam_gain"),
-    "convert": Command(
-        "convert:Convert",
-        "published weights to files that jaxsim reads, a network to ONNX or StableHLO",
-        "jaxsim convert vgg19 vgg19-dcbb9e9d.pth --out vgg19.npz",
-    ),
-    "completion": Command(
-        "completion:Completion", "a script with which a shell completes these words", "jaxsim completion bash"
-    ),
-    "doctor": Command("doctor:Doctor", "versions, devices, cache and a sample run, for bug reports", "jaxsim doctor"),
-}
-"""Every command by its name."""
-MODES = {
-    "effects new": Command(
-        "own_effects:New", "a file of an effect of one's own to begin with", "jaxsim effects new rain_on_lens"
-    ),
-    "effects check": Command(
-        "own_effects:Check", "what is wrong with such a file, and what it looks like", "jaxsim effects check my.py"
-    ),
-    "eval generation": Command(
-        "eval_generation:Generation",
-        "two folders of frames or clouds",
-        "jaxsim eval generation --simulated simulated/polar --measured measured --out scores",
-    ),
-    "eval detection": Command(
-        "eval_detection:Detection",
-        "a detector's KITTI result files",
-        "jaxsim eval detection --detections detected/results --labels tree/training/label_2",
-    ),
-    "eval ablation": Command(
-        "ablation:run",
-        "networks of different inputs in one table",
-        "jaxsim eval ablation --train ablation --out runs/ablation",
-    ),
-}
-"""Commands of two words: of `jaxsim effects` what makes one's own, of `jaxsim eval` what is scored besides a run. Any
-other second word is an effect's name, or a run's folder."""
+__all__ = ["COMMANDS", "MODES", "main", "stop_on_error"]
 
 
 def main(argv: list[str] | None = None) -> None:

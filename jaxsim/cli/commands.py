@@ -1,14 +1,8 @@
-"""How a row of a command table becomes a running command, and what all command lines share: among it what the library
-logs, which logs by `logging` and prints nothing itself.
-"""
+"""How a row of a command table becomes a running command."""
 
 from __future__ import annotations
 
 import importlib
-import logging
-import os
-import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from difflib import get_close_matches
@@ -16,9 +10,7 @@ from inspect import getdoc
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jaxsim.progress import QUIET, Progress
-
-FLAGS = ("--quiet", "-q")
+from jaxsim.compilation import enable_compilation_cache
 
 
 class Command(NamedTuple):
@@ -83,68 +75,7 @@ def parse(flags: Any, words: Sequence[str], *, name: str, example: str) -> Any:
     """A dataclass of flags from words; `--help` prints the example, then what the dataclass says of itself."""
     import tyro  # waits until a command is known, so that `jaxsim --help` answers at once
 
-    from jaxsim.cli.source import in_new_spelling
+    from jaxsim.cli.spellings import in_new_spelling
 
     description = f"    {example}\n\n{getdoc(flags) or ''}"
     return tyro.cli(flags, args=in_new_spelling(words, flags), prog=name, description=description)
-
-
-def enable_compilation_cache() -> None:
-    """Keeps compiled programs on disk, so that the second run starts at once.
-
-    JAX_COMPILATION_CACHE_DIR chooses the folder; an empty one turns it off.
-    """
-    import jax
-
-    folder = os.environ.get("JAX_COMPILATION_CACHE_DIR")
-    if folder is None:
-        folder = cache_folder()
-    if folder:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
-
-
-def cache_folder() -> Path | None:
-    """Where compiled programs are kept by default; None where this user has no folder to write to.
-
-    A container often runs as a user without a name, without a home, or with one that is read-only. What would lie in
-    a folder that all users share might be another's program.
-    """
-    try:
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        folder = Path(home) / "jaxsim" / "xla"
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except (RuntimeError, OSError):
-        return None
-    return folder
-
-
-class Console(logging.Handler):
-    """Writes what is told to stdout, warnings to stderr, between the bars."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        warns = record.levelno >= logging.WARNING
-        words = f"warning: {record.getMessage()}" if warns else record.getMessage()
-        # The streams of now: a test, or a user's redirection, may have set others.
-        stream = sys.stderr if warns else sys.stdout
-        Progress.write(words, file=stream)
-        stream.flush()
-
-
-def tell_on_console() -> None:
-    """Shows what jaxsim logs; warnings alone where JAXSIM_QUIET is set."""
-    logger = logging.getLogger("jaxsim")
-    if not any(isinstance(one, Console) for one in logger.handlers):
-        logger.addHandler(Console())
-        logger.propagate = False
-    logger.setLevel(logging.WARNING if os.environ.get(QUIET) else logging.INFO)
-
-
-def without_quiet(words: Sequence[str]) -> list[str]:
-    """The words without `--quiet`, which is every command's and is put into force here, for this process and those that
-    it starts."""
-    words_left = [word for word in words if word not in FLAGS]
-    if len(words_left) < len(words):
-        os.environ[QUIET] = "1"
-    return words_left

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from jaxsim.cli.table import COMMANDS, MODES
+
 SCRIPT = """\
 _jaxsim() {{
   local word="${{COMP_WORDS[COMP_CWORD]}}" words=""
@@ -49,8 +51,6 @@ class Completion:
 
 def script(shell: str) -> str:
     """The text of the script."""
-    from jaxsim.cli import COMMANDS, MODES  # the table has a row for this very module
-
     first = {name: flags_of(command.load()) for name, command in COMMANDS.items()}
     second = {name: flags_of(command.load()) for name, command in MODES.items()}
     for name, words in names().items():

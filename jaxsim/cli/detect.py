@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
 from jaxsim.config.ranges import Checked, Count, Whole
-from jaxsim.detect.scenes import seen_by
-from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, read_points, write_detections
-from jaxsim.evaluate.detector import LearnedDetector, find_all, load_detector, make_find
-from jaxsim.report import cloud_with_boxes, draw_above, draw_on_image, save_picture, write_clouds
-from jaxsim.report.scenes import TurnedScene
-
-PAGE = "clouds.html"
+from jaxsim.evaluate.cloud_folder import CloudFolder, cloud_files, detect_folder
+from jaxsim.evaluate.detector import load_detector
+from jaxsim.report.detected import PAGE, write_detected
 
 
 @dataclass(frozen=True)
@@ -66,28 +60,14 @@ class Detect(Checked):
         kind = experiment.detector.anchors.kind
         files = cloud_files(self.clouds)
         self.folder.claim(self.out, learned, detector=str(self.detector), step=self.step or "latest")
-        results = {file.stem: self.out / "results" / f"{file.stem}.txt" for file in files}
-        todo = {file.stem: file for file in files if not results[file.stem].is_file()}
-        views = {name: self.folder.view(name) for name in todo}
-
-        def clouds() -> Iterator[tuple[str, np.ndarray]]:
-            for name, file in todo.items():
-                points = read_points(file)
-                # As in training: a detector that saw only the camera's view would take the rest for something else.
-                yield name, points[seen_by(points, views[name])] if self.calib and experiment.in_image else points
-
-        detected = 0
-        finder = make_find(experiment)
-        detections = find_all(finder, learned.network, clouds(), total=len(todo), more_room="raise --max-voxels")
-        for name, boxes in detections:
-            detected += len(boxes.score)
-            write_detections(results[name], boxes, kind, view=views[name])
+        found = detect_folder(self.folder, learned, self.out)
         drawn = files[: self.pictures]
-        if drawn and (todo or not (self.out / PAGE).is_file()):
-            self.write_page([self.draw(file, learned) for file in drawn], kind)
-        kept = f"{len(files) - len(todo)} clouds were there"
-        print(f"{detected} of {kind} in {len(todo)} clouds; {kept}: {self.out / 'results'}")
-        if todo and not self.calib:
+        if drawn and (found.clouds or not (self.out / PAGE).is_file()):
+            sentence = f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}."
+            write_detected(self.folder, drawn, self.out, experiment=experiment, sentence=sentence)
+        kept = f"{len(files) - found.clouds} clouds were there"
+        print(f"{found.objects} of {kind} in {found.clouds} clouds; {kept}: {self.out / 'results'}")
+        if found.clouds and not self.calib:
             print("no --calib: boxes are those of a camera that stands in the LiDAR, without rectangles in an image")
             if experiment.in_image:
                 print("note: this detector learned from what a camera sees; without --calib it gets the whole cloud")
@@ -96,27 +76,3 @@ class Detect(Checked):
     def folder(self) -> CloudFolder:
         """The clouds, and what stands beside them."""
         return CloudFolder(self.clouds, self.calib, self.images, self.labels, self.image_size)
-
-    def draw(self, file: Path, learned: LearnedDetector) -> TurnedScene:
-        """Writes a cloud's pictures, of its result file so that a resumed command draws the same; gives it for the
-        page."""
-        name, points = file.stem, read_points(file)
-        view, detected = self.folder.view(name), self.folder.detected(name, self.out / "results")
-        labelled = self.folder.labelled(name, view, learned.experiment.detector.anchors.kind)
-        drawn = {"detected": detected.boxes, "score": detected.score, "labelled": labelled, "title": name}
-        pictures = {"above": draw_above(points, learned.experiment.voxels.range_m, **drawn)}
-        if self.images:
-            pictures["image"] = draw_on_image(self.folder.image(name), view, **drawn)
-        for kind, picture in pictures.items():
-            save_picture(self.out / "pictures" / f"{name}_{kind}.png", picture)
-        return cloud_with_boxes(name, points, detected=detected.boxes, labelled=labelled)
-
-    def write_page(self, scenes: list[TurnedScene], kind: str) -> None:
-        """Writes clouds.html, which turns the drawn clouds."""
-        write_clouds(
-            self.out / PAGE,
-            scenes,
-            title="jaxsim detect",
-            sentence=f"{kind}s that {self.detector.name} finds in clouds of {self.clouds.name}.",
-            words="Found boxes are orange, labelled ones green; the crossed side is the front.",
-        )

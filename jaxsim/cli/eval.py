@@ -17,15 +17,7 @@ from jaxsim.evaluate.intensity import frechet_line
 from jaxsim.evaluate.runs import score_sensor
 from jaxsim.files import file_of
 from jaxsim.metrics.inception import open_extractor
-from jaxsim.report import (
-    difference_table,
-    list_scores,
-    pair_picture,
-    save_picture,
-    score_table,
-    write_frechet,
-    write_scores,
-)
+from jaxsim.report import pair_picture, save_picture, write_frechet, write_scores
 from jaxsim.runs.run import is_detector
 from jaxsim.simulate.sensor import load
 
@@ -82,7 +74,7 @@ class Evaluation(Checked):
 
         # Tables and pictures.
         pairs = judged.pairs
-        write_scores(
+        tables = write_scores(
             out,
             judged.scores,
             frames=pairs.names,
@@ -96,11 +88,7 @@ class Evaluation(Checked):
             spread = None if says.quantiles is None else np.asarray(says.quantiles[..., -1] - says.quantiles[..., 0])
             picture = pair_picture(pair, np.asarray(says.reported), title=name, spread=spread)
             save_picture(file_of(out, name, ".png", by="eval"), picture)
-        print(f"{len(pairs)} frames of {data.kind}\n\n{score_table(judged.scores, judged.intervals)}\n")
-        if judged.intervals["network"]:
-            print(f"{difference_table(judged.differences)}\n")
-        if judged.distribution:
-            print(f"{list_scores(judged.distribution)}\n")
+        print(f"{len(pairs)} frames of {data.kind}\n\n{tables}\n")
         if extractor and judged.frechet:
             write_frechet(out, judged.frechet, extractor=extractor.name)
             print(f"{frechet_line(judged.frechet)}\n")

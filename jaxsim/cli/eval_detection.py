@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from jaxsim.cli.source import Source
-from jaxsim.config import RunConfig
 from jaxsim.evaluate.detector import mean_curves
-from jaxsim.evaluate.runs import score_checkpoints
+from jaxsim.evaluate.runs import mean_words, score_checkpoints
 from jaxsim.files import file_of
 from jaxsim.metrics.detection import CLASSES, DIFFICULTIES, METRICS, OVERLAP_SETS, Rules, evaluate
 from jaxsim.metrics.detection.files import frame_list, frames_with_results, read_detections, read_truth
@@ -18,9 +16,6 @@ from jaxsim.report import detection_picture, detection_table, mean_table, save_p
 from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import load_run
 
-MEAN_OF = 5
-"""Checkpoints that a run's mean is over. The paper averages five epochs; a checkpoint is an epoch where the run saved
-with `save_every` 0."""
 PICTURES = 4
 """Scenes of a run that are drawn."""
 
@@ -79,11 +74,11 @@ def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
     """
     experiment = load_run(run, DetectorRun).experiment
     source = data.config(experiment.data)
-    judged = score_checkpoints(run, source, frames=frames, validation=data.validation(experiment.data), last=MEAN_OF)
+    judged = score_checkpoints(run, source, frames=frames, validation=data.validation(experiment.data))
     scenes = judged.scenes
     steps = judged.steps
     curves = judged.per_step[-1]
-    mean = said_mean(steps, experiment.run), mean_curves(judged.per_step)
+    mean = mean_words(steps, experiment.run), mean_curves(judged.per_step)
     about = {"run": str(run), "data": source.kind, "frames": len(scenes), "step": steps[-1], "rules": "official"}
     write_detection(out, curves, about=about | {"mean_of_steps": steps}, mean=mean)
     for scene, boxes in zip(scenes, judged.detections[:PICTURES], strict=False):
@@ -91,13 +86,3 @@ def judge_run(run: Path, data: Source, *, frames: str, out: Path) -> None:
         save_picture(file_of(out, scene.name, ".png", by="eval"), picture)
     print(f"{len(scenes)} frames of {source.kind}, step {steps[-1]}\n\n{detection_table(curves)}\n")
     print(f"{mean[0]}\n\n{mean_table(mean[1])}\n\nscores, curves and pictures: {out}")
-
-
-def said_mean(steps: Sequence[int], settings: RunConfig) -> str:
-    """What a mean is over, and why of fewer checkpoints than the paper's."""
-    name = "epochs" if settings.save_every == 0 else f"checkpoints, one every {settings.save_every} steps"
-    said = f"AP R40, mean (standard deviation) of the last {len(steps)} {name} (steps {', '.join(map(str, steps))})"
-    if len(steps) >= MEAN_OF:
-        return said
-    why = f"the run keeps {settings.keep}: --run.keep {MEAN_OF}" if settings.keep < MEAN_OF else "no more are there"
-    return f"{said}; the paper's is of {MEAN_OF} ({why})"

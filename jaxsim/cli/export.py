@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from tyro.conf import UseAppendAction
 
+from jaxsim.cli.elsewhere import load_below, on_cluster
 from jaxsim.cli.source import SYNTHETIC, Source
 from jaxsim.cloud.kitti_tree import REACH_M
-from jaxsim.cluster import spread, with_absolute_paths
-from jaxsim.config import CloudRecipe, DataConfig
+from jaxsim.config import CloudRecipe
 from jaxsim.config.ranges import Checked, Count, Positive, Share
-from jaxsim.data import Dataset, open_dataset
+from jaxsim.data import open_dataset
 from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.simulate.sensor import LearnedSensor, load
-from jaxsim.simulate.trees import (
-    LabelRules,
-    Made,
-    Occlusion,
-    Todo,
-    TreeMaker,
-    TreePlan,
-    choose_frames,
-    export_trees,
-)
+from jaxsim.simulate.trees import LabelRules, Occlusion, TreeMaker, TreePlan, choose_frames, export_trees
 
 
 @dataclass(frozen=True)
@@ -79,59 +70,31 @@ class Export(Checked):
         return self.out
 
     def __call__(self) -> None:
-        dataset = self.dataset()
-        elsewhere = partial(self.on_cluster, self.cluster) if self.cluster else None
-        export_trees([self.plan(dataset)], dataset, workers=self.workers, spread=elsewhere)
+        maker = self.maker(load)
+        elsewhere = partial(on_cluster, address=self.cluster, command=self, by="export") if self.cluster else None
+        export_trees(maker.plans, maker.dataset, workers=self.workers, spread=elsewhere)
 
-    def on_cluster(self, address: str, todo: Sequence[Todo]) -> Iterator[Made]:
-        """What became of each frame, made on the workers of a cluster."""
-        job = with_absolute_paths(Elsewhere(self, Path.cwd()))
-        return (done.result for done in spread(address, job, todo, by="export"))
+    def open(self, base: Path) -> TreeMaker:
+        """The maker on a worker of a cluster; `base` is the folder of who gave the command."""
+        return self.maker(partial(load_below, base=base))
 
-    def dataset(self) -> Dataset:
-        """The data set to export. Raises ValueError where the flags do not fit it."""
-        source = self.source
+    def maker(self, load_run: Callable[[Path], LearnedSensor]) -> TreeMaker:
+        """What makes the tree. Raises ValueError for flags that name what is not there, or do not fit the data set."""
+        source = self.data.named("export", "--data.kind vkitti2")
         if source.kind == "synthetic" and not self.frames:
             raise ValueError("export: the embedded world has no end; say which frames: --frames 0-199")
-        return open_dataset(source)
-
-    def plan(self, dataset: Dataset) -> TreePlan:
-        """The tree to make of the data set's frames. Raises ValueError for flags that name what is not there."""
+        dataset = open_dataset(source)
         known_effects(self.effects_from)
-        learned = load(self.run) if self.run else None
-        rows = len(learned.window[0].elevation_rad) if learned else None
+        learned = load_run(self.run) if self.run else None
         positions, validation = choose_frames(dataset, frames=self.frames, validation=self.validation)
-        return TreePlan(
+        plan = TreePlan(
             out=self.out,
-            source=self.source,
+            source=source,
             positions=positions,
             validation=validation,
             recipe=self.recipe,
             labels=LabelRules(self.occlusion, self.filled, self.reach_m, keep_empty=self.keep_empty),
             learned=learned,
-            effects_model=SensorModel.load(self.effects, rows=rows) if self.effects else None,
+            effects_model=SensorModel.load(self.effects, rows=learned and learned.rows) if self.effects else None,
         )
-
-    @property
-    def source(self) -> DataConfig:
-        """Where the frames come from."""
-        if not self.data.foreign:
-            raise ValueError("export: no data set was named; give its kind: --data.kind vkitti2")
-        return self.data.config()
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """The command on a worker of a cluster."""
-
-    command: Export
-    folder: Path
-    """The current one of who gave the command, from which its run may name files."""
-
-    def open(self) -> TreeMaker:
-        dataset = self.command.dataset()
-        plan = self.command.plan(dataset)
-        if plan.learned:
-            run = with_absolute_paths(plan.learned.run, self.folder)
-            plan = replace(plan, learned=LearnedSensor(run, plan.learned.params))
         return TreeMaker([plan], dataset)

@@ -61,14 +61,13 @@ class Prepare(Checked):
     def __call__(self) -> None:
         from jaxsim.pairs.sets import make_set  # imports TFDS, which the other commands need not wait for
 
-        if not self.data.foreign:
-            raise ValueError("prepare: no data set was named; give its kind: jaxsim prepare kitti_step ...")
-        if self.data.kind == "prepared":
+        source = self.data.named("prepare", "jaxsim prepare kitti_step ...")
+        if source.kind == "prepared":
             raise ValueError("prepare: a prepared set is made already; name the data set of its frames")
         jax.config.update("jax_platforms", "cpu")  # before its first use: workers are processes that share no GPU
         folder = make_set(
             self.out,
-            self.data.config(),
+            source,
             self.prepare,
             train=self.train,
             evaluation=self.evaluation,

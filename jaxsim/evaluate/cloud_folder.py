@@ -7,9 +7,10 @@ another making.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -21,8 +22,8 @@ from jaxsim.data import clouds
 from jaxsim.data.clouds import SUFFIXES, read_cloud
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Detected, result_lines, write_lines
-from jaxsim.detect.scenes import View, check_points
-from jaxsim.evaluate.detector import LearnedDetector
+from jaxsim.detect.scenes import View, check_points, seen_by
+from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
 from jaxsim.files import claim, digest_of_values, files_in, parse_json
 from jaxsim.frame import Boxes
 from jaxsim.geometry.boxes import lidar_boxes
@@ -106,6 +107,40 @@ class CloudFolder:
             filled=bool(files_in(out / "results", ".txt")),
             read=lambda record: parse_json(record)["made"],
         )
+
+
+class Found(NamedTuple):
+    """What a detector found in clouds that had no result file."""
+
+    objects: int
+    clouds: int
+
+
+def detect_folder(folder: CloudFolder, learned: LearnedDetector, out: Path) -> Found:
+    """Writes OUT/results/NAME.txt of every cloud of a folder; one that is there is not made again.
+
+    `CloudFolder.claim` sees to it that those are of the same making. Raises ValueError where there is no cloud, and
+    where one is broken or lacks intensity.
+    """
+    experiment = learned.experiment
+    files = cloud_files(folder.clouds)
+    paths = {file.stem: out / "results" / f"{file.stem}.txt" for file in files}
+    todo = {file.stem: file for file in files if not paths[file.stem].is_file()}
+    views = {name: folder.view(name) for name in todo}
+
+    def clouds_to_do() -> Iterator[tuple[str, np.ndarray]]:
+        for name, file in todo.items():
+            points = read_points(file)
+            # As in training: a detector that saw only the camera's view would take the rest for something else.
+            yield name, points[seen_by(points, views[name])] if folder.calib and experiment.in_image else points
+
+    objects = 0
+    finder = make_find(experiment)
+    detections = find_all(finder, learned.network, clouds_to_do(), total=len(todo), more_room="raise --max-voxels")
+    for name, boxes in detections:
+        objects += len(boxes.score)
+        write_detections(paths[name], boxes, experiment.detector.anchors.kind, view=views[name])
+    return Found(objects, len(todo))
 
 
 def made_with(learned: LearnedDetector) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from jaxsim.config import DataConfig
+from jaxsim.config import DataConfig, RunConfig
 from jaxsim.data import open_dataset, select
 from jaxsim.data.records import PreparedPairs
 from jaxsim.data.select import frames_to_judge
@@ -33,6 +33,10 @@ from jaxsim.runs.kinds import DetectorRun
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.predict import make_predict
 from jaxsim.simulate.sensor import LearnedSensor
+
+MEAN_OF = 5
+"""Checkpoints that a run's mean is over. The paper averages five epochs; a checkpoint is an epoch where the run saved
+with `save_every` 0."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ class DetectorScores:
 
 
 def score_checkpoints(
-    run: Path, data: DataConfig, *, frames: str = "", validation: str = "", last: int = 5
+    run: Path, data: DataConfig, *, frames: str = "", validation: str = "", last: int = MEAN_OF
 ) -> DetectorScores:
     """Scores the `last` kept checkpoints of a detector's run on frames of a data set, chosen by `frames_to_judge`.
 
@@ -155,3 +159,13 @@ def score_checkpoints(
         curves, detections = score_detector(find, load_detector(run, step=step).network, scenes, experiment=experiment)
         per_step.append(curves)
     return DetectorScores(scenes, steps, per_step, detections)
+
+
+def mean_words(steps: Sequence[int], settings: RunConfig) -> str:
+    """What a mean is over, and why of fewer checkpoints than the paper's."""
+    name = "epochs" if settings.save_every == 0 else f"checkpoints, one every {settings.save_every} steps"
+    said = f"AP R40, mean (standard deviation) of the last {len(steps)} {name} (steps {', '.join(map(str, steps))})"
+    if len(steps) >= MEAN_OF:
+        return said
+    why = f"the run keeps {settings.keep}: --run.keep {MEAN_OF}" if settings.keep < MEAN_OF else "no more are there"
+    return f"{said}; the paper's is of {MEAN_OF} ({why})"

@@ -100,27 +100,31 @@ def write_scores(
     differences: Mapping[str, tuple[float, float, float]] | None = None,
     scenes: Mapping[str, Scores] | None = None,
     distribution: Mapping[str, Score] | None = None,
-) -> None:
-    """Writes scores.json and scores.md."""
+) -> str:
+    """Writes scores.json and scores.md; gives their tables for a console, which has no room for that of the scenes."""
     content: dict[str, Any] = {"frames": frames, "scores": {who: plain_scores(row) for who, row in scores.items()}}
-    text = [f"{len(frames)} frames", score_table(scores, intervals)]
+    tables = [score_table(scores, intervals)]
+    by_scene: list[str] = []
+    distributed: list[str] = []
     if intervals and any(intervals.values()):
         content["intervals"] = {
             who: {name: [number_or_none(end) for end in ends] for name, ends in row.items()}
             for who, row in intervals.items()
         }
         content["mae_differences"] = {who: [number_or_none(x) for x in row] for who, row in (differences or {}).items()}
-        text.append(difference_table(differences or {}))
+        tables.append(difference_table(differences or {}))
     if scenes:
         content["scenes"] = {
             scene: {who: plain_scores(row) for who, row in own.items()} for scene, own in scenes.items()
         }
         rows = [[scene, *(score_text(row["mae"]) for row in own.values())] for scene, own in scenes.items()]
-        text.append(markdown_table(["mae by scene", *next(iter(scenes.values()))], rows))
+        by_scene = [markdown_table(["mae by scene", *next(iter(scenes.values()))], rows)]
     if distribution:
         content["distribution"] = plain_scores(distribution)
-        text.append(list_scores(distribution))
+        distributed = [list_scores(distribution)]
+    text = [f"{len(frames)} frames", *tables, *by_scene, *distributed]
     write_results(folder, "scores", content, text="\n\n".join(text))
+    return "\n\n".join([*tables, *distributed])
 
 
 def list_scores(scores: Mapping[str, Score]) -> str:

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 
 from jaxsim.cloud import save_cloud
+from jaxsim.config import DataConfig
 from jaxsim.data import Dataset
 from jaxsim.data.polar_frames import Announced, about_frame, write_frame
 from jaxsim.effects.chain import SensorModel
@@ -62,6 +63,21 @@ class Speed:
         if len(self.batches_s) < 2:
             return None
         return self.batch * (len(self.batches_s) - 1) / sum(self.batches_s[1:])
+
+    def words(self, out: Path, *, workers: bool = False) -> str:
+        """Tells what is in `out`, how fast the simulation is, and how long all took with what else it does; of
+        `workers` that share it only how fast they are together."""
+        told = f"{self.simulated} frames simulated, {self.already} were there: {out}"
+        if not self.simulated:
+            return told
+        total = f"{self.total_s:.1f} s in all, with loading, compiling and writing"
+        rate = self.frames_per_s
+        if workers:
+            return f"{told}\n{self.simulated / self.total_s:.2f} frames/s; {total}"
+        if rate is None:
+            why = "the simulation's own speed shows from the second batch on (a smaller --batch, more --frames)"
+            return f"{told}\n{total}; {why}"
+        return f"{told}\nsimulation alone {rate:.2f} frames/s (after the first batch); {total}"
 
 
 Simulated = tuple[PolarImage, Painted, float]
@@ -200,6 +216,13 @@ def simulate_folder(
             batches_s.append(made.seconds)
             bar.update(len(made.about))
     return Speed(len(missing), already, maker.batch, tuple(batches_s), time.monotonic() - begun)
+
+
+def data_words(source: DataConfig, projection: Projection = "lidar") -> str:
+    """What frames are of, for `simulate_folder`: the kind of data set, and what else is unlike a run's own."""
+    unlike = [f"LiDAR in the {source.lidar}"] * (source.kind == "vkitti2" and source.lidar != "kitti")
+    unlike += ["not projected"] * (projection == "none")
+    return ", ".join([source.kind, *unlike])
 
 
 def _overlapped(maker: FrameMaker, batches: Sequence[Batch]) -> Iterator[Made]:

@@ -55,6 +55,11 @@ class LearnedSensor:
         settings = (run.experiment.prepare, run.experiment.generator, run.spec, run.intrinsics, run.cam_from_velo)
         return digest_of_values(jax.tree.leaves(self.params), after=repr(settings))
 
+    @property
+    def rows(self) -> int:
+        """Beams of the window."""
+        return len(self.window[0].elevation_rad)
+
     @cached_property
     def window(self) -> Window:
         """The polar window of the camera that the run was trained with, and each beam's place in the sensor."""

@@ -1,57 +1,20 @@
-"""What the library logs is told on the console, and `--quiet` leaves it out."""
-
-import logging
-import re
-from pathlib import Path
+"""How a word becomes a running command."""
 
 import pytest
 
-from jaxsim.cli import main
-from jaxsim.cli.commands import tell_on_console, without_quiet
-from jaxsim.progress import QUIET
-
-ROOM = Path(__file__).parents[2] / "jaxsim"
+from jaxsim.cli import COMMANDS, main
+from jaxsim.cli.commands import Command, call
 
 
-@pytest.fixture(autouse=True)
-def again(monkeypatch):
-    monkeypatch.setenv(QUIET, "")
-    yield
-    monkeypatch.undo()
-    tell_on_console()
+@pytest.mark.parametrize(("typed", "meant"), [("simulat", "simulate"), ("evaluate", "eval"), ("discvoer", "discover")])
+def test_an_unknown_command_answers_with_the_nearest_and_all_known_ones(typed: str, meant: str):
+    with pytest.raises(SystemExit, match=f"no command '{typed}'; did you mean {meant}") as stop:
+        main([typed])
+    assert all(name in str(stop.value) for name in COMMANDS)
 
 
-def test_what_is_told_goes_to_stdout_and_warnings_to_stderr(capsys):
-    tell_on_console()
-    tell_on_console()
-    logging.getLogger("jaxsim.some.room").info("one of two")
-    logging.getLogger("jaxsim.some.room").warning("beware")
-    said = capsys.readouterr()
-    assert said.out == "one of two\n"
-    assert said.err == "warning: beware\n"
-
-
-@pytest.mark.parametrize("flag", ["--quiet", "-q"])
-def test_quiet_is_every_commands(flag, capsys, monkeypatch):
-    assert without_quiet(["simulate", flag, "run"]) == ["simulate", "run"]
-    tell_on_console()
-    logging.getLogger("jaxsim").info("one of two")
-    logging.getLogger("jaxsim").warning("beware")
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err == "warning: beware\n"
-
-
-def test_a_command_takes_it_anywhere(capsys):
-    main(["--version", "--quiet"])
-    assert capsys.readouterr().out.startswith("jaxsim ")
-
-
-def test_the_library_prints_nothing():
-    """What prints is a program: the commands, and modules that are run by `python -m`."""
-    printing = [
-        str(path.relative_to(ROOM))
-        for path in sorted(ROOM.rglob("*.py"))
-        if "cli" not in path.parts and re.search(r"(?<![\w.])print\(", path.read_text())
-    ]
-    assert printing == ["effects/page.py", "simulate/embedded/pack.py"] or printing == ["effects/page.py"]
+def test_a_function_gets_the_words_that_follow(monkeypatch):
+    taken = []
+    monkeypatch.setattr("jaxsim.cli.train.run", taken.append)
+    call(Command("train:run", "", ""), ["a", "--b"], name="jaxsim train")
+    assert taken == [["a", "--b"]]

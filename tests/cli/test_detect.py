@@ -73,7 +73,7 @@ def test_pictures_and_page_of_a_resumed_command_are_those_of_a_whole_one(run, ki
         for name, _ in given:
             yield name, Detected(boxes + ord(name) % 3, np.array([0.7], np.float32))
 
-    monkeypatch.setattr("jaxsim.cli.detect.find_all", finds)
+    monkeypatch.setattr("jaxsim.evaluate.cloud_folder.find_all", finds)
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     Detect(run, clouds, whole, pictures=2)()
     Detect(run, clouds, cut, pictures=0)()

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from jaxsim.cli.commands import cache_folder
 from jaxsim.cli.endings import stop_on_error, words_of
 from tests.programs import environment, running
 
@@ -132,19 +131,3 @@ def test_a_user_without_a_name_or_a_home_can_work(tmp_path):
     )
     assert ended.returncode == 0, ended.stderr
     assert len(list((tmp_path / "out" / "polar").glob("*.npz"))) == 1
-
-
-def test_where_no_folder_can_be_written_to_programs_are_not_kept(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    for home in (tmp_path / "file", Path("/proc/nowhere")):
-        monkeypatch.setenv("XDG_CACHE_HOME", str(home))
-        assert cache_folder() is None
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert cache_folder() == tmp_path / "cache" / "jaxsim" / "xla"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setattr(Path, "home", classmethod(_homeless))
-    assert cache_folder() is None
-
-
-def _homeless(cls) -> Path:
-    raise RuntimeError("Could not determine home directory.")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jaxsim.cli.eval_detection import judge_run, said_mean
+from jaxsim.cli.eval_detection import judge_run
 from jaxsim.cli.source import Source
 from jaxsim.config import RunConfig
 from jaxsim.detect.results import Detected
@@ -60,11 +60,3 @@ def test_the_mean_over_checkpoints_is_written_with_its_steps(run, capsys):
         c for c in content["curves"] if (c["metric"], c["difficulty"], c["overlap_set"]) == ("3d", "moderate", "0.7")
     )
     assert last["ap_r40"] == pytest.approx(100)
-
-
-def test_a_mean_of_five_epochs_needs_no_excuse_and_one_of_fewer_says_why():
-    epochs = RunConfig(save_every=0, keep=5)
-    assert said_mean([5, 10, 15, 20, 25], epochs).endswith("the last 5 epochs (steps 5, 10, 15, 20, 25)")
-    assert said_mean([5, 10], epochs).endswith(
-        "the last 2 epochs (steps 5, 10); the paper's is of 5 (no more are there)"
-    )

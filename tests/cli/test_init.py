@@ -5,11 +5,9 @@ import sys
 
 import pytest
 
-from jaxsim.cli import COMMANDS, MODES, main
-from jaxsim.cli.commands import Command, call
+from jaxsim.cli import COMMANDS, main
 
 HEAVY = ("jax", "tyro", "cv2", "numpy", "tensorflow_datasets")
-EVERY = {**COMMANDS, **MODES}
 
 ENDLESS = """
 from jaxsim.cli import stop_on_error
@@ -49,42 +47,6 @@ def test_help_prints_a_line_a_command(capsys):
 def test_version_is_the_packages(capsys):
     main(["--version"])
     assert capsys.readouterr().out.split()[0] == "jaxsim"
-
-
-@pytest.mark.parametrize(("typed", "meant"), [("simulat", "simulate"), ("evaluate", "eval"), ("discvoer", "discover")])
-def test_an_unknown_command_answers_with_the_nearest_and_all_known_ones(typed: str, meant: str):
-    with pytest.raises(SystemExit, match=f"no command '{typed}'; did you mean {meant}") as stop:
-        main([typed])
-    assert all(name in str(stop.value) for name in COMMANDS)
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_the_help_of_every_command_begins_with_an_example(name: str, capsys):
-    example = EVERY[name].example
-    assert example.startswith(f"jaxsim {name}")
-    with pytest.raises(SystemExit) as stop:
-        main([*name.split(), "--help"])
-    assert not stop.value.code
-    usage, *said = [line.strip(" │") for line in capsys.readouterr().out.splitlines() if line.strip(" │")]
-    assert usage.startswith("usage: ")
-    assert said[0].startswith(example)
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_every_example_parses(name: str, monkeypatch):
-    command, called = EVERY[name], []
-    entry = command.load()
-    if isinstance(entry, type):
-        monkeypatch.setattr(entry, "__call__", lambda flags: called.append(flags))
-        call(command, command.example.removeprefix(f"jaxsim {name}").split(), name="jaxsim")
-        assert isinstance(called[0], entry)
-
-
-def test_a_function_gets_the_words_that_follow(monkeypatch):
-    taken = []
-    monkeypatch.setattr("jaxsim.cli.train.run", taken.append)
-    call(Command("train:run", "", ""), ["a", "--b"], name="jaxsim train")
-    assert taken == [["a", "--b"]]
 
 
 def test_a_reader_that_stops_reading_ends_the_program_without_a_traceback():

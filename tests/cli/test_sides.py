@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxsim.cli import discover, stop_on_error
-from jaxsim.cli.sides import sides
+from jaxsim.cli.sides import Sides
 from jaxsim.cli.source import Source
 from jaxsim.data import open_dataset
 from jaxsim.data.polar_frames import frame_names, read_frame, read_grid, write_frame
@@ -47,7 +47,7 @@ def run(tmp_path_factory) -> Path:
 def out(run: Path, tmp_path_factory) -> Path:
     """The folders that the command makes of the run's validation frames."""
     out = tmp_path_factory.mktemp("out")
-    sides(run, out=out)
+    Sides(run=run, out=out).folders()
     return out
 
 
@@ -179,7 +179,7 @@ def test_frames_that_the_data_set_does_not_have(run: Path, tmp_path: Path):
 
 @pytest.mark.slow
 def test_another_gain_for_every_beam_is_found_beside_a_run(run: Path, tmp_path: Path):
-    sides(run, out=tmp_path, frames="0-47:4")
+    Sides(run=run, out=tmp_path, frames="0-47:4").folders()
     rng = np.random.default_rng(0)
     gain = rng.normal(0, 0.3, len(read_grid(tmp_path / "simulated")[0].elevation_rad))
     # The sensor is the run itself with gains: an untrained network is no model of any other.

@@ -183,18 +183,6 @@ def test_a_whole_answer_becomes_the_baseline_of_the_gate_that_is_written(tmp_pat
     assert colour_of(check_verdict(read_gate(tmp_path / "gates/gate.json"), results.named().verdict)) == "pass"
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        ({"fast": True}, "--fast is for a gate"),
-        ({"gate": Path("g.json"), "write_gate": Path("g.json")}, "give one of them"),
-    ],
-)
-def test_flags_of_gates_that_do_not_go_together(tmp_path, flags, message):
-    with pytest.raises(ValueError, match=message):
-        discover.Discover(out=tmp_path, **flags)()
-
-
 def test_frames_that_cannot_be_compared_end_with_two(tmp_path):
     simulated, measured = sides(tmp_path, scenes=2)
     (tmp_path / "gate.json").write_text('{"thresholds": {"intensity": 0.02}}')

@@ -1,6 +1,9 @@
+from pathlib import Path
+
 import pytest
 
-from jaxsim.simulate.folder import Batch, FrameMaker, Made, _overlapped, claim_frames
+from jaxsim.config import DataConfig
+from jaxsim.simulate.folder import Batch, FrameMaker, Made, Speed, _overlapped, claim_frames, data_words
 
 MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0}
 
@@ -92,3 +95,36 @@ def test_what_fails_ends_the_command_and_what_was_written_before_is_told(what):
         told.extend(made.about for made in _overlapped(Noting((what, 2)), BATCHES))
     assert {"0": {}} in told
     assert len(told) <= 2
+
+
+def speed(batches_s):
+    return Speed(simulated=20, already=0, batch=8, batches_s=batches_s, total_s=100.0)
+
+
+def told(batches_s, **more):
+    first, second = speed(batches_s).words(Path("out"), **more).splitlines()
+    assert first == "20 frames simulated, 0 were there: out"
+    return second
+
+
+def test_the_simulations_speed_leaves_out_compilation_and_all_other_work():
+    assert told((30.0, 1.0, 3.0)).startswith("simulation alone 4.00 frames/s")
+    assert "100.0 s in all" in told((30.0, 1.0, 3.0))
+
+
+def test_one_batch_tells_no_speed():
+    assert "frames/s" not in told((30.0,))
+
+
+def test_of_a_cluster_the_speed_is_that_of_all_workers():
+    assert told((30.0, 30.0), workers=True).startswith("0.20 frames/s; ")
+
+
+def test_where_nothing_was_left_to_do_there_is_no_speed():
+    done = Speed(simulated=0, already=3, batch=8, batches_s=(), total_s=1.0)
+    assert done.words(Path("out")) == "0 frames simulated, 3 were there: out"
+
+
+def test_words_of_the_data_say_what_is_unlike_a_runs_own():
+    assert data_words(DataConfig("kitti_raw", lidar="camera")) == "kitti_raw"
+    assert data_words(DataConfig("vkitti2", lidar="camera"), "none") == "vkitti2, LiDAR in the camera, not projected"

@@ -24,7 +24,18 @@ from jaxsim.data.logs.folder import Written, write_log
 from jaxsim.data.logs.scan import Item, LogOptions, LogScan, Source
 from jaxsim.files import loaded
 
-__all__ = ["SOURCES", "Item", "LogOptions", "LogScan", "Source", "Written", "known_sources", "source_for", "write_log"]
+__all__ = [
+    "SOURCES",
+    "Item",
+    "LogOptions",
+    "LogScan",
+    "Source",
+    "Written",
+    "known_sources",
+    "source_for",
+    "source_table",
+    "write_log",
+]
 
 GROUP = "jaxsim.sources"
 SOURCES: dict[str, Source] = files.SOURCES | makers.SOURCES | messages.SOURCES | images.SOURCES
@@ -59,3 +70,14 @@ def source_for(path: Path, kind: str = "") -> tuple[str, Source]:
         if source.takes(path):
             return name, source
     raise ValueError(f"frames: {path} looks like no log that is known; name its kind: --kind {' or '.join(known)}")
+
+
+def source_table() -> str:
+    """A line a family: its name, what it is, and what to install for it."""
+    rows = [(name, source.title, source.extra) for name, source in known_sources().items()]
+    width = max(len(name) for name, _, _ in rows) + 2
+    title = max(len(what) for _, what, _ in rows) + 2
+    return "\n".join(
+        f"{name:<{width}}{what:<{title}}{f'pip install jaxsim-lidar[{extra}]' if extra else ''}".rstrip()
+        for name, what, extra in rows
+    )

@@ -44,6 +44,27 @@ class Written:
     sensor: Sensor | None
     """None where the log's frames came with a grid of their own."""
 
+    def words(self, out: Path) -> str:
+        """Tells of the frames in `out`, and of the sensor that was told from them."""
+        lines = [f"{self.frames} frames of {self.rows} x {self.columns} cells in {out}"]
+        if self.frames:
+            lines.append(f"  {self.filled:.1%} of the cells hold a return")
+        if self.already:
+            lines.append(f"  {self.already} were there")
+        if self.partial:
+            lines.append(f"  {self.partial} turns that begin or end within the recording were passed over")
+        sensor = self.sensor
+        if sensor is not None:
+            top, bottom = np.rad2deg(sensor.beams.elevation_rad[[0, -1]])
+            lines.append(
+                f"  beams from {top:.2f} to {bottom:.2f} degrees; points miss them by {sensor.beams.off_deg:.3f}"
+            )
+            lines.append(f"  intensity 0..{sensor.full_scale:g} became 0..1")
+            if not np.allclose(sensor.cloud_from_sensor, np.eye(4)):
+                x, y, z = sensor.cloud_from_sensor[:3, 3]
+                lines.append(f"  the sensor stands at x {x:.2f}, y {y:.2f}, z {z:.2f} m in the log's frame")
+        return "\n".join(lines)
+
 
 def write_log(
     path: Path, kind: str, source: Source, *, out: Path, options: LogOptions, every: int = 1, most: int = 0

@@ -41,7 +41,7 @@ def export_kinds(loop: Loop) -> None:
     recipes = {kind: loop.recipe(kind) for kind in loop.config.kinds}
     needed = any(recipe.source == "simulated" for recipe in recipes.values())
     learned = load(loop.sensor) if needed else None
-    rows = len(learned.window[0].elevation_rad) if learned else None
+    rows = learned and learned.rows
     plans = [
         TreePlan(
             out=loop.tree(kind),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jaxsim.data.logs import known_sources, source_for
+from jaxsim.data.logs import known_sources, source_for, source_table
 from tests.data.logs.conftest import RINGS, room
 from tests.data.logs.made_logs import frames_of
 
@@ -47,3 +47,9 @@ def test_a_package_adds_a_source(tmp_path, monkeypatch):
     Point.load = lambda self: 5
     with pytest.raises(ValueError, match="must be a Source"):
         known_sources()
+
+
+def test_the_table_has_a_line_a_family_and_what_to_install():
+    lines = source_table().splitlines()
+    assert [line.split()[0] for line in lines] == [*known_sources()]
+    assert any(line.endswith("pip install jaxsim-lidar[ros]") for line in lines)

@@ -1,0 +1,67 @@
+"""A gate that `jaxsim discover` asks, or writes: what it says, and how the command then ends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from jaxsim.discover.gate import (
+    Check,
+    Colour,
+    check_distances,
+    check_verdict,
+    colour_of,
+    read_gate,
+    save_gate,
+    thresholds_of,
+)
+from jaxsim.discover.verdict import Interval, Verdict
+from jaxsim.files import write_text
+from jaxsim.report.gate import markdown, write_gate
+
+EXIT: dict[Colour, int] = {"pass": 0, "gap": 1, "unsure": 2}
+"""How the command ends where it asks a gate."""
+TITLES: dict[Colour, str] = {
+    "pass": "The simulation passes",
+    "gap": "The simulation lacks something",
+    "unsure": "The frames cannot be judged",
+}
+Compared = Verdict | Mapping[str, Interval]
+"""What a gate is asked of: a whole answer, or distances alone."""
+
+
+def check_flags(gate: Path | None, write_gate: Path | None, *, fast: bool) -> None:
+    """Raises ValueError for flags of gates that do not go together."""
+    if fast and not (gate or write_gate):
+        raise ValueError("discover: --fast is for a gate; give --gate gate.json, or --write-gate gate.json first")
+    if gate and write_gate:
+        raise ValueError("discover: --write-gate makes a gate, --gate asks it; give one of them")
+
+
+def ask_gate(path: Path, out: Path, compare: Callable[[], Compared]) -> int:
+    """The exit status of a gate, whose checks are written to `out`; where frames cannot be compared, that of
+    "unsure"."""
+    gate = read_gate(path)
+    begun = time.monotonic()
+    try:
+        shown = compare()
+        checks = check_verdict(gate, shown) if isinstance(shown, Verdict) else check_distances(gate, shown)
+    except ValueError as error:
+        checks = (Check("comparison", "unsure", str(error)),)
+    colour = colour_of(checks)
+    write_gate(out, checks, title=TITLES[colour], seconds=time.monotonic() - begun)
+    print(markdown(checks, title=TITLES[colour]))
+    return EXIT[colour]
+
+
+def make_gate(path: Path, out: Path, shown: Compared) -> None:
+    """Writes a gate of what frames that are held to be right show; of distances also OUT/gate.md."""
+    if isinstance(shown, Verdict):
+        save_gate(path, baseline=out / "verdict.json")
+    else:
+        save_gate(path, thresholds=thresholds_of(shown))
+        words = [(name, f"{d.value:.4g} ({d.low:.4g} .. {d.high:.4g}) {d.unit}") for name, d in shown.items()]
+        checks = tuple(Check(name, "pass", told) for name, told in words)
+        write_text(out / "gate.md", markdown(checks, title="What the gate was written from"))
+    print(f"{path}: {' '.join(path.read_text().split())}")

@@ -1,0 +1,49 @@
+"""Simulated frames as pictures, and as a page that turns them beside what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from jaxsim.cloud import points_of
+from jaxsim.data import Dataset
+from jaxsim.data.polar_frames import open_polar_frames
+from jaxsim.files import file_of
+from jaxsim.frame import Cloud, Painted, PolarImage
+from jaxsim.geometry import polar_to_points
+from jaxsim.report.pictures import draw_cloud, save_picture, simulated_picture
+from jaxsim.report.scenes import compared_clouds, write_clouds
+
+PAGE = "clouds.html"
+
+
+def draw_simulated(out: Path, name: str, cloud: Cloud, *, image: PolarImage, painted: Painted) -> None:
+    """Writes one frame's pictures to OUT/previews."""
+    points = points_of(cloud)
+    view = draw_cloud(points, title=f"{name}: {len(points)} points")
+    save_picture(file_of(out / "previews", name, "_cloud.png", by="simulate"), view)
+    picture = simulated_picture(image, painted, title=name)
+    save_picture(file_of(out / "previews", name, ".png", by="simulate"), picture)
+
+
+def write_simulated(out: Path, dataset: Dataset, positions: Sequence[int], *, run: str) -> Path:
+    """Writes OUT/clouds.html, which turns the polar frames in OUT/polar of these places in the data set, beside their
+    measured clouds where there are some; `run` names the sensor. Gives the page."""
+    frames = open_polar_frames(out / "polar")
+    scenes = []
+    for position in positions:
+        frame = dataset[position]
+        simulated = points_of(polar_to_points(frames.read(frame.name)[0], frames.grid))
+        measured = np.zeros((0, 4), np.float32) if frame.cloud is None else points_of(frame.cloud)
+        scenes.append(compared_clouds(frame.name, simulated, measured))
+    beside = any(len(scene.sides) > 1 for scene in scenes)
+    both = "Left of the slider the simulated cloud, in the camera's view; right of it the measured one."
+    return write_clouds(
+        out / PAGE,
+        scenes,
+        title="jaxsim simulate",
+        sentence=f"The sensor of {run}, simulated{' beside what was measured' if beside else ''}.",
+        words=both if beside else "The simulated cloud, in the camera's view.",
+    )

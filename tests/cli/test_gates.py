@@ -1,0 +1,62 @@
+"""A gate as `jaxsim discover` asks and writes it, of an answer and of distances."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from jaxsim.cli.gates import ask_gate, check_flags, make_gate
+from jaxsim.discover.verdict import Interval
+from tests.report import results
+
+DISTANCES = {"intensity": Interval(0.10, 0.09, 0.11, "share of full scale")}
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        ((None, None), "--fast is for a gate"),
+        ((Path("g.json"), Path("g.json")), "give one of them"),
+    ],
+)
+def test_flags_of_gates_that_do_not_go_together(flags, message):
+    with pytest.raises(ValueError, match=message):
+        check_flags(*flags, fast=True)
+
+
+def refused():
+    raise ValueError("2 scenes")
+
+
+@pytest.mark.parametrize(
+    ("most", "compare", "status", "title"),
+    [
+        (0.2, lambda: DISTANCES, 0, "The simulation passes"),
+        (0.05, lambda: DISTANCES, 1, "The simulation lacks something"),
+        (0.095, lambda: DISTANCES, 2, "The frames cannot be judged"),
+        (0.2, refused, 2, "The frames cannot be judged"),
+    ],
+)
+def test_the_status_is_the_colour_and_frames_that_cannot_be_compared_are_unsure(
+    tmp_path, capsys, most, compare, status, title
+):
+    (tmp_path / "gate.json").write_text(json.dumps({"thresholds": {"intensity": most}}))
+    assert ask_gate(tmp_path / "gate.json", tmp_path, compare) == status
+    assert title in capsys.readouterr().out
+    assert title in (tmp_path / "gate.md").read_text()
+    assert (tmp_path / "junit.xml").is_file()
+
+
+def test_what_was_made_of_an_answer_passes_that_answer(tmp_path, capsys):
+    verdict = results.named().verdict
+    verdict.save(tmp_path / "out")
+    gate = tmp_path / "gate.json"
+    make_gate(gate, tmp_path / "out", verdict)
+    assert capsys.readouterr().out == f'{gate}: {{ "baseline": "out/verdict.json" }}\n'
+    assert ask_gate(gate, tmp_path, lambda: verdict) == 0
+
+
+def test_what_was_made_of_distances_says_what_they_were(tmp_path):
+    make_gate(tmp_path / "gate.json", tmp_path, DISTANCES)
+    assert "0.1 (0.09 .. 0.11) share of full scale" in (tmp_path / "gate.md").read_text()
+    assert ask_gate(tmp_path / "gate.json", tmp_path, lambda: DISTANCES) == 0
