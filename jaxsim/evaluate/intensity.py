@@ -132,7 +132,10 @@ def make_images(generate: Generate, prepare: PrepareConfig) -> tuple[Callable[..
     @jax.jit
     def predicted(params: Any, pair: Pair) -> Array:
         inputs = network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare)
-        return generate(params, inputs)[..., :1]
+        images = generate(params, inputs)
+        # Of a distribution the median, which is what is scored cell by cell, too.
+        channel = QUANTILES.index(0.5) if images.shape[-1] > len(QUANTILES) else 0
+        return images[..., channel : channel + 1]
 
     @jax.jit
     def measured(pair: Pair) -> Array:
