@@ -18,7 +18,7 @@ from flax import struct
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, Cloud, PolarGrid
-from jaxsim.geometry import azimuth_of, column_of, rows_of, scatter_nearest
+from jaxsim.geometry import azimuth_of, column_of, rows_of, scatter_nearest, with_neighbours
 
 Winner = Literal["nearest", "last"]
 
@@ -132,16 +132,10 @@ def _even_cell(xyz: Float[Array, "*b n 3"], cells: EvenLines) -> tuple[Int[Array
 
 def _beam_cell(xyz: Float[Array, "*b n 3"], grid: PolarGrid) -> tuple[Int[Array, "*b n"], Int[Array, "*b n"]]:
     """The beam that passes nearest and the column; -1 or too large for points more than half a step outside."""
-    wider = PolarGrid(grid.azimuth_rad, _with_neighbours(grid.elevation_rad), _with_neighbours(grid.origin_m))
-    # Columns of a grid are whole at their centres; the first of the wider beams is the neighbour above.
+    # Columns of a grid are whole at their centres.
     column = jnp.floor(column_of(azimuth_of(xyz[..., 0], xyz[..., 1]), grid) + 0.5)
-    return rows_of(xyz, wider) - 1, column.astype(jnp.int32)
-
-
-def _with_neighbours(table: Float[Array, " rows"]) -> Float[Array, " rows_2"]:
-    """One more beam above and one below, as far off as the next: points nearer to them lie outside the sensor's."""
-    table = jnp.asarray(table)
-    return jnp.concatenate([2 * table[:1] - table[1:2], table, 2 * table[-1:] - table[-2:-1]])
+    # Points nearer to the neighbours lie outside the sensor's beams; the first of them is the neighbour above.
+    return rows_of(xyz, with_neighbours(grid)) - 1, column.astype(jnp.int32)
 
 
 def _scatter_last(

@@ -200,6 +200,8 @@ def interactions(
         rest = additive.z - additive.predicted(list(designs))
         curves = {name: _short(values_of(name, rays, counts), name) for name in CROSSED}
         crossed = list(combinations([name for name, curve in curves.items() if curve.shape[1] > 1], 2))
+        if not crossed:
+            continue
         gains = np.stack(
             [_interaction_gain(rest, curves[a], curves[b], index=index, scenes=scenes) for a, b in crossed]
         )

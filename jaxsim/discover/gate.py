@@ -38,6 +38,7 @@ from jaxsim.metrics.intervals import mean_interval
 Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
+NOT_COMPARED = "the channel was not compared"
 CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
 
@@ -155,13 +156,17 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
     for channel, most in gate.thresholds.items():
         gap = verdict.gap.get(channel)
         if gap is None or not np.isfinite(gap.before):
-            checks.append(Check(channel, "unsure", "the channel was not compared"))
+            checks.append(Check(channel, "unsure", NOT_COMPARED))
             continue
         words = f"{gap.before:.4g} {gap.unit}, at most {most:g} may be"
         checks.append(Check(channel, "pass" if gap.before <= most else "gap", words))
     for channel, old in ((gate.baseline or {}).get("gap") or {}).items():
+        # What was not compared before is null, and the closure has no distance.
+        if not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
+            continue
         gap = verdict.gap.get(channel)
-        if gap is None or not isinstance(old, dict) or not isinstance(old.get("before"), int | float):
+        if gap is None or not np.isfinite(gap.before):
+            checks.append(Check(f"{channel} against baseline", "unsure", NOT_COMPARED))
             continue
         most = old["before"] * (1 + RULES.gate_worse_share)
         words = f"{gap.before:.4g} {gap.unit}, {old['before']:.4g} before"
@@ -214,9 +219,9 @@ def quick_distances(simulated: Path, measured: Path) -> dict[str, Interval]:
     """Distances of two folders' frames of one name.
 
     intensity: mean absolute difference where both sides return. range: median absolute difference there. drop: share
-    of the rays that hit something in the simulation on which one side alone returns. Each is the mean over a scene's
-    frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have fewer
-    than `Rules.fewest_for_scatter`.
+    of the rays that hit something in the simulation on which one side alone returns, 1 at most. Each is the mean over a
+    scene's frames, then over scenes. Raises ValueError where the folders are not of one grid, share no frame, or have
+    fewer than `Rules.fewest_for_scatter`.
     """
     ours, theirs = open_polar_frames(simulated), open_polar_frames(measured)
     check_one_grid(ours, theirs)
@@ -241,12 +246,14 @@ def frame_distances(simulated: PolarImage, measured: PolarImage) -> Float[np.nda
     """Intensity, range and drop of one frame; NaN for what no ray shows."""
     ours, theirs = np.asarray(simulated.valid), np.asarray(measured.valid)
     both = ours & theirs
+    # Returns of the measured side alone count as well, and may be more than the simulation's.
+    drop = min((ours ^ theirs).sum() / ours.sum(), 1.0) if ours.any() else np.nan
     if not both.any():
-        return np.array([np.nan, np.nan, 1.0 if ours.any() else np.nan])
+        return np.array([np.nan, np.nan, drop])
     intensity = np.abs(np.asarray(simulated.intensity)[both] - np.asarray(measured.intensity)[both]).mean()
     # The median: rays that met another surface are off by metres.
     range_m = np.median(np.abs(np.asarray(simulated.range_m)[both] - np.asarray(measured.range_m)[both]))
-    return np.array([intensity, range_m, (ours ^ theirs).sum() / max(int(ours.sum()), 1)], np.float64)
+    return np.array([intensity, range_m, drop], np.float64)
 
 
 def distance_of(scenes: Float[np.ndarray, " s"], unit: str) -> Interval:

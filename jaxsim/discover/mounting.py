@@ -68,7 +68,8 @@ def place_mounting(comparison: Comparison, candidates: Collection[str], known: S
         # Frames' own places hold what the mounting is off by as well.
         moved = seen_from(scan, _of_frames(registered.frames, rows=scan.range_m.shape[1]))
         return Mounting((), replace(comparison, scan=moved, cast_again=True, other_moments=True), known)
-    given = dict(known.effects)
+    # A mounting is that of all frames: what acts in a part of them alone stays with what else is known.
+    given = {name for name, _ in known.effects} - {*known.regions}
     named = tuple(name for name in registered.sure if name in candidates)
     stated = tuple(name for name in registered.sure if name in given)
     if not named and not stated:

@@ -179,6 +179,7 @@ def without_unconfirmed(verdict: Verdict) -> Verdict:
         verdict=answer,
         effects=confirmed_effects,
         unconfirmed=lost,
+        regimes=tuple(one for one in verdict.regimes if one.effect not in names),
         ranking=tuple(replace(rank, why_not=WHY_NOT) if rank.name in names else rank for rank in verdict.ranking),
         notes=(*verdict.notes, note),
     )
@@ -211,7 +212,8 @@ def sensor_of(verdict: Verdict, added: SensorModel, known: SensorModel) -> Senso
     lost = {effect.name for effect in verdict.unconfirmed} - named
     mounting = [(one.name, one.values) for one in verdict.effects if one.name not in added_names | named]
     stated = [pair for pair in known.effects if pair[0] not in added_names]
-    effects = [pair for pair in added.effects if pair[0] not in lost]
-    if not mounting and not stated and len(effects) == len(added.effects):
+    effects = (*stated, *mounting, *(pair for pair in added.effects if pair[0] not in lost))
+    if effects == added.effects:
         return added
-    return replace(added, effects=(*stated, *mounting, *effects))
+    regions = {name: region for name, region in added.regions.items() if name not in lost}
+    return replace(added, effects=effects, regions=regions)

@@ -58,9 +58,11 @@ def score_pairs(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[st
 
 def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, Score]:
     """Share of returned cells whose measured intensity lies between the outer QUANTILES, and between the inner ones;
-    and the Brier score of the drop's probability. Nothing for a network that gives no distribution.
+    and the Brier score of the drop's probability. Nothing for a network that gives no distribution, and where no cell
+    counts.
 
-    Zeros are drops, which have a probability of their own: a cell counts where it reports more than 0.
+    A cell counts where the camera saw it and its beam came back. One that reports 0 counts in both: the quantiles and
+    the drop's probability are learned from it alike.
     """
     inside = np.zeros(2)
     cells = 0
@@ -83,6 +85,8 @@ def coverage(predict: Predict, params: Any, pairs: Sequence[Pair]) -> dict[str, 
         drops = ~back | (value < DROP_BELOW)
         square += float(((share - drops)[looked] ** 2).sum())
         seen += int(looked.sum())
+    if not cells:
+        return {}
     percent = [round(100 * (QUANTILES[-1 - k] - QUANTILES[k])) for k in range(2)]
     covered = {f"coverage_{percent[k]}": Score(inside[k] / cells, "1", cells) for k in range(2)}
     return covered | {"drop_brier": Score(square / seen, "1", seen)}
@@ -132,7 +136,10 @@ def make_images(generate: Generate, prepare: PrepareConfig) -> tuple[Callable[..
     @jax.jit
     def predicted(params: Any, pair: Pair) -> Array:
         inputs = network_inputs(pair.painted, pair.incidence_rad, pair.row_share, prepare=prepare)
-        return generate(params, inputs)[..., :1]
+        images = generate(params, inputs)
+        # Of a distribution the median, which is what is scored cell by cell, too.
+        channel = QUANTILES.index(0.5) if images.shape[-1] > len(QUANTILES) else 0
+        return images[..., channel : channel + 1]
 
     @jax.jit
     def measured(pair: Pair) -> Array:

@@ -30,6 +30,7 @@ from jaxsim.geometry.polar import (
     rows_of,
     scan_on_window,
     scatter_nearest,
+    with_neighbours,
 )
 from jaxsim.geometry.rows import UnorderedCloud, fit_beams, recover_rows, rows_by_elevation
 from jaxsim.geometry.sensor import PRESETS, LidarSpec, full_grid, grid_difference, preset, same_grid, window_grid
@@ -69,4 +70,5 @@ __all__ = [
     "transform",
     "unproject",
     "window_grid",
+    "with_neighbours",
 ]

@@ -208,6 +208,20 @@ def resample(image: Tree, size: tuple[int, int], *, batch_dims: int | None = Non
     return jax.tree.map(take, image)
 
 
+def with_neighbours(grid: PolarGrid) -> PolarGrid:
+    """The grid with one more beam above and one below, as far off as the next; of one beam alone, as columns are."""
+    beams = jnp.stack([jnp.asarray(grid.elevation_rad), jnp.asarray(grid.origin_m)])
+    first, last = beams[:, :1], beams[:, -1:]
+    if beams.shape[1] > 1:
+        after, before = beams[:, 1:2], beams[:, -2:-1]
+    else:
+        # Nothing tells how high a single beam's cell is: it is as high as it is wide.
+        step = jnp.stack([_step_rad(grid), jnp.zeros((), beams.dtype)])[:, None]
+        after, before = first - step, last + step
+    elevation_rad, origin_m = jnp.concatenate([2 * first - after, beams, 2 * last - before], axis=1)
+    return PolarGrid(grid.azimuth_rad, elevation_rad, origin_m)
+
+
 @jax.jit
 def rows_of(xyz_m: Float[Array, "*b n 3"], grid: PolarGrid) -> Int[Array, "*b n"]:
     """The beam that passes nearest in angle, each seen from its own origin, however far off.

@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.frame import Array, CameraFrame, Painted, PolarGrid
-from jaxsim.geometry import azimuth_of, column_of, resample, unproject
+from jaxsim.geometry import azimuth_of, column_of, resample, unproject, with_neighbours
 
 _NOTHING = 2**31 - 1
 _RELATIVE = 0.1
@@ -156,7 +156,8 @@ def _row_of(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarG
     One more ray is thought above and below the grid. Counting the rays above a point needs no angle, no search
     and no look-up; unrolled it is one fused loop.
     """
-    slopes, origins = jnp.tan(_extended(grid.elevation_rad)), _extended(grid.origin_m)
+    wider = with_neighbours(grid)
+    slopes, origins = jnp.tan(wider.elevation_rad), wider.origin_m
     rays = [origins[k] + rho_m * slopes[k] for k in range(slopes.shape[0])]
     row = jnp.full(z_m.shape, -2.0)
     above = rays[0] + 1
@@ -167,10 +168,6 @@ def _row_of(rho_m: Float[Array, "*b n"], z_m: Float[Array, "*b n"], grid: PolarG
         above, below = jnp.where(under, ray, above), jnp.where(under, next_ray, below)
     # The division comes last because XLA keeps the result of one, and computes a sum again for every use.
     return (row * (above - below) + (above - z_m)) / (above - below)
-
-
-def _extended(beams: Float[Array, " rows"]) -> Float[Array, " rows_and_two"]:
-    return jnp.concatenate([2 * beams[:1] - beams[1:2], beams, 2 * beams[-1:] - beams[-2:-1]])
 
 
 @jax.jit

@@ -21,6 +21,7 @@ from jaxsim.data.polar_frames import read_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.frame import Array, Cloud, Frame, PolarGrid
 from jaxsim.geometry import PRESETS, full_grid, polar_to_points
+from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import dense_view
 from jaxsim.simulate.frames import motion_of, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor
@@ -111,7 +112,8 @@ def _dense(
         batch = jax.tree.map(lambda leaf: np.asarray(leaf)[None], dense_view(frame, learned.run.experiment.prepare))
         image, painted = take(learned.simulate_view(batch), 0)
         # Rays that the network drops stay, with intensity 0, which KITTI's own scans have too.
-        image = replace(image, valid=painted.valid) if recipe.keep_zero else image
+        # What lies farther than any LiDAR sees is none of them.
+        image = replace(image, valid=painted.valid & (painted.range_m <= FAR_M)) if recipe.keep_zero else image
         if effects_model is not None:
             image = with_effects(effects_model, image, painted, grid=grid, key=key, **motion_of(frame))
         return polar_to_points(image, grid)

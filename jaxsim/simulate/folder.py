@@ -30,7 +30,7 @@ from jaxsim.frame import Array, Cloud, Frame, Painted, PolarImage
 from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
-from jaxsim.simulate.frames import check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 
@@ -93,7 +93,7 @@ class Batch(NamedTuple):
     drawn: frozenset[int]
     """Those of which pictures are drawn."""
     first_s: float
-    """Time of the first frame of all, which effects that drift count from."""
+    """Time of the data set's first frame, which effects that drift count from."""
 
 
 class Made(NamedTuple):
@@ -185,9 +185,8 @@ def simulate_folder(
     first_s = 0.0
     if effects_model:
         # Refused before the folder is claimed, not at the first frame that is written.
-        opening = dataset[positions[0]]
-        check_motion(effects_model, **motion_of(opening))
-        first_s = opening.time_s or 0.0
+        check_motion(effects_model, **motion_of(dataset[positions[0]]))
+        first_s = begin_of(dataset)
     claim_effects(out, effects_model)
     claim_frames(
         out,

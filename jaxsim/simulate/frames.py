@@ -76,6 +76,12 @@ def rasters(painted: Painted, grid: PolarGrid) -> dict[str, np.ndarray]:
     }
 
 
+def begin_of(dataset: Dataset) -> float:
+    """When a data set's first frame was taken, 0 where it does not say: what drifts, or acts for a time alone, counts
+    from it, whichever frames are chosen."""
+    return dataset[0].time_s or 0.0
+
+
 def motion_of(frame: Frame, first_s: float = 0.0) -> dict[str, float | None]:
     """When a frame was taken, counted from `first_s`, and how the car moved; None where the frame does not say."""
     time_s = None if frame.time_s is None else frame.time_s - first_s

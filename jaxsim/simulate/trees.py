@@ -37,6 +37,7 @@ from jaxsim.frame import Boxes, Frame
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 from jaxsim.simulate.clouds import check_recipe, grid_file, make_cloud
+from jaxsim.simulate.frames import begin_of
 from jaxsim.simulate.sensor import LearnedSensor
 
 _log = logging.getLogger(__name__)
@@ -169,7 +170,7 @@ def export_trees(
                 missing.setdefault(position, []).append(tree)
     # Read for its time alone, which only effects ask for.
     timed = any(plan.effects_model for plan in plans)
-    first_s = (dataset[0].time_s or 0.0) if timed else 0.0
+    first_s = begin_of(dataset) if timed else 0.0
     todo = [Todo(position, tuple(trees), first_s) for position, trees in sorted(missing.items())]
 
     def save() -> None:

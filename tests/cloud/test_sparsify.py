@@ -8,7 +8,7 @@ import pytest
 from jaxsim.cloud.pseudo_lidar import depth_to_cloud
 from jaxsim.cloud.sparsify import LINES, EvenLines, crop_cloud, sparsify
 from jaxsim.data.kitti_files import object_rect_from_velo
-from jaxsim.frame import Cloud
+from jaxsim.frame import Cloud, PolarGrid
 from jaxsim.geometry import PRESETS, preset, window_grid
 from tests.cloud.published import published_camera
 
@@ -174,3 +174,10 @@ def test_beams_and_winners_that_there_are_not_are_refused():
 def test_only_what_the_published_program_looks_at_is_left_by_its_crop():
     xyz = [[0, 0, 0], [120, 0, 0], [5, -50, 0], [5, 50, 0], [5, 0, -2.5], [5, 0, 1.5], [-0.1, 0, 0]]
     assert np.asarray(crop_cloud(cloud_of(xyz)).valid).tolist() == [True, False, True, False, True, False, False]
+
+
+def test_a_sensor_of_one_beam_has_cells_as_high_as_they_are_wide():
+    grid = PolarGrid(np.deg2rad([1.0, 0.0, -1.0]), np.deg2rad([-2.0]), np.zeros(1))
+    grid = jax.tree.map(np.float32, grid)
+    cloud = cloud_of(at([0.2, 0.2, -1.1, 0.0], [-1.8, -1.2, -2.4, -2.6], [9.0, 5.0, 8.0, 5.0]))
+    assert winners(sparsify(cloud, grid)).tolist() == [0, 2]

@@ -163,3 +163,10 @@ def test_a_pair_is_spelled_by_the_words_of_its_parts():
     assert spelled("range x step side") == "range x step"
     assert spelled("speed x time") == "time"
     assert spelled("row") == "row"
+
+
+def test_frames_in_which_hardly_anything_varies_have_no_pair():
+    rng = np.random.default_rng(4)
+    r = rays(rng, SHAPE)
+    flat = {name: np.full_like(value, value.flat[0]) for name, value in vars(r).items()}
+    assert alone(type(r)(**(flat | {"range_m": r.range_m})), rng.normal(0, 1, SHAPE)) == []

@@ -3,6 +3,7 @@
 import json
 import shlex
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,14 @@ from jaxsim.discover.gate import (
     check_verdict,
     colour_of,
     distance_of,
+    frame_distances,
     quick_distances,
     read_gate,
     save_gate,
     thresholds_of,
 )
 from jaxsim.discover.verdict import Interval
+from jaxsim.frame import PolarImage
 from tests.discover.made_embedded import write_streets
 from tests.discover.made_gate import sides
 from tests.report import results
@@ -231,3 +234,29 @@ def test_one_effect_in_the_embedded_worlds_sensor_turns_the_gate_red_and_is_name
     assert "**gap**" in summary
     assert "the simulation lacks range_falloff" in summary
     assert "the simulation lacks range_falloff" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("lost", ["left out", "not a number"])
+def test_a_channel_that_was_compared_before_and_is_not_now_is_unsure(tmp_path, lost):
+    verdict = results.named().verdict
+    verdict.save(tmp_path)
+    asked = gate(tmp_path, baseline="verdict.json")
+    channels = dict(verdict.gap)
+    drop = channels.pop("drop")
+    if lost == "not a number":
+        channels["drop"] = replace(drop, before=float("nan"))
+    checks = {check.name: check for check in check_verdict(asked, replace(verdict, gap=channels))}
+    told = checks["drop against baseline"]
+    assert (told.colour, told.words) == ("unsure", "the channel was not compared")
+    assert checks["range against baseline"].colour == "pass"
+
+
+@pytest.mark.parametrize("common", [0, 1])
+def test_no_more_than_all_rays_are_lost(common):
+    def image(valid):
+        return PolarImage(20 * valid.astype(np.float32), 0.5 * valid.astype(np.float32), valid)
+
+    ray = np.arange(20).reshape(4, 5)
+    intensity, _, drop = frame_distances(image(ray < 5 + common), image(ray >= 5))
+    assert drop == 1
+    assert np.isnan(intensity) == (not common)

@@ -16,6 +16,7 @@ from jaxsim.discover.scenes import split
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS, all_rays
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.region import Region
 from jaxsim.effects.scan import scan_of
 from tests.discover.rooms import GRID, measured_of, registered, rooms, seen
 
@@ -112,6 +113,14 @@ def test_a_known_mounting_is_put_in_place_as_it_stands():
     assert one.effects == ()
     assert [name for name, _ in one.known.effects] == ["random_dropout"]
     assert off_m(one.comparison) < 0.02
+
+
+def test_a_known_turn_of_a_part_of_the_recording_is_no_mounting():
+    known = SensorModel(
+        (("extrinsic_rotation", {"yaw_rad": 0.02}),), regions={"extrinsic_rotation": Region(time_s=(5.0, None))}
+    )
+    one = place_mounting(comparison([0, 0, 0, 0, 0, 0.02]), (), known)
+    assert (one.effects, one.known) == ((), known)
 
 
 def test_a_sensor_in_its_place_changes_nothing():

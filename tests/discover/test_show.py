@@ -10,7 +10,9 @@ from jaxsim.discover.read import Comparison, Division
 from jaxsim.discover.show import WHY_NOT, gap_with, sensor_of, with_mounting, without_unconfirmed
 from jaxsim.discover.verdict import CurveLine, Gained, Gap, Interval, Named, Rank, Verdict
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.region import Region
 from tests.discover.toy import toy
+from tests.report.made_regimes import regime
 
 FRAMES = 12
 
@@ -121,3 +123,15 @@ def test_a_mounting_is_named_before_what_was_found_with_it_in_place():
     assert [name for name, _ in sensor_of(alone, added, SensorModel()).effects] == ["extrinsic_rotation"]
     unsure = with_mounting(replace(verdict(-1), ranking=()), (), (turn,))
     assert (unsure.verdict, unsure.unconfirmed) == ("none", (turn,))
+
+
+def test_what_is_not_confirmed_leaves_no_region_behind():
+    late, half = Region(time_s=(90.0, None)), Region(azimuth_rad=(0.0, 1.0))
+    one = without_unconfirmed(replace(verdict(-1, GAIN), regimes=(regime(late),)))
+    assert (one.unconfirmed, one.regimes) == ((GAIN,), ())
+    known = SensorModel((("random_dropout", {"probability": 0.1}),), regions={"random_dropout": half})
+    added = SensorModel((*known.effects, ("beam_gain", {"gain": 0.1})), regions={**known.regions, "beam_gain": late})
+    assert sensor_of(one, added, known) == known
+    stays = replace(verdict(0.5, GAIN), regimes=(regime(late),))
+    assert without_unconfirmed(stays).regimes
+    assert sensor_of(stays, added, known) is added

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxsim.config import DataConfig, PrepareConfig
+from jaxsim.config import QUANTILES, DataConfig, PrepareConfig
 from jaxsim.data import open_dataset
 from jaxsim.evaluate.intensity import _in_batches, frechet_line, frechet_of_run, make_images
 from jaxsim.metrics.frechet import Moments, frechet_distance
@@ -75,3 +75,14 @@ def test_fewer_frames_than_features_stop_before_any_work(pairs, tmp_path):
     with pytest.raises(ValueError, match=r"fid: 6 frames to judge, 2048 features.*Judge 2049 frames"):
         frechet_of_run(generate, jnp.float32(0.5), pairs, extractor=extractor, prepare=PREPARE, cache=tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_of_a_distribution_the_median_is_the_image(pairs):
+    def quantiles(params, inputs):
+        return jnp.stack([jnp.full(inputs.shape[:-1], of) for of in (*QUANTILES, 7.0)], axis=-1)
+
+    predicted, _ = make_images(quantiles, PREPARE)
+    batch = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], pairs[0])
+    image = predicted(None, batch)
+    assert image.shape == (1, 48, 64, 1)
+    assert (image == 0.5).all()

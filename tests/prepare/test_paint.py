@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jaxsim.frame import Camera, CameraFrame, PolarImage
+from jaxsim.frame import Camera, CameraFrame, PolarGrid, PolarImage
 from jaxsim.geometry import camera_window, polar_to_points, preset, window_grid
 from jaxsim.prepare import paint
 
@@ -261,3 +261,11 @@ def test_a_view_without_depth_says_so():
     frame = view(np.full(SIZE, 12.0)).replace(depth_m=None, depth_valid=None)
     with pytest.raises(ValueError, match="no depth_m"):
         paint(frame, grid_of())
+
+
+def test_a_grid_of_one_beam_is_painted_too():
+    whole = grid_of()
+    one = PolarGrid(whole.azimuth_rad, whole.elevation_rad[20:21], whole.origin_m[20:21])
+    painted = paint(view(10.0), one)
+    assert np.asarray(painted.valid).mean() > 0.9
+    np.testing.assert_allclose(painted.depth_m[painted.valid], 10.0, rtol=1e-5)

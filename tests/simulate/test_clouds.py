@@ -14,6 +14,7 @@ from jaxsim.data import KittiObject
 from jaxsim.data.vkitti2 import VirtualKitti2
 from jaxsim.detect.scenes import scene_of
 from jaxsim.effects.chain import SensorModel
+from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.detection import DIFFICULTIES, read_truth
 from jaxsim.metrics.detection.matching import truth_flags
 from jaxsim.simulate.clouds import make_cloud
@@ -120,6 +121,11 @@ def test_clouds_of_a_trained_sensor_carry_its_intensity_in_all_placements(virtua
         window, _ = sensor.window
         assert grid.valid.size == len(window.elevation_rad) * len(window.azimuth_rad)
         assert (grid.intensity[grid.valid] > 0).all()
+        whole = make_cloud(frame, replace(recipe, projection="grid", lines="", keep_zero=True), sensor)
+        assert whole.valid.sum() > grid.valid.sum()
+        far = replace(frame, camera=replace(frame.camera, depth_m=np.full_like(frame.camera.depth_m, 2 * FAR_M)))
+        beyond = make_cloud(far, replace(recipe, projection="grid", lines="", keep_zero=True), sensor)
+        assert not beyond.valid.any()
 
 
 def test_effects_act_on_the_rays_of_the_sensors_grid(virtual, sensor):

@@ -1,5 +1,6 @@
 """What a network that gives quantiles says, and draws from it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -91,6 +92,8 @@ def test_coverage_counts_what_lies_between_the_levels():
     assert 0 < found["coverage_50"].value < found["coverage_90"].value
     drops = ~pair.measured.valid[pair.painted.valid]
     assert found["drop_brier"].value == pytest.approx(((0.3 - drops) ** 2).mean(), rel=1e-4)
+    unseen = replace(pair, painted=replace(pair.painted, valid=np.zeros(SHAPE, bool)))
+    assert coverage(lambda params, pair: fixed, None, [unseen]) == {}
     plain = SimpleNamespace(quantiles=None, drop_share=None)
     assert coverage(lambda params, pair: plain, None, [pair]) == {}
 

@@ -1,9 +1,23 @@
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from jaxsim.config import DataConfig
-from jaxsim.simulate.folder import Batch, FrameMaker, Made, Speed, _overlapped, claim_frames, data_words
+from jaxsim.effects.chain import SensorModel
+from jaxsim.geometry import full_grid, preset
+from jaxsim.simulate.folder import (
+    Batch,
+    FrameMaker,
+    Made,
+    Speed,
+    _overlapped,
+    claim_frames,
+    data_words,
+    simulate_folder,
+)
+from tests.simulate.made_trees import Six
 
 MADE = {"fingerprint": "4f2a", "data": "synthetic", "seed": 0}
 
@@ -128,3 +142,31 @@ def test_where_nothing_was_left_to_do_there_is_no_speed():
 def test_words_of_the_data_say_what_is_unlike_a_runs_own():
     assert data_words(DataConfig("kitti_raw", lidar="camera")) == "kitti_raw"
     assert data_words(DataConfig("vkitti2", lidar="camera"), "none") == "vkitti2, LiDAR in the camera, not projected"
+
+
+class Of(FrameMaker):
+    """A maker of these fields alone."""
+
+    def __init__(self, **fields):
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+
+def test_effects_that_drift_count_from_the_data_sets_first_frame(tmp_path, monkeypatch):
+    """Whichever frames are chosen, as trees count."""
+
+    def started(self, index, read=Six.__getitem__):
+        return replace(read(self, index), time_s=1.3e9 + 0.1 * index)
+
+    monkeypatch.setattr(Six, "__getitem__", started)
+    learned = SimpleNamespace(window=(full_grid(preset("vlp16")), None), fingerprint="4f2a")
+    drift = SensorModel((("emitter_drift", {"rate": 0.1}),))
+    maker = Of(learned=learned, dataset=Six(), out=tmp_path, effects_model=drift)
+    seen = []
+
+    def spread(batches):
+        seen.extend(batches)
+        return iter([Made({}, 0.1)])
+
+    simulate_folder(maker, [3, 4, 5], data="six", spread=spread)
+    assert [batch.first_s for batch in seen] == [1.3e9]

@@ -150,11 +150,16 @@ class JudgeScenes:
         chosen = all_on_top([step.placed for step in choice.steps], self.base, simulated=True)
         return self.likelihood(chosen, choice.problem.noise)
 
+    def likelier_with(self, law: Law, result: Fit) -> Bool[np.ndarray, " b"]:
+        """Which blocks are likelier with an effect as it was fitted elsewhere than without it."""
+        # As a simulation has it: readings that were reported have no say in what is held against them.
+        everywhere = on_top(law, self.base, result.z, simulated=True)
+        return self.likelihood(everywhere, result.noise) > self.likelihood(self.base, self.base.noise)
+
     def _joined(self, one: Confined, trial: Choice, facts: Facts) -> tuple[Confined, Choice]:
         """Takes in the judge scenes that are likelier with the effect than without it."""
-        law, z = one.step.chosen.effect, one.step.fit.z
-        everywhere = on_top(one.plain, self.base, z)
-        better = self.likelihood(everywhere, one.step.fit.noise) > self.likelihood(self.base, self.base.noise)
+        law = one.step.chosen.effect
+        better = self.likelier_with(one.plain, one.step.fit)
         names = {facts.names[k] for k in self.frame[(self.fitted == 0) & better].tolist()}
         region = Region(scenes=tuple(sorted({*one.region.scenes, *names})))
         frames: Bool[np.ndarray, " f"] = np.isin(facts.names, region.scenes)

@@ -154,12 +154,13 @@ def _time(facts: Facts) -> Iterator[Question]:
     many, and all of them would have to be paid for."""
     time_s = np.asarray(facts.scan.time_s, float)
     moment = np.array([time_s[facts.frame[facts.scene == n]].mean() for n in range(facts.scene_count)])
+    # A frame belongs to its scene's moment: a cut never runs through a scene.
+    of_block = moment[facts.scene]
     if len(np.unique(moment)) < facts.scene_count:
         # Sectors of one drive share all its moments: its frames are divided instead.
-        moment = np.unique(time_s[facts.frame])
+        of_block = time_s[facts.frame]
+        moment = np.unique(of_block)
     spans = _spans(moment)
-    # A frame belongs to its scene's moment: a cut never runs through a scene.
-    of_block = moment[facts.scene] if len(moment) == facts.scene_count else time_s[facts.frame]
     for between in (False, True):
         regions = tuple(Region(time_s=span) for span in spans if (None not in span) == between)
         if regions:

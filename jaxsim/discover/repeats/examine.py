@@ -118,9 +118,8 @@ def size_of(one: LearnedRepeat, maps: Maps) -> float:
 
 def with_repeats(added: Added, laws: Sequence[Learned]) -> Added:
     """The sensor model with the laws of what repeats, after all others."""
-    sensor = added.sensor
-    with_laws = SensorModel(sensor.effects, sensor.levels, (*sensor.learned, *laws))
-    return replace(added, sensor=with_laws, repeated=tuple(as_law(law) for law in laws))
+    sensor = replace(added.sensor, learned=(*added.sensor.learned, *laws))
+    return replace(added, sensor=sensor, repeated=tuple(as_law(law) for law in laws))
 
 
 def with_what_repeats(answer: Answer, first: LearnedRepeat) -> Answer:

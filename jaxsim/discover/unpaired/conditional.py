@@ -245,11 +245,11 @@ def _inflation(
     blocks: Sequence[Block],
 ) -> float:
     """Median over blocks of what exchanged sides lower the loss by, over what independent noise would give (half the
-    block's degrees of freedom)."""
+    block's degrees of freedom); 1 where no block says anything of it."""
     # The first draw is the true division, which an effect may lower.
     exchanges = draws[1 : 1 + INFLATION_DRAWS]
     chance = lowered(eq, exchanges, blocks, weight=weight, nuisance=nuisance).mean(0)
     free = np.array([freedom(eq, block, weight=weight, measured=draws[0]) for block in blocks])
     # A block that its prior holds still says nothing of the noise.
     use = free > 0.5
-    return float(max(np.median(2 * chance[use] / free[use]), 1.0))
+    return float(max(np.median(2 * chance[use] / free[use]), 1.0)) if use.any() else 1.0

@@ -15,11 +15,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jaxsim.discover.model.noise_levels import FINEST
+from jaxsim.discover.name.candidates import longest_run, within_turn
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import chance_of, difference_interval
 from jaxsim.discover.unpaired.read import UnpairedComparison
 from jaxsim.discover.verdict import Interval, Named
 from jaxsim.effects import EFFECTS
+from jaxsim.effects.places import spans_turn
+from jaxsim.frame import PolarGrid
 
 NEAR = 0.05
 """A lost ray lay on a smooth surface if its neighbours to both sides returned, with ranges this close, as a share."""
@@ -82,7 +85,7 @@ def lost_rays(
     effects = []
     if hidden.any():
         scenes = int(find[comparison.measured].sum())
-        effects.append(_sector(np.asarray(comparison.grid.azimuth_rad, float), hidden, scenes=scenes))
+        effects.append(_sector(comparison.grid, hidden, scenes=scenes))
     effects += _packets(measured, simulated, ~hidden)
     # Rows that look at the sky lose rays to the street: their losses say nothing of the sensor.
     rows = simulated.lost.mean((0, 2)) < 1 - RULES.unpaired_sure_hits
@@ -93,13 +96,13 @@ def lost_rays(
     return (*effects, *single), tuple(notes)
 
 
-def _sector(azimuth_rad: Float[np.ndarray, " c"], hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Named:
+def _sector(grid: PolarGrid, hidden: Bool[np.ndarray, " c"], *, scenes: int) -> Named:
     """The longest run of hidden columns, known to a column's width; each scene shows it."""
+    azimuth_rad = np.asarray(grid.azimuth_rad, float)
     step = float(np.abs(np.diff(azimuth_rad)).mean())
-    columns = np.flatnonzero(hidden)
     # Single empty columns beside it may be chance; one thing before the sensor hides neighbours.
-    run = max(np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1), key=len)
-    middle = float(azimuth_rad[run].mean())
+    run = longest_run(hidden, closed=bool(spans_turn(grid)))
+    middle = within_turn(float(np.unwrap(azimuth_rad[run % len(hidden)]).mean()))
     width = len(run) * step
     share = float(hidden.mean())
     parameters = {

@@ -147,3 +147,9 @@ def test_every_variable_is_a_covariate_with_a_name_of_its_own():
     names = [name for name, _ in VARIABLES.values()]
     assert len(set(names)) == len(names)
     assert all(name.isidentifier() for name in names)
+
+
+def test_the_file_imports_each_module_once(tmp_path):
+    text = write_effect(law_of("range"), tmp_path / "mine.py").read_text()
+    modules = [line.split()[1] for line in text.splitlines() if line.startswith("from ")]
+    assert modules == sorted(set(modules))

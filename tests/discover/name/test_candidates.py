@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.name.candidates import by_beam, smooth, starts_of
+from jaxsim.discover.name.candidates import by_beam, longest_run, smooth, starts_of
 from jaxsim.discover.rules import RULES
 from jaxsim.effects import EFFECTS
 from tests.discover.name.made import candidate
@@ -125,3 +125,23 @@ def test_a_hidden_sector_is_where_all_frames_lose(problem):
     widths = [start["width_rad"] for start in found["sector_occlusion"]]
     assert found["sector_occlusion"][0]["azimuth_rad"] == pytest.approx(0.8, abs=0.15)
     assert min(widths) < 0.6 < max(widths)
+
+
+@pytest.mark.parametrize("after", [5, 14])
+def test_a_hidden_sector_behind_the_car_is_one(problem, after):
+    """Two of the fifteen columns: 5 and 6, or on both sides of the seam 14 and 0."""
+    step = 2 * np.pi / 15
+    middle = np.pi - step / 8 - (after + 0.5) * step
+    off = np.angle(np.exp(1j * (np.asarray(problem.ev.rays.azimuth_rad) - middle)))
+    ended = starts_of(changed(problem, returned=np.asarray(problem.ev.returned) & (np.abs(off) > 0.3)))
+    start = ended["sector_occlusion"][1]
+    assert -np.pi <= start["azimuth_rad"] <= np.pi
+    assert abs(np.angle(np.exp(1j * (start["azimuth_rad"] - middle)))) < 0.03
+    assert start["width_rad"] == pytest.approx(2 * step, abs=0.05)
+
+
+def test_a_run_goes_on_past_the_seam_of_a_closed_ring_alone():
+    flags = np.array([1, 1, 0, 1, 0, 1, 1, 1], bool)
+    assert longest_run(flags, closed=True).tolist() == [5, 6, 7, 8, 9]
+    assert longest_run(flags, closed=False).tolist() == [5, 6, 7]
+    assert longest_run(np.ones(3, bool), closed=True).tolist() == [0, 1, 2]

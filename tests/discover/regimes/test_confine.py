@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.null import fit_null
+from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.name.candidates import rank_effects
 from jaxsim.discover.regimes.chance import ask, scenes_by_size
-from jaxsim.discover.regimes.confine import confine
+from jaxsim.discover.regimes.confine import JudgeScenes, confine
 from jaxsim.discover.regimes.find import sizes
 from jaxsim.discover.regimes.questions import cells, questions
 from jaxsim.effects import EFFECTS
 from tests.discover.regimes.halves import COLUMNS, FRAMES, GAINS, INSIDE, SECTOR, halves
+from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
 GAIN = EFFECTS["beam_gain"]
@@ -103,3 +106,24 @@ def test_drives_that_nothing_tells_apart_are_told_by_their_own_readings():
     assert found is not None
     assert found.p_value < 0.02
     assert found.question.regions[0].scenes == ("drive 0", "drive 3", "drive 4", "drive 8")
+
+
+def test_what_judge_scenes_are_held_to_does_not_rest_on_what_they_report(standard_promotion):
+    """Two frames have a walk of their predicted intensities, and report dark walls and a bright road."""
+    walk = {"amplitude_m": 0.3, "intensity": 0.1}
+    scan, measured = toy(frames=9)
+    apart = np.arange(9) >= 7
+    road = np.asarray(scan.semantic) == 7
+    off_m = np.where(apart[:, None, None], 0.3 * np.exp(-np.asarray(scan.intensity) / 0.1), 0)
+    light = measured.intensity * np.where(apart[:, None, None], np.where(road, 8.0, 0.1), 1.0)
+    read_m = np.where(measured.valid, measured.range_m + off_m, 0)
+    measured = replace(measured, range_m=read_m.astype(np.float32), intensity=light.astype(np.float32))
+    scan, measured = device(scan, measured)
+    frame = np.arange(9)
+    column = np.broadcast_to(np.arange(0, 60, 2), (9, 30))
+    fitted = (frame < 6).astype(np.float32)
+    null, _ = fit_null(scan, gather(scan, measured, frame=frame, column=column, scene=frame), fitted)
+    law = EFFECTS["range_walk"]
+    result = replace(fit(law, null, fitted, steps=1), z=to_z(law, walk, 16), noise=null.noise)
+    judge = JudgeScenes(null, frame, fitted, frame)
+    np.testing.assert_array_equal(judge.likelier_with(law, result)[6:], apart[6:])

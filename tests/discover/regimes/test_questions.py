@@ -48,3 +48,19 @@ def test_arcs_hold_the_sectors_of_their_azimuths(facts):
         low, high = region.azimuth_rad
         held = (middle - low) % (2 * np.pi) < high - low
         np.testing.assert_array_equal(inside[0], held)
+
+
+@pytest.mark.parametrize("frames", [6, 8])
+def test_frames_of_one_drive_are_divided_by_their_own_moments_however_many_its_sectors_are(facts, frames):
+    """Six sectors of each frame, as blocks: a sector's number is no moment's."""
+    sectors = 6
+    frame, scene = np.divmod(np.arange(frames * sectors), sectors)
+    column = scene[:, None] * (COLUMNS // sectors) + np.arange(COLUMNS // sectors)
+    asked = [
+        one for one in questions(Facts(facts.scan, ("drive",) * FRAMES, frame, scene, column)) if one.divides == "time"
+    ]
+    time_s = np.asarray(facts.scan.time_s)[frame]
+    assert asked
+    for one in asked:
+        for region, inside in zip(one.regions, one.inside, strict=True):
+            np.testing.assert_array_equal(inside[:, 0], region.in_time(time_s))

@@ -9,11 +9,14 @@ import pytest
 from benchmarks.blind.hidden import make_case
 from jaxsim.cli import main
 from jaxsim.discover import discover, read_comparison
-from jaxsim.discover.repeats.examine import size_of
+from jaxsim.discover.add import Added
+from jaxsim.discover.repeats.examine import size_of, with_repeats
 from jaxsim.discover.repeats.learn import LearnedRepeat
 from jaxsim.discover.repeats.maps import Maps
 from jaxsim.effects.chain import SensorModel
+from jaxsim.effects.learned import Learned
 from jaxsim.effects.own import known_effects
+from jaxsim.effects.region import Region
 from tests.effects.own import forgetful  # noqa: F401  (a fixture)
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
@@ -99,3 +102,11 @@ def test_other_maps_show_a_share_of_a_pattern_with_its_sign():
             share, abs=1e-6
         )
     assert size_of(one, Maps.plain(np.zeros_like(weight), weight)) == 0
+
+
+def test_effects_keep_their_regions_beside_what_repeats():
+    regions = {"beam_gain": Region(azimuth_rad=(0.0, 1.0))}
+    sensor = SensorModel((("beam_gain", {"gain": 0.1}),), regions=regions)
+    wave = Learned("intensity", "wave", ("column",), ((0.1,),), (0.3, -0.2), (0.0, 0.0))
+    both = with_repeats(Added((), (), sensor), [wave]).sensor
+    assert (both.effects, both.learned, both.regions) == (sensor.effects, (wave,), regions)

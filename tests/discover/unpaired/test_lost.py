@@ -5,11 +5,12 @@ import pytest
 
 from benchmarks.blind.hidden.streets import make_unpaired
 from jaxsim.discover.scenes import difference_interval
-from jaxsim.discover.unpaired.lost import _bounded, _compared, lost_rays
+from jaxsim.discover.unpaired.lost import _bounded, _compared, _sector, lost_rays
 from jaxsim.discover.unpaired.read import read_unpaired
 from jaxsim.discover.unpaired.workflow import divide
 from jaxsim.discover.verdict import Interval
 from jaxsim.effects import EFFECTS
+from jaxsim.frame import PolarGrid
 from tests.discover.unpaired.made import SMALL
 
 
@@ -42,3 +43,19 @@ def test_a_share_stays_within_the_bounds_of_a_probability():
     bounded = _bounded(Interval(0.1, -0.2, 2.0, "share of rays"), "packet_loss", "probability")
     p = EFFECTS["packet_loss"].parameters["probability"]
     assert (bounded.low, bounded.high) == (p.low, p.high)
+
+
+@pytest.mark.parametrize("first", [0, 40, 112])
+def test_columns_hidden_on_both_sides_of_the_seam_are_one_sector(first):
+    columns = 120
+    step = 2 * np.pi / columns
+    azimuth = np.pi - (np.arange(columns) + 0.5) * step
+    hidden = np.zeros(columns, bool)
+    hidden[(first + np.arange(16)) % columns] = True
+    zero = np.zeros(4, np.float32)
+    told = _sector(PolarGrid(azimuth.astype(np.float32), zero, zero), hidden, scenes=8).parameters
+    assert told["width_rad"].value == pytest.approx(16 * step, rel=1e-3)
+    middle = np.pi - (first + 8) * step
+    assert abs(np.angle(np.exp(1j * (told["azimuth_rad"].value - middle)))) < 1e-3
+    ahead = PolarGrid((azimuth / 3).astype(np.float32), zero, zero)
+    assert _sector(ahead, hidden, scenes=8).parameters["width_rad"].value <= 16 * step / 3 * 1.01
