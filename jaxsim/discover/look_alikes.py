@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -133,17 +134,13 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
-    target, size = jnp.asarray(own, jnp.float32), float(np.square(own).sum())
+    target = jnp.asarray(own, jnp.float32)
 
-    def both(z: dict[str, Array]) -> tuple[Array, Array]:
-        change = _change(other, to_values(other, z), rays, scan=scan)
-        return jnp.square(target - change).sum() / size, change
-
-    # A program that runs a hundred times on few rays: LLVM would work far longer than it.
-    slope = jax.jit(jax.value_and_grad(both, has_aux=True), compiler_options={"xla_backend_optimization_level": 0})
+    def slope(x: Float[np.ndarray, " n"]) -> tuple[tuple[Array, Array], dict[str, Array]]:
+        return _slope(restore(x), target, rays, effect=other, scan=scan)
 
     def loss(x: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-        (value, _), by_z = slope(restore(x))
+        (value, _), by_z = slope(x)
         gradient = ravel(by_z)
         finite = np.isfinite(float(value)) and np.isfinite(gradient).all()
         return (float(value), gradient) if finite else (1e6, np.zeros_like(x))
@@ -155,7 +152,23 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
     begin = [starts[0], min(starts[1:], key=lambda x: loss(x)[0])]
     fits = [minimize(loss, x, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}) for x in begin]
     best = min(fits, key=lambda one: float(one.fun))
-    return np.asarray(slope(restore(best.x))[0][1])
+    return np.asarray(slope(best.x)[0][1])
+
+
+# A program that runs a hundred times on few rays: LLVM would work far longer than it. One serves all effects of one's
+# own, as what they change is its argument.
+@partial(jax.jit, static_argnames="effect", compiler_options={"xla_backend_optimization_level": 0})
+def _slope(
+    z: dict[str, Array], target: Float[Array, "k n"], rays: Rays, *, effect: Effect, scan: Scan
+) -> tuple[tuple[Array, Array], dict[str, Array]]:
+    """The square of what `effect` at z leaves of `target`, as a share of it, with the effect's change; and its
+    gradient."""
+
+    def both(z: dict[str, Array]) -> tuple[Array, Array]:
+        change = _change(effect, to_values(effect, z), rays, scan=scan)
+        return jnp.square(target - change).sum() / jnp.square(target).sum(), change
+
+    return jax.value_and_grad(both, has_aux=True)(z)
 
 
 def _apart(remainder: np.ndarray, rays: Rays, *, share: float) -> str:

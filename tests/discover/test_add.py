@@ -16,20 +16,21 @@ from jaxsim.effects.rays import REFERENCE_M
 from tests.discover.toy import device, toy
 
 pytestmark = pytest.mark.usefixtures("standard_promotion")
-FRAMES = np.arange(8)
+FRAMES = np.arange(9)  # as many as of `judged_toy`, whose programs are compiled for many files
 
 
 def fitted(effect: str, scan, measured):
     scan, measured = device(scan, measured)
-    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), scene=FRAMES)
-    everyone = np.ones(8, np.float32)
+    columns = np.broadcast_to(np.arange(0, 60, 2), (len(FRAMES), 30))
+    ev = gather(scan, measured, frame=FRAMES, column=columns, scene=FRAMES)
+    everyone = np.ones(len(FRAMES), np.float32)
     problem, _ = fit_null(scan, ev, everyone)
     return problem, fit(EFFECTS[effect], problem, everyone, steps=80)
 
 
 def test_beams_gains_lie_in_their_intervals():
     spread = 0.2
-    scan, measured = toy(frames=8, gain=spread, seed=4)
+    scan, measured = toy(frames=len(FRAMES), gain=spread, seed=4)
     truth = np.random.default_rng(4).normal(0, spread, 16)  # toy draws them first
     problem, found = fitted("beam_gain", scan, measured)
     each = intervals(EFFECTS["beam_gain"], problem, found)["gain"]
@@ -41,7 +42,7 @@ def test_beams_gains_lie_in_their_intervals():
 
 def test_a_rate_at_its_bound_does_not_blow_an_interval_up():
     share = 0.06
-    scan, measured = toy(frames=8, seed=7)
+    scan, measured = toy(frames=len(FRAMES), seed=7)
     lost = np.random.default_rng(8).random(np.shape(measured.valid)) < share
     problem, found = fitted("random_dropout", scan, replace(measured, valid=measured.valid & ~lost))
     assert float(found.noise.drop) == pytest.approx(MOST["drop"], abs=1.0)
@@ -53,7 +54,7 @@ def test_a_rate_at_its_bound_does_not_blow_an_interval_up():
 
 @pytest.mark.parametrize("off", [0.3, -0.4])
 def test_a_threshold_on_power_is_held_whatever_the_simulators_reflectances_are(off):
-    scan, measured = toy(frames=8, seed=9)
+    scan, measured = toy(frames=len(FRAMES), seed=9)
     power = np.log(np.maximum(scan.intensity, 1e-3)) - 2 * np.log(np.maximum(scan.range_m, 0.1) / REFERENCE_M)
     power = power + off
     threshold, width = np.quantile(power, 0.3), 0.4
@@ -68,7 +69,7 @@ def test_a_threshold_on_power_is_held_whatever_the_simulators_reflectances_are(o
 
 
 def test_a_surface_is_as_bright_as_its_rays_say_also_where_rays_are_lost():
-    scan, measured = toy(frames=8, seed=11)
+    scan, measured = toy(frames=len(FRAMES), seed=11)
     road = scan.semantic == 7
     light = measured.intensity * np.where(road, np.exp(-0.3), np.exp(0.2)) / 1.2
     lost = np.random.default_rng(12).random(road.shape) < 0.5

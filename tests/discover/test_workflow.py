@@ -125,12 +125,10 @@ def test_a_negative_number_of_nulls_is_refused(gains):
         discover_folders(simulated=folder / "simulated", measured=folder / "measured", nulls=-1)
 
 
-def test_an_unknown_candidate_is_an_error_that_lists_the_known(tmp_path, standard_promotion):
-    make_case(tmp_path / "case", effect="none", seed=13, **SMALL | {"scenes": 6})
+def test_an_unknown_candidate_is_an_error_that_lists_the_known(gains):
+    _, _, folder = gains
     with pytest.raises(ValueError, match="no effect named 'beam_gian'; known: extrinsic_rotation"):
-        discover_folders(
-            simulated=tmp_path / "case" / "simulated", measured=tmp_path / "case" / "measured", effects=("beam_gian",)
-        )
+        discover_folders(simulated=folder / "simulated", measured=folder / "measured", effects=("beam_gian",))
 
 
 def simulate_anew(simulated: Path, out: Path, model: SensorModel) -> None:

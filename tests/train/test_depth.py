@@ -10,7 +10,9 @@ import pytest
 
 from jaxsim.config import DataConfig, DepthExperiment, PenetConfig, RunConfig, Stage
 from jaxsim.frame import DepthFrame
+from jaxsim.prepare.depth.penet import training
 from jaxsim.train import depth, train
+from tests.quick import quick_jit
 
 CROP = (32, 64)
 # Two stages of the same part: one program to compile, and the step from stage to stage all the same.
@@ -26,6 +28,18 @@ EXPERIMENT = DepthExperiment(
 def standard_promotion():
     """optax raises floats to integers, which strict promotion forbids."""
     with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quickly_compiled_steps():
+    """The steps as they are, a few of which run here, without LLVM's work on them."""
+    step = quick_jit(
+        training.train_step.__wrapped__, static_argnames=("config", "part", "norms"), donate_argnames="state"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(depth, "train_step", step)
+        patch.setattr(depth, "predict", quick_jit(training.predict.__wrapped__, static_argnames=("config", "part")))
         yield
 
 
