@@ -136,6 +136,34 @@ def test_the_mouse_turns_and_the_wheel_zooms(chromium, report):
         assert all((np.abs(a - b).max(-1) > 30).mean() > 0.005 for a, b in pairwise(views))
 
 
+def test_one_finger_turns_and_two_move_and_zoom(chromium, report):
+    with opened(chromium, report) as tab:
+        tab.locator("#cloud").scroll_into_view_if_needed()
+        box = tab.locator("#cloud").bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        screen = tab.context.new_cdp_session(tab)
+
+        def touch(*moments: list[tuple[float, float]]) -> np.ndarray:
+            """What the cloud shows after fingers were put down, moved from place to place, and lifted."""
+            for k, places in enumerate(moments):
+                points = [{"x": a, "y": b, "id": finger} for finger, (a, b) in enumerate(places)]
+                screen.send(
+                    "Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": points}
+                )
+            screen.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+            tab.wait_for_function("jaxsimViewer.rests()")
+            return picture(tab, "#cloud")
+
+        views = [picture(tab, "#cloud"), touch([(x, y)], [(x + 40, y)], [(x + 80, y + 20)])]
+        # Farther apart, and then both to one side.
+        views.append(touch([(x - 20, y), (x + 20, y)], [(x - 60, y), (x + 60, y)]))
+        views.append(touch([(x - 20, y), (x + 20, y)], [(x + 60, y + 40), (x + 100, y + 40)]))
+        assert all((np.abs(a - b).max(-1) > 30).mean() > 0.005 for a, b in pairwise(views))
+        # A finger that was lifted is forgotten: one alone turns again, it neither moves nor zooms.
+        turned = touch([(x, y)], [(x + 80, y)])
+        assert (np.abs(turned - views[-1]).max(-1) > 30).mean() > 0.005
+
+
 def test_a_click_on_the_map_lights_a_cell_and_another_scene_has_other_rays(chromium, report):
     with opened(chromium, report) as tab:
         everything = tab.evaluate("jaxsimViewer.lit()")
