@@ -169,4 +169,4 @@ def test_frames_in_which_hardly_anything_varies_have_no_pair():
     rng = np.random.default_rng(4)
     r = rays(rng, SHAPE)
     flat = {name: np.full_like(value, value.flat[0]) for name, value in vars(r).items()}
-    assert alone(type(r)(**(flat | {"range_m": r.range_m})), rng.normal(0, 1, SHAPE)) == []
+    assert alone(type(r)(**(flat | {"semantic": r.semantic})), rng.normal(0, 1, SHAPE)) == []
