@@ -1,8 +1,10 @@
 """The main job as a user runs it: train, kill, resume, score, simulate; and the README's own lines."""
 
 import json
+import os
 import re
 import socket
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from jaxsim.cli import main
 from jaxsim.data.polar_frames import read_frame, read_grid
 from tests.programs import ROOT, SMALL, running, said, wait_until
 
@@ -18,6 +21,10 @@ TINY = [
     "--data.train=0-3", "--data.validation=4-5", *SMALL, "--optim.batch=2", "--optim.steps=6", "--optim.ema-start=2",
     "--run.log-every=1", "--run.save-every=2", "--run.picture-every=3",
 ]  # fmt: skip
+QUICK = {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+"""A few small steps run here, and LLVM would work on them far longer than they run."""
+SHARED = {"XLA_FLAGS": os.environ["XLA_FLAGS"]}
+"""As many devices as the tests' own process has: what is compiled for another number is not found in the cache."""
 
 
 def metrics(run: Path) -> dict[tuple[int, str], float]:
@@ -29,8 +36,30 @@ def metrics(run: Path) -> dict[tuple[int, str], float]:
 def work(tmp_path_factory) -> Path:
     """A folder with runs/demo: a tiny network trained for six steps on the embedded world."""
     work = tmp_path_factory.mktemp("work")
-    assert "perceptual loss: off" in said(work, TRAIN, "synthetic", *TINY, "--run.name=demo")
+    assert "perceptual loss: off" in said(work, TRAIN, "synthetic", *TINY, "--run.name=demo", **QUICK)
     return work
+
+
+@pytest.fixture
+def told(work, monkeypatch, capsys) -> Callable[..., str]:
+    """What a command says that is called in this process, from the folder: it imports and compiles nothing anew.
+
+    A program of its own, whose exit status counts, is started once a command.
+    """
+    monkeypatch.chdir(work)
+
+    def call(*words: str, fails: bool = False) -> str:
+        ended = ""
+        if fails:
+            with pytest.raises(SystemExit) as stop:
+                main([*words])
+            ended = str(stop.value)
+            assert ended.startswith("error: ")
+        else:
+            main([*words])
+        return "".join(capsys.readouterr()) + ended
+
+    return call
 
 
 def test_a_run_holds_what_is_needed_to_use_and_to_judge_it(work):
@@ -42,11 +71,11 @@ def test_a_run_holds_what_is_needed_to_use_and_to_judge_it(work):
 
 def test_a_killed_run_resumes_to_the_result_of_an_uninterrupted_one(work):
     run = work / "runs" / "killed"
-    with running(work, TRAIN, "synthetic", *TINY, "--run.name=killed") as process:
+    with running(work, TRAIN, "synthetic", *TINY, "--run.name=killed", **QUICK) as process:
         # A checkpoint that is still being written has more than a number for a name.
         wait_until(lambda: any(path.name.isdigit() for path in (run / "checkpoints").glob("*")), process)
         process.kill()
-    output = said(work, TRAIN, "synthetic", *TINY, "--run.name=killed")
+    output = said(work, TRAIN, "synthetic", *TINY, "--run.name=killed", **QUICK)
     assert "resuming" in output
     assert metrics(run) == metrics(work / "runs" / "demo")
 
@@ -57,7 +86,7 @@ def test_two_processes_train_the_run_that_one_trains(work):
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
     flags = (*TINY, "--run.name=shared", "--run.distributed")
-    launcher = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2"}
+    launcher = {"JAX_COORDINATOR_ADDRESS": address, "JAX_NUM_PROCESSES": "2", **QUICK}
     with ThreadPoolExecutor(2) as threads:
         each = [
             threads.submit(said, work, TRAIN, "synthetic", *flags, **launcher, JAX_PROCESS_ID=str(i)) for i in range(2)
@@ -71,7 +100,7 @@ def test_two_processes_train_the_run_that_one_trains(work):
         if key[1].startswith("loss/"):  # after an update, Adam's steps on rounding noise differ
             assert ours[key] == pytest.approx(value, rel=1e-5 if key[0] == 1 else 1e-2), key
     # One process resumes it; four epochs of four frames are eight batches of two.
-    said(work, TRAIN, "synthetic", *TINY, "--run.name=shared", "--optim.epochs=4")
+    said(work, TRAIN, "synthetic", *TINY, "--run.name=shared", "--optim.epochs=4", **QUICK)
     assert max(metrics(work / "runs" / "shared"))[0] == 8
 
 
@@ -82,7 +111,7 @@ def test_another_command_does_not_overwrite_a_run(work):
 
 
 def test_scores_come_with_every_baseline_beside_them(work):
-    output = said(work, EVAL, "runs/demo")
+    output = said(work, EVAL, "runs/demo", **SHARED)
     written = json.loads((work / "runs" / "demo" / "evaluation" / "scores.json").read_text())
     assert list(written["scores"]) == [
         "network",
@@ -98,24 +127,23 @@ def test_scores_come_with_every_baseline_beside_them(work):
     assert all(name in output for name in written["scores"])
 
 
-def test_too_few_frames_for_a_frechet_distance_stop_the_evaluation(work):
-    output = said(work, EVAL, "runs/demo", "--fid", "random", "--fid-features", "64", "--out", "few", fails=True)
+def test_too_few_frames_for_a_frechet_distance_stop_the_evaluation(work, told):
+    output = told("eval", "runs/demo", "--fid", "random", "--fid-features", "64", "--out", "few", fails=True)
     assert "frechet_random_64: 2 frames to judge, 64 features" in output
     assert not (work / "few").exists()
 
 
-def simulate(work: Path, *more: str, fails: bool = False) -> str:
-    return said(work, "-m", "jaxsim", "simulate", "runs/demo", "--batch", "2", *more, fails=fails)
+SIMULATE = ("simulate", "runs/demo", "--batch", "2")
 
 
 @pytest.fixture(scope="module")
 def simulated(work) -> Path:
     """Three frames as the sensor of runs/demo sees them."""
-    simulate(work, "--frames", "4-6", "--out", "sim")
+    said(work, "-m", "jaxsim", *SIMULATE, "--frames", "4-6", "--out", "sim", **SHARED)
     return work / "sim"
 
 
-def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work, simulated):
+def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work, told, simulated):
     grid, frames = read_grid(simulated / "polar")
     assert len(frames) == 3
     name = next(iter(frames))
@@ -130,22 +158,21 @@ def test_simulate_writes_frames_clouds_and_pictures_and_does_nothing_twice(work,
         atol=0.25,
     )
     assert len(list((simulated / "previews").glob("*.png"))) == 6
-    command = [ROOT / "eval.py", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same"]
-    compared = said(work, *command)
+    compared = told("eval", "generation", "--simulated=sim/polar", "--measured=sim/polar", "--out=same")
     assert "3 simulated and 3 measured frames" in compared
     written = json.loads((work / "same" / "generation.json").read_text())["scores"]
     assert written["chamfer_distance_m"] == {"value": 0.0, "unit": "m", "count": 3}
     assert written["r2dm_jsd"]["value"] == 0
     (simulated / "clouds" / f"{name}.ply").unlink()
     before = {p: p.stat().st_mtime_ns for p in (simulated / "clouds").glob("*") if name not in p.name}
-    second = simulate(work, "--frames", "4-6", "--out", "sim")
+    second = told(*SIMULATE, "--frames", "4-6", "--out", "sim")
     assert "1 frames simulated" in second
     assert "2 were there" in second
     assert "clouds.html turns the frames that were drawn" in second
     assert before == {p: p.stat().st_mtime_ns for p in before}
 
 
-def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, simulated):
+def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, told, simulated):
     chain = [
         {"name": "range_scale", "parameters": {"scale": 0.01}},
         {"name": "random_dropout", "parameters": {"probability": 0.3}},
@@ -154,7 +181,7 @@ def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, simulated)
     common = ("--formats", "bin", "--previews", "0")
     with_effects = (*common, "--sensor", "sensor.json", "--seed", "3", "--out", "real")
     for frames in ("5", "4-5"):
-        result = simulate(work, "--frames", frames, *with_effects)
+        result = told(*SIMULATE, "--frames", frames, *with_effects)
     assert "1 were there" in result
     names = read_grid(work / "real" / "polar")[1]
     assert len(names) == 2
@@ -164,18 +191,18 @@ def test_simulate_puts_a_sensor_model_s_effects_into_the_frames(work, simulated)
         assert not (real.valid & ~ideal.valid).any()
         np.testing.assert_allclose(real.range_m[real.valid], 1.01 * ideal.range_m[real.valid], rtol=1e-5)
     for wrong in (("--out", "real"), ("--sensor", "sensor.json", "--seed", "4", "--out", "real")):
-        assert "give another --out" in simulate(work, "--frames", "4-6", *common, *wrong, fails=True)
+        assert "give another --out" in told(*SIMULATE, "--frames", "4-6", *common, *wrong, fails=True)
 
 
 def test_the_readmes_first_lines_make_a_point_cloud(work):
     block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert block
     code = block[1] + "\nimport numpy as np; print('points', int(np.asarray(cloud.valid).sum()))"
-    assert int(said(work, "-c", code).split()[-1]) > 0
+    assert int(said(work, "-c", code, **SHARED).split()[-1]) > 0
 
 
-def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work):
-    output = said(work, TRAIN, "kitti_step_combined", "--data.root=nowhere", fails=True)
+def test_the_papers_experiment_asks_for_vgg_before_it_reads_any_data(work, told):
+    output = told("train", "kitti_step_combined", "--data.root=nowhere", fails=True)
     assert "vgg19-dcbb9e9d.pth" in output
     assert "leave the term out with --loss.perceptual 0" in output
     assert not (work / "runs" / "kitti_step_combined").exists()
