@@ -18,6 +18,8 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.effects.edits import wrapped
 from jaxsim.effects.places import Places, on_turn, spans_turn
 from jaxsim.effects.rays import FLOOR, REFERENCE_M, Array, Rays, Scan
+from jaxsim.frame import PolarGrid
+from jaxsim.geometry import with_neighbours
 
 BORDER = 2.0
 """Cells beyond the image to which its border's surfaces are continued; rays further out keep their own."""
@@ -81,7 +83,7 @@ def _look_up(
     z = jnp.sin(elevation) + near * moved[..., 2]
     step = (grid.azimuth_rad[0] - grid.azimuth_rad[-1]) / (columns - 1)
     across = rays.column.astype(jnp.float32) - jnp.arctan2(y, x) / step
-    down = _row_of(jnp.arctan2(z, jnp.sqrt(x * x + y * y)), grid.elevation_rad)
+    down = _row_of(jnp.arctan2(z, jnp.sqrt(x * x + y * y)), grid)
     full = spans_turn(grid)
     inside = (jnp.abs(down - (rows - 1) / 2) <= (rows - 1) / 2 + BORDER) & (
         full | (jnp.abs(across - (columns - 1) / 2) <= (columns - 1) / 2 + BORDER)
@@ -92,13 +94,14 @@ def _look_up(
     return jnp.where(inside, row, rays.row), jnp.where(inside, column, rays.column), inside
 
 
-def _row_of(elevation_rad: Float[Array, "*n"], beams_rad: Float[Array, " rows"]) -> Float[Array, "*n"]:
+def _row_of(elevation_rad: Float[Array, "*n"], grid: PolarGrid) -> Float[Array, "*n"]:
     """The row of an elevation as a float, linear between beams and beyond them."""
+    beams_rad, wider_rad = jnp.asarray(grid.elevation_rad), with_neighbours(grid).elevation_rad
     count = beams_rad.shape[0]
     beyond = 4.0 * BORDER
     # Beyond the outermost beams rows go on at their last spacing, so that rays that leave are told by their row.
-    first = beams_rad[:1] + beyond * (beams_rad[:1] - beams_rad[1:2])
-    last = beams_rad[-1:] + beyond * (beams_rad[-1:] - beams_rad[-2:-1])
+    first = beams_rad[:1] + beyond * (wider_rad[:1] - beams_rad[:1])
+    last = beams_rad[-1:] + beyond * (wider_rad[-1:] - beams_rad[-1:])
     rows = jnp.concatenate(
         [jnp.array([-beyond]), jnp.arange(count, dtype=jnp.float32), jnp.array([count - 1 + beyond])]
     )

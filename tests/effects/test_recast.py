@@ -1,5 +1,6 @@
 """Displaced rays against the scene itself, cast from where they truly start."""
 
+from dataclasses import replace
 from functools import cache, partial
 
 import jax
@@ -166,3 +167,15 @@ def test_a_lone_pole_stays_at_its_range():
     rays = displaced("extrinsic_rotation", {"yaw_rad": np.float32(-step * 0.75)}, scan)
     assert np.allclose(np.asarray(rays.range_m[0, 2:6, 39]), 6.0, rtol=0.02)
     assert (np.asarray(rays.range_m[0, 2:6, 40]) != 6.0).all()
+
+
+def test_a_sensor_of_one_beam_is_displaced_too():
+    """Turned by whole columns about its axis it reads what stood so many columns on."""
+    whole = grid_of(2 * np.pi)
+    scan = road_and_walls(replace(whole, elevation_rad=whole.elevation_rad[8:9], origin_m=whole.origin_m[8:9]))
+    columns = scan.range_m.shape[-1]
+    turned = dict.fromkeys(EFFECTS["extrinsic_rotation"].parameters, 0.0) | {"yaw_rad": 3 * 2 * np.pi / columns}
+    read = np.asarray(displaced("extrinsic_rotation", turned, scan).range_m)[0, 0]
+    either = [np.abs(read - np.roll(scan.range_m[0, 0], shift)) for shift in (3, -3)]
+    assert min(np.median(off) for off in either) < 1e-3
+    assert np.median(np.abs(read - scan.range_m[0, 0])) > 1e-2
