@@ -16,6 +16,7 @@ from jaxsim.data import KittiObject
 from jaxsim.data.polar_frames import write_grid
 from jaxsim.effects.chain import SensorModel
 from jaxsim.geometry import LidarSpec, full_grid
+from jaxsim.simulate.sensor import load
 from jaxsim.simulate.trees import export_trees
 from tests.cloud import openpcdet_rules as rules
 from tests.simulate.made_trees import Six, boxes_at
@@ -135,8 +136,8 @@ def test_several_trees_read_each_frame_once_and_are_what_each_alone_is(tmp_path,
     wide = replace(wide, recipe=CloudRecipe(lines="none"))
 
     def export_both():
-        dataset = depth.dataset()
-        export_trees([depth.plan(dataset), wide.plan(dataset)], dataset)
+        first, second = depth.maker(load), wide.maker(load)
+        export_trees([*first.plans, *second.plans], first.dataset)
 
     export_both()
     assert sorted(six.made) == [0, 1, 2, 3, 4, 5]
