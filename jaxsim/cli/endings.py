@@ -17,7 +17,7 @@ import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from jaxsim.interrupts import Terminated, leave, terminable
 
@@ -95,7 +95,5 @@ def _first(error: BaseException) -> str:
 
 def _say(line: str) -> None:
     """A line on stderr, which may be gone by now."""
-    try:
+    with suppress(OSError):
         print(f"\n{line}", file=sys.stderr, flush=True)
-    except OSError:
-        return
