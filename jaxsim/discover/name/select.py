@@ -181,7 +181,10 @@ def second_choice(
     if refuse and refuse(instead):
         return first
     second = add_steps(problem, catalogue, (*earlier, instead), bars=bars, refuse=refuse, log=log)
-    return second if says_as_much(second, first) else first
+    if not says_as_much(second, first):
+        return first
+    # What the first choice took back led to the second, and is told of it, too.
+    return replace(second, needless=(*first.needless, *second.needless))
 
 
 def simpler_beginning(choice: Choice) -> tuple[int, Candidate] | None:
