@@ -62,45 +62,76 @@ def settings(answer: Answer, now: Mapping[str, float]) -> list[Setting]:
 
 REACH_M = np.geomspace(2.0, 120.0, 80)
 """Distances at which losses are held against CARLA's: as many in each stretch as rays of a street are, about."""
+NO_LOSS = 0.01
+"""Share of rays that a threshold on the power may lose within REACH_M and still count as none."""
 
 
 def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Setting]:
     """Drop-off and reach that lose as many rays at each distance as the answer, with an attenuation of `rate`.
 
-    CARLA loses every class alike: of `material_dropout` it takes the mean over classes. And its echoes know distance
-    alone, so a threshold on their power (`snr_dropout`) is one on distance: a cut, or losses by intensity, whichever
-    comes nearer over REACH_M (least squares).
+    CARLA loses every class alike: of `material_dropout` it takes the mean over classes. `snr_dropout` has CARLA's own
+    losses among its forms; of its other form, a threshold on the power, CARLA's echoes make one on distance: a cut, or
+    losses by intensity, whichever comes nearer over REACH_M (least squares).
     """
     of_classes = mean_by_certainty(answer.each("material_dropout", "probability"))
     even = together(
         answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
     )
-    threshold, width = answer.one("snr_dropout", "threshold"), answer.one("snr_dropout", "width")
     reach = answer.one("range_gate", "maximum_m")
     why_reach = "range_gate: nothing returns from beyond"
     found: list[Setting] = []
-    if threshold is not None and width is not None:
-        # ln of the power that the effect sees: the reported intensity over the square of the distance.
-        log_power = -rate * REACH_M - 2 * np.log(REACH_M / REFERENCE_M)
-        kept = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
-        cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
-        faint = nearest_drop_off(1 - kept, np.exp(-rate * REACH_M))
-        if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < faint.off:
-            if reach is None or cut.value < reach.value:
-                reach, why_reach = cut, "snr_dropout: of CARLA's echoes, whose power is one of distance, this cut"
-        else:
-            why = "snr_dropout: CARLA's own losses that come nearest to it over 2 to 120 m"
-            found += [
-                Setting("dropoff_intensity_limit", Estimate(faint.limit), "", why),
-                Setting("dropoff_zero_intensity", Estimate(faint.zero), "", why),
-            ]
-            even = together(even, Estimate(faint.general, faint.general, faint.general), how=any_loss)
+    faint = faint_losses(answer, rate=rate)
+    if isinstance(faint, Estimate):
+        if reach is None or faint.value < reach.value:
+            reach, why_reach = faint, "snr_dropout: of CARLA's echoes, whose power is one of distance, this cut"
+    elif faint is not None:
+        found += faint.settings
+        if faint.general is not None:
+            even = together(even, faint.general, how=any_loss)
     if even is not None:
         value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
         found.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
     if reach is not None:
         found.append(Setting("range", reach, "m", why_reach))
     return found
+
+
+class Faint(NamedTuple):
+    """Losses of faint echoes in CARLA's words."""
+
+    settings: tuple[Setting, ...]
+    general: Estimate | None = None
+    """Losses of every ray alike that come with them."""
+
+
+def faint_losses(answer: Answer, *, rate: float) -> Faint | Estimate | None:
+    """What `snr_dropout` says: CARLA's own losses, or a longest range (m) where a cut comes nearer; None without it."""
+    threshold, width, limit, zero = (
+        answer.one("snr_dropout", name) for name in ("threshold", "width", "limit", "zero_loss")
+    )
+    if threshold is None or width is None:
+        return None
+    # ln of the power that the effect sees: the reported intensity over the square of the distance.
+    intensity = np.exp(-rate * REACH_M)
+    log_power = np.log(intensity) - 2 * np.log(REACH_M / REFERENCE_M)
+    strong = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
+    own = 1.0
+    if limit is not None and zero is not None and zero.value > 0:
+        own = 1 - zero.value * np.maximum(1 - intensity / limit.value, 0)
+        if strong.min() > 1 - NO_LOSS:
+            why = "snr_dropout: its form below an intensity is CARLA's own"
+            return Faint(
+                (Setting("dropoff_intensity_limit", limit, "", why), Setting("dropoff_zero_intensity", zero, "", why))
+            )
+    kept = strong * own
+    cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
+    nearest = nearest_drop_off(1 - kept, intensity)
+    if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < nearest.off:
+        return cut
+    why = "snr_dropout: CARLA's own losses that come nearest to it over 2 to 120 m"
+    found = {"dropoff_intensity_limit": nearest.limit, "dropoff_zero_intensity": nearest.zero}
+    general = Estimate(nearest.general, nearest.general, nearest.general)
+    return Faint(tuple(Setting(name, Estimate(value), "", why) for name, value in found.items()), general)
 
 
 class DropOff(NamedTuple):

@@ -191,6 +191,11 @@ def at_edge(ray, share):
     return np.where(ray["hit"], 1 / (1 + (least / np.maximum(apart, 1e-3)) ** 20), 0)
 
 
+def faint(ray):
+    below = np.maximum(1 - np.exp(ray["log_intensity"]) / 0.4, 0)
+    return {"log_keep": -np.log1p(np.exp(-(ray["log_power"] + 5) / 0.7)) + np.log(1 - 0.6 * below)}
+
+
 def hits(ray, error):
     return {"reading_m": np.where(ray["hit"], error, 0)}
 
@@ -218,8 +223,7 @@ ORACLES = {
     "saturation": ({"ceiling": 0.4}, lambda r: {"intensity_top": -0.6,
                    "log_intensity": np.minimum(r["log_intensity"], np.log(0.4)) - r["log_intensity"]}),
     "intensity_quantization": ({"step": 0.01}, lambda r: {"intensity_step": 0.01}),
-    "snr_dropout": ({"threshold": -5.0, "width": 0.7},
-                    lambda r: {"log_keep": -np.log1p(np.exp(-(r["log_power"] + 5) / 0.7))}),
+    "snr_dropout": ({"threshold": -5.0, "width": 0.7, "limit": 0.4, "zero_loss": 0.6}, faint),
     "random_dropout": ({"probability": 0.3}, lambda r: keep(0.3)),
     "material_dropout": ({"probability": CLASS}, lambda r: keep(CLASS[r["semantic"]])),
     "edge_dropout": ({"probability": 0.4, "share": 0.2}, lambda r: keep(0.4 * at_edge(r, 0.2))),
@@ -275,6 +279,20 @@ def test_mixed_readings_reach_to_the_nearer_of_the_farther_neighbours():
     for sides in ([20.2, 19.0, 50.0, 50.0], [jnp.inf, 20.0, 0.0, 0.0]):
         none = rays.replace(beside_m=jnp.broadcast_to(jnp.array(sides), beside.shape))
         assert (np.asarray(effect.apply(effect.values({"probability": 0.5}, ROWS), none).between) == 0).all()
+
+
+def test_of_uncertain_intensities_the_mean_share_is_lost():
+    """Against draws of them."""
+    _, rays = scene()
+    rays = rays.replace(log_power_sd=jnp.full_like(rays.log_intensity, 0.5))
+    effect = EFFECTS["snr_dropout"]
+    after = effect.apply(effect.values({"limit": 0.3, "zero_loss": 0.8}, ROWS), rays)
+    hit = np.asarray(rays.hit)
+    light = np.asarray(rays.log_intensity)[hit]
+    drawn = np.exp(light[:, None] + 0.5 * np.random.default_rng(0).normal(size=20_000))
+    lost = 0.8 * np.maximum(1 - drawn / 0.3, 0).mean(1)
+    assert lost.min() < 0.1 < 0.3 < lost.max()
+    np.testing.assert_allclose(1 - np.exp(np.asarray(after.log_keep)[hit]), lost, atol=0.01)
 
 
 def test_laws_that_turn_or_move_rays_say_that_surfaces_are_looked_up_again():

@@ -98,6 +98,15 @@ def test_a_sharp_threshold_on_power_is_a_longest_range_in_carla(tmp_path):
     assert written == {"range": pytest.approx(40, rel=0.02)}
 
 
+def test_losses_below_an_intensity_are_carlas_own_two_attributes(tmp_path):
+    lacks = ("snr_dropout", {"limit": 0.7, "zero_loss": 0.6})
+    written = told(tmp_path / "sensor.json", (lacks,))
+    assert written == {"dropoff_intensity_limit": pytest.approx(0.7), "dropoff_zero_intensity": pytest.approx(0.6)}
+    # Beside a threshold on the power that loses rays within reach, what comes nearest to both.
+    both = told(tmp_path / "sensor.json", ((lacks[0], lacks[1] | {"threshold": -6.0, "width": 1.0}),))
+    assert both["dropoff_zero_intensity"] > 0.7
+
+
 def test_a_soft_threshold_becomes_carlas_losses_by_intensity():
     """Of CARLA's own law the very numbers come back."""
     intensity = np.exp(-0.02 * np.geomspace(2, 120, 80))

@@ -37,20 +37,25 @@ def in_place(null: Problem, effects: Chain, *, simulated: bool = False) -> Probl
 
 
 def refit(null: Problem, effects: Sequence[Law], z: Sequence[dict[str, Any]]) -> tuple[Refit, ...]:
-    """Each effect fitted with all others in place, from the given z. The nuisances of `null` are fitted; they are again
-    beside other effects."""
+    """Each effect fitted with all others in place, from the given z, and where others are in place at first also from
+    its own starts: alone it may have taken the form that says best what is theirs. The nuisances of `null` are fitted;
+    they are again beside other effects."""
     values = dict(enumerate(z))
     refits: dict[int, Refit] = {}
-    for _ in range(SWEEPS if len(effects) > 1 else 1):
+    for sweep in range(SWEEPS if len(effects) > 1 else 1):
         for k, effect in enumerate(effects):
             others = [(effects[j], values[j]) for j in range(len(effects)) if j != k]
             # Beside other effects the nuisances are others: what an effect took up is theirs no longer.
             problem = in_place(null, others)
             if others:
                 problem = refitted(problem)
-            start = ({n: np.asarray(v) for n, v in to_values(effect, values[k]).items()},)
             # Values that are read off the data (steps of rounding) stay.
-            result = fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=effect.name in FINEST)
+            read = effect.name in FINEST
+            starts = [({n: np.asarray(v) for n, v in to_values(effect, values[k]).items()},)]
+            if sweep == 0 and others and effect.starts and not read:
+                starts.append(effect.starts)
+            fits = [fit(effect, problem, problem.ev.all_blocks, starts=start, steps=80, fixed=read) for start in starts]
+            result = min(fits, key=lambda one: one.loss)
             values[k] = result.z
             refits[k] = Refit(effect, problem, result)
     return tuple(refits[k] for k in range(len(effects)))
