@@ -4,7 +4,8 @@ gate.json, all of it optional but one thing at least:
 
     {"thresholds": {"intensity": 0.10, "range": 0.05, "drop": 0.02},
      "allowed": ["random_dropout"],
-     "baseline": "verdict.json"}
+     "baseline": "verdict.json",
+     "effect_nats": 2.5}
 
 `save_gate` makes one from frames that are held to be right, so that nobody has to invent numbers.
 
@@ -39,6 +40,8 @@ Colour = Literal["pass", "gap", "unsure"]
 NOT_NAMED = "not_in_catalogue"
 """Allowed where what nothing describes may be missing, too."""
 NOT_COMPARED = "the channel was not compared"
+KEYS = ("thresholds", "allowed", "baseline", "effect_nats")
+"""What a gate.json may say."""
 CHANNELS = {"intensity": "share of full scale", "range": "m", "drop": "share of rays"}
 """Units of the distances."""
 
@@ -54,6 +57,8 @@ class Gate:
     gap."""
     baseline: Mapping[str, Any] | None
     """A verdict.json of before: what it names may be missing, and distances may be as large."""
+    effect_nats: float = RULES.gate_effect_nats
+    """What a named effect must gain on held-out scenes, nats each, to be a gap; of less the gate is unsure."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +74,10 @@ def read_gate(path: Path) -> Gate:
     """A gate.json. Raises ValueError where it is none, names an unknown channel or effect, or asks nothing."""
     content = read_json(path, by="gate", hint='{"thresholds": {"intensity": 0.1}, "allowed": [], "baseline": "x.json"}')
     if not isinstance(content, dict):
-        raise ValueError(f"gate: {path} must be an object with any of thresholds, allowed, baseline")
-    check_keys(content, ("thresholds", "allowed", "baseline"), where=f"gate: {path}")
+        raise ValueError(f"gate: {path} must be an object with any of {', '.join(KEYS)}")
+    check_keys(content, KEYS, where=f"gate: {path}")
     if not content:
-        raise ValueError(f"gate: {path} asks nothing; give thresholds, allowed or baseline")
+        raise ValueError(f"gate: {path} asks nothing; give any of {', '.join(KEYS)}")
     given = content.get("thresholds", {})
     if not isinstance(given, dict):
         raise ValueError(f"gate: {path}: thresholds must be an object of numbers by channel")
@@ -90,7 +95,10 @@ def read_gate(path: Path) -> Gate:
     if not isinstance(allowed, list) or not all(isinstance(name, str) for name in allowed):
         raise ValueError(f"gate: {path}: allowed must be a list of effects' names")
     check_keys(dict.fromkeys(allowed), (*EFFECTS, NOT_NAMED), where=f"gate: {path}: allowed")
-    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")))
+    nats = content.get("effect_nats", RULES.gate_effect_nats)
+    if isinstance(nats, bool) or not isinstance(nats, int | float) or not 0 <= nats < np.inf:
+        raise ValueError(f"gate: {path}: effect_nats is {nats!r}; it must be a number, 0 or more")
+    return Gate(thresholds, frozenset(allowed), _baseline(path, content.get("baseline")), float(nats))
 
 
 def thresholds_of(distances: Mapping[str, Interval]) -> dict[str, float]:
@@ -176,14 +184,21 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
 
 def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     new = [one for one in verdict.effects if one.name not in gate.allowed | before]
-    if new:
-        told = ", ".join(f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g})" for one in new)
+    # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
+    certain = any(one.gain.value >= gate.effect_nats for one in new)
+    told = ", ".join(
+        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} nats a scene)" for one in new
+    )
+    if certain:
         return Check("effects", "gap", f"the simulation lacks {told}")
     # What had no name before is nothing new, either.
     was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
     if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
         return Check("effects", "gap", f"something that no effect describes, along {what}")
+    if new:
+        least = f"under {gate.effect_nats:g} nats a scene chance may have named it"
+        return Check("effects", "unsure", f"the simulation may lack {told}; {least}")
     allowed = ", ".join(one.name for one in verdict.effects)
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
 

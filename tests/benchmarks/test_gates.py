@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.blind.gates import EFFECTS, RULES, colours, halves, jobs, of_answers, summary
+from benchmarks.blind.gates import EFFECTS, RULES, colour_of_answer, colours, halves, jobs, of_answers, summary
 from jaxsim.effects import EFFECTS as CATALOGUE
 
 
@@ -59,9 +59,19 @@ def test_the_table_counts_nulls_and_names_what_is_not_seen():
     assert len(text.splitlines()) == 2 + 2 * len(RULES)
 
 
-def test_whole_answers_are_red_where_something_is_named_or_has_no_name():
-    nulls = [{"kind": "none", "verdict": v} for v in ("none", "named", "not_in_catalogue", "none")]
-    single = [{"kind": "single", "severity": s, "verdict": "named"} for s in (1.0, 2.0)]
+def answered(verdict, kind="none", severity=1.0, **gains):
+    row = {"kind": kind, "severity": severity, "verdict": verdict, "answer": list(gains), "ranking": [["fog", 9.0]]}
+    return row | ({"gains": gains} if gains else {})
+
+
+def test_whole_answers_are_red_where_something_is_certain_or_has_no_name():
+    nulls = [answered("none"), answered("named", blooming=1.0), answered("not_in_catalogue"), answered("none")]
+    single = [answered("named", "single", severity, beam_gain=30.0) for severity in (1.0, 2.0)]
     text = of_answers([*nulls, *single])
-    assert "nulls red: 50 % (2 of 4;" in text
-    assert "red: 100 % (1 of 1;" in text
+    assert "nulls gap: 25 % (1 of 4;" in text
+    assert "nulls unsure: 25 % (1 of 4;" in text
+    assert "or more gap: 100 % (1 of 1;" in text
+    # Rows of before hold gains in the first ranking alone, which has others too.
+    old = {"kind": "none", "verdict": "named", "answer": ["blooming"], "ranking": [["fog", 9.0], ["blooming", 2.0]]}
+    assert colour_of_answer(old) == "unsure"
+    assert colour_of_answer(old | {"answer": ["fog"]}) == "gap"

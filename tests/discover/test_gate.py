@@ -90,6 +90,21 @@ def test_a_whole_answer_is_red_for_effects_that_may_not_be_missing(tmp_path):
     assert [check.colour for check in checks] == ["pass", *["gap"] * len(least)]
 
 
+def test_a_gate_is_unsure_of_effects_that_chance_may_have_named(tmp_path):
+    certain = results.named().verdict
+    effects = tuple(replace(one, gain=replace(one.gain, value=1.2)) for one in certain.effects)
+    faint = replace(certain, effects=effects)
+    [check] = check_verdict(gate(tmp_path, allowed=[]), faint)
+    assert check.colour == "unsure"
+    assert f"the simulation may lack {effects[0].name} (" in check.words
+    assert "1.2 nats a scene" in check.words
+    assert colour_of(check_verdict(gate(tmp_path, effect_nats=1.0), faint)) == "gap"
+    assert colour_of(check_verdict(gate(tmp_path, effect_nats=0), faint)) == "gap"
+    assert colour_of(check_verdict(gate(tmp_path, effect_nats=1e9), certain)) == "unsure"
+    # One that is certain makes the answer so.
+    assert colour_of(check_verdict(gate(tmp_path, allowed=[]), replace(faint, effects=certain.effects))) == "gap"
+
+
 def test_a_baseline_allows_what_was_so_before(tmp_path):
     verdict = results.named().verdict
     verdict.save(tmp_path)
@@ -116,6 +131,9 @@ def test_what_has_no_name_is_a_gap_unless_allowed(tmp_path):
         ({"thresholds": {"range": "x"}}, "must be a number above 0"),
         ({"allowed": ["fogg"]}, "fogg"),
         ({"baseline": 5}, "must be the path of a verdict.json"),
+        ({"effect_nats": -1}, "effect_nats is -1; it must be a number, 0 or more"),
+        ({"effect_nats": True}, "effect_nats is True"),
+        ({"effect_nats": "2"}, "effect_nats is '2'"),
     ],
 )
 def test_gates_that_cannot_be(tmp_path, content, message):
