@@ -8,7 +8,7 @@ import pytest
 from jaxsim.discover.model.evidence import gather
 from jaxsim.discover.model.fit import fit
 from jaxsim.discover.model.null import fit_null
-from jaxsim.discover.model.parameters import to_values
+from jaxsim.discover.model.parameters import to_values, to_z
 from jaxsim.discover.model.together import in_place, refit, refitted
 from jaxsim.effects import EFFECTS
 from tests.discover.toy import device, toy
@@ -57,3 +57,21 @@ def test_effects_are_put_in_place_in_physical_order(problem):
         for order in (names, names[::-1])
     ]
     np.testing.assert_array_equal(*light)
+
+
+def test_beside_the_others_an_effect_is_looked_for_at_its_own_starts_too():
+    """A gate that was left open has no slope towards where it is."""
+    nearest_m = 6.0
+    scan, measured = toy(frames=8, seed=21)
+    lost = np.random.default_rng(22).random(measured.valid.shape) < LOST
+    kept = ~lost & (np.asarray(scan.range_m) > nearest_m)
+    scan, measured = device(scan, replace(measured, valid=measured.valid & kept))
+    ev = gather(scan, measured, frame=FRAMES, column=np.broadcast_to(np.arange(0, 60, 2), (8, 30)), scene=FRAMES)
+    null, _ = fit_null(scan, ev, EVERYONE)
+    gate = EFFECTS["range_gate"]
+    random, shut = refit(null, [RANDOM, gate], [to_z(RANDOM, {"probability": 0.1}, 16), to_z(gate, {}, 16)])
+    assert abs(share(RANDOM, random.fit.z) - LOST) < 0.04
+    assert to_values(gate, shut.fit.z)["minimum_m"] == pytest.approx(nearest_m, abs=0.3)
+    # From where it was left alone it would have stayed there.
+    left = fit(gate, shut.problem, EVERYONE, starts=({},))
+    assert to_values(gate, left.z)["minimum_m"] == 0
