@@ -99,7 +99,7 @@ def why_not(candidate: Candidate, choice: Choice) -> str:
             return f"it is weak beside {strongest.effect.name}, on which the scenes disagree"
         return "a free curve explains clearly more"
     if too_rich(candidate, steps[0].chosen):
-        return "it has more numbers to fit than the one that is named, and gains no more"
+        return "it has more numbers to fit than the one that is named, and gains hardly more"
     return "it explains clearly less than the one that is named"
 
 

@@ -257,11 +257,19 @@ def add_steps(
 
 
 def first_step(problem: Problem, ranking: Sequence[Candidate], bars: Bars) -> FittedStep | None:
-    """The best accepted candidate, fitted; None where none is accepted, or those that are are weak."""
+    """The best accepted candidate, or a simpler one that gains as much, fitted; None where none is accepted, or those
+    that are are weak."""
     # A weak candidate is not the answer to a strong disagreement on which no candidate is accepted.
     least = RULES.weak_share * ranking[0].total if ranking else 0.0
     good = [candidate for candidate in ranking if candidate.accepted(bars.effect) and candidate.total >= least]
-    return fitted_step(problem, good[0], ranking=ranking, good=good) if good else None
+    return fitted_step(problem, simplest(good), ranking=ranking, good=good) if good else None
+
+
+def simplest(good: Sequence[Candidate]) -> Candidate:
+    """The best candidate, or the one with the fewest numbers of those of its channels that gain as much."""
+    best = good[0]
+    as_good = [c for c in good if too_rich(best, c) and c.effect.channels == best.effect.channels]
+    return min(as_good, key=lambda c: c.numbers, default=best)
 
 
 def fitted_step(

@@ -15,6 +15,7 @@ from jaxsim.discover.name.select import (
     runner_up,
     says_as_much,
     simpler_beginning,
+    simplest,
     too_rich,
     worse,
 )
@@ -26,6 +27,17 @@ def test_more_numbers_must_gain_more():
     assert too_rich(candidate("random_dropout", 20.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
     assert not too_rich(candidate("random_dropout", 22.0, numbers=4), candidate("random_dropout", 20.0, numbers=1))
     assert not too_rich(candidate("random_dropout", 20.0, numbers=1), candidate("random_dropout", 20.0, numbers=4))
+
+
+def test_of_those_that_gain_as_much_the_one_with_the_fewest_numbers_is_chosen():
+    rich, plain = candidate("snr_dropout", 3.7, "drop", numbers=4), candidate("random_dropout", 3.6, "drop", numbers=1)
+    assert simplest([rich, plain]) is plain
+    better = candidate("snr_dropout", 4.0, "drop", numbers=4)
+    assert simplest([better, plain]) is better
+    # Of another channel it says something else; and of two numbers alike the larger gain counts.
+    elsewhere = candidate("gamma_response", 3.6, numbers=1)
+    assert simplest([rich, elsewhere]) is rich
+    assert simplest([candidate("snr_dropout", 3.61, "drop", numbers=1), plain]).effect.name == "snr_dropout"
 
 
 def test_worse_is_what_gains_clearly_less_or_less_in_every_scene():
