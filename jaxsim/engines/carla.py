@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxsim.effects import EFFECTS
 from jaxsim.effects.rays import REFERENCE_M
 from jaxsim.engines.engine import Answer, Engine, Estimate, Setting, any_loss, degrees, root_of_squares, together
 
@@ -77,17 +78,13 @@ def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Set
     even = together(
         answer.one("random_dropout", "probability"), of_classes, answer.levels.get("random_loss"), how=any_loss
     )
-    reach = answer.one("range_gate", "maximum_m")
-    why_reach = "range_gate: nothing returns from beyond"
-    found: list[Setting] = []
+    reach, why_reach = answer.one("range_gate", "maximum_m"), "range_gate: nothing returns from beyond"
     faint = faint_losses(answer, rate=rate)
-    if isinstance(faint, Estimate):
-        if reach is None or faint.value < reach.value:
-            reach, why_reach = faint, "snr_dropout: of CARLA's echoes, whose power is one of distance, this cut"
-    elif faint is not None:
-        found += faint.settings
-        if faint.general is not None:
-            even = together(even, faint.general, how=any_loss)
+    if faint.reach is not None and (reach is None or faint.reach.value < reach.value):
+        reach, why_reach = faint.reach, faint.why
+    if faint.general is not None:
+        even = together(even, faint.general, how=any_loss)
+    found = [Setting(name, value, "", faint.why) for name, value in faint.drop_off.items()]
     if even is not None:
         value = even.mapped(lambda p: any_loss((now["dropoff_general_rate"], p)))
         found.insert(0, Setting("dropoff_general_rate", value, "", "rays lost, every ray alike"))
@@ -99,39 +96,41 @@ def losses(answer: Answer, now: Mapping[str, float], *, rate: float) -> list[Set
 class Faint(NamedTuple):
     """Losses of faint echoes in CARLA's words."""
 
-    settings: tuple[Setting, ...]
+    why: str = ""
+    drop_off: Mapping[str, Estimate] = {}
+    """Values of its attributes of drop-off by intensity."""
     general: Estimate | None = None
     """Losses of every ray alike that come with them."""
+    reach: Estimate | None = None
+    """A longest range in their place, m."""
 
 
-def faint_losses(answer: Answer, *, rate: float) -> Faint | Estimate | None:
-    """What `snr_dropout` says: CARLA's own losses, or a longest range (m) where a cut comes nearer; None without it."""
-    threshold, width, limit, zero = (
-        answer.one("snr_dropout", name) for name in ("threshold", "width", "limit", "zero_loss")
-    )
-    if threshold is None or width is None:
-        return None
+def faint_losses(answer: Answer, *, rate: float) -> Faint:
+    """What `snr_dropout` says: CARLA's own losses, those of CARLA's that come nearest, or a cut where that comes
+    nearer."""
+    if "snr_dropout" not in answer.effects:
+        return Faint()
+    # What sensor.json does not give is neutral.
+    given = {
+        name: answer.one("snr_dropout", name) or Estimate(p.neutral)
+        for name, p in EFFECTS["snr_dropout"].parameters.items()
+    }
+    threshold, width, limit, zero = given["threshold"], given["width"], given["limit"], given["zero_loss"]
     # ln of the power that the effect sees: the reported intensity over the square of the distance.
     intensity = np.exp(-rate * REACH_M)
     log_power = np.log(intensity) - 2 * np.log(REACH_M / REFERENCE_M)
     strong = 1 / (1 + np.exp(-(log_power - threshold.value) / width.value))
-    own = 1.0
-    if limit is not None and zero is not None and zero.value > 0:
-        own = 1 - zero.value * np.maximum(1 - intensity / limit.value, 0)
-        if strong.min() > 1 - NO_LOSS:
-            why = "snr_dropout: its form below an intensity is CARLA's own"
-            return Faint(
-                (Setting("dropoff_intensity_limit", limit, "", why), Setting("dropoff_zero_intensity", zero, "", why))
-            )
-    kept = strong * own
+    if zero.value > 0 and strong.min() > 1 - NO_LOSS:
+        drop_off = {"dropoff_intensity_limit": limit, "dropoff_zero_intensity": zero}
+        return Faint("snr_dropout: its form below an intensity is CARLA's own", drop_off)
+    kept = strong * (1 - zero.value * np.maximum(1 - intensity / limit.value, 0))
     cut = threshold.mapped(lambda power: float(np.interp(-power, -log_power, REACH_M)))
     nearest = nearest_drop_off(1 - kept, intensity)
     if float(np.sum(((cut.value >= REACH_M) - kept) ** 2)) < nearest.off:
-        return cut
-    why = "snr_dropout: CARLA's own losses that come nearest to it over 2 to 120 m"
-    found = {"dropoff_intensity_limit": nearest.limit, "dropoff_zero_intensity": nearest.zero}
+        return Faint("snr_dropout: of CARLA's echoes, whose power is one of distance, this cut", reach=cut)
+    drop_off = {"dropoff_intensity_limit": Estimate(nearest.limit), "dropoff_zero_intensity": Estimate(nearest.zero)}
     general = Estimate(nearest.general, nearest.general, nearest.general)
-    return Faint(tuple(Setting(name, Estimate(value), "", why) for name, value in found.items()), general)
+    return Faint("snr_dropout: CARLA's own losses that come nearest to it over 2 to 120 m", drop_off, general)
 
 
 class DropOff(NamedTuple):

@@ -96,6 +96,9 @@ def test_a_sharp_threshold_on_power_is_a_longest_range_in_carla(tmp_path):
     at_40_m = -0.004 * 40 - 2 * np.log(40 / 10)
     written = told(tmp_path / "sensor.json", (("snr_dropout", {"threshold": at_40_m, "width": 0.1}),))
     assert written == {"range": pytest.approx(40, rel=0.02)}
+    # A width that is not given is the catalogue's, and no reason to leave the threshold out.
+    written = told(tmp_path / "sensor.json", (("snr_dropout", {"threshold": at_40_m}),))
+    assert written == {"range": pytest.approx(40, rel=0.02)}
 
 
 def test_losses_below_an_intensity_are_carlas_own_two_attributes(tmp_path):
