@@ -1,5 +1,6 @@
 """Shapes and types of every public signature are checked at run time, here and only here."""
 
+import ctypes
 import os
 import signal
 from pathlib import Path
@@ -54,6 +55,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 MOST_MAPPINGS = 12_000
+MOST_BYTES = 3 * 2**29
+"""Of the memory that a process holds at a module's end; a convention, for one that compiles much adds as much again."""
+STATE = Path("/proc/self")
 SAMPLES = Path(os.environ.get("JAXSIM_SAMPLE_DATA", Path(__file__).parents[2] / "shared" / "data"))
 
 
@@ -81,12 +85,25 @@ def few_programs():
     """Lets compiled programs go before there are too many.
 
     Each takes about eighteen mappings of memory. Linux gives a process 65530 (vm.max_map_count), and one that asks for
-    more while it compiles ends with a segmentation fault.
+    more while it compiles ends with a segmentation fault. They hold memory, too, and what the compiler has freed stays
+    with the process until it is given back.
     """
     yield
-    mappings = Path("/proc/self/maps")
-    if mappings.exists() and mappings.read_bytes().count(b"\n") > MOST_MAPPINGS:
+    if not STATE.exists():
+        return
+    give_back()
+    mappings = (STATE / "maps").read_bytes().count(b"\n")
+    held = int((STATE / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    if mappings > MOST_MAPPINGS or held > MOST_BYTES:
         jax.clear_caches()
+        give_back()
+
+
+def give_back() -> None:
+    """Hands freed memory to the system, where the C library can (glibc's)."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 @pytest.fixture(scope="module")
