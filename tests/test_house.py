@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import DEAREST
+
 ROOT = Path(__file__).parents[1]
 ROOM = ROOT / "jaxsim"
 MODULES = sorted(path.relative_to(ROOM).as_posix() for path in ROOM.rglob("*.py"))
@@ -75,6 +77,10 @@ def test_nothing_is_imported_from_tests(folder):
         if re.match(r"(from|import) tests\.(\w+\.)*test_", line)
     ]
     assert not lines
+
+
+def test_files_that_begin_first_are_there():
+    assert [name for name in DEAREST if not (ROOT / "tests" / name).is_file()] == []
 
 
 def test_no_exemption_is_left_over():

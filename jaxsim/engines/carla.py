@@ -115,7 +115,8 @@ def faint_losses(answer: Answer, *, rate: float) -> Faint:
         name: answer.one("snr_dropout", name) or Estimate(p.neutral)
         for name, p in EFFECTS["snr_dropout"].parameters.items()
     }
-    threshold, width, limit, zero = given["threshold"], given["width"], given["limit"], given["zero_loss"]
+    threshold, width = given["threshold"], given["width"]
+    limit, zero = given["limit"], given["zero_loss"]
     # ln of the power that the effect sees: the reported intensity over the square of the distance.
     intensity = np.exp(-rate * REACH_M)
     log_power = np.log(intensity) - 2 * np.log(REACH_M / REFERENCE_M)
