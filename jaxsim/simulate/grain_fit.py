@@ -143,7 +143,8 @@ class Pairs:
         self.cells: list[tuple[np.ndarray, np.ndarray]] = []
         bends = (on.down_m, on.new_down), (on.across_m, on.new_across)
         for axis in (0, 1):
-            bend, new = (np.moveaxis(np.asarray(raster), axis, 0) for raster in bends[axis])
+            bend = np.moveaxis(np.asarray(bends[axis][0]), axis, 0)
+            new = np.moveaxis(np.asarray(bends[axis][1]), axis, 0)
             index, there = np.moveaxis(cell, axis, 0), np.moveaxis(known, axis, 0)
             # So many cells from the first on begin anew by a bend of that size, or by another label.
             passed = [np.cumsum((bend >= least) | new, axis=0) for least in BENDS_M]

@@ -77,7 +77,7 @@ def test_draws_of_a_seed_are_the_same_and_those_of_another_or_without_grain_are_
 
 def test_draws_of_one_kind_do_not_go_on_in_the_folder_of_another(simulate):
     simulate("one")
-    with pytest.raises(SystemExit, match=r"data was synthetic, drawn, grain [0-9a-f]{8}, now synthetic, drawn;"):
+    with pytest.raises(SystemExit, match=r"data was synthetic, drawn, grain [0-9a-f]{8}, now synthetic, drawn\)"):
         simulate("one", "--no-grain")
 
 
@@ -90,7 +90,7 @@ def test_a_run_of_before_is_told_what_to_do_and_draws_cells_alone(simulate, work
             simulate("old")
         simulate("old", "--no-grain")
         path.write_text(json.dumps({"intensity": []}))
-        with pytest.raises(SystemExit, match=r"grain\.json is no run's grain.*learn it anew: jaxsim grain RUN"):
+        with pytest.raises(SystemExit, match=r"(?s)grain\.json is no run's grain.*learn it anew: jaxsim grain RUN"):
             simulate("bad")
     finally:
         path.write_text(kept)
