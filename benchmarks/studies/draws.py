@@ -1,18 +1,23 @@
 """How far draws of a learned sensor scatter, beside the sensor itself: what `jaxsim simulate --draws` adds.
 
-    python -m benchmarks.studies.draws ROOT RUN OUT [--still drive_0060] [--seeds 4] [--picture 0]
+    python -m benchmarks.studies.draws ROOT RUN OUT --frames DRIVES [--still drive_0060] [--seeds 4] [--picture 0]
 
-RUN is a trained run of KITTI's raw drives whose network gives a distribution, ROOT holds `2011_09_26/`; the frames are
-the run's validation frames. Measured scatter of one and the same cell is that of a drive in which the car stands still
-(--still; its images are not needed), of neighbours that of the frames themselves.
+RUN is a trained run of KITTI's raw drives whose network gives a distribution, ROOT holds `2011_09_26/`. DRIVES are such
+as neither the network nor its grain (RUN/grain.json, of the validation frames) was learned from. Measured scatter of
+one and the same cell is that of a drive in which the car stands still (--still; its images are not needed), of
+neighbours that of the frames themselves.
 
-Writes OUT/draws.md, .json, and draws.png, a frame measured, as it is most likely, and drawn twice.
+Each cell is drawn for itself, with its grain, and with its grain where surfaces stay: one key for all draws of a frame
+draws what they share, and another key each time what is a cell's own.
+
+Writes OUT/draws.md, .json, and draws.png, a frame measured, as it is most likely, and drawn in both ways.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,11 +35,14 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.report import save_picture, strip
 from jaxsim.report.pictures import intensity_panel
 from jaxsim.report.results import markdown_table, write_results
-from jaxsim.simulate.predict import drawn, make_predict
+from jaxsim.simulate.grain import Grain, draw_ranks, read_grain
+from jaxsim.simulate.predict import Prediction, drawn, make_predict
 from jaxsim.simulate.sensor import LearnedSensor
 
 SAME_M = 0.05
 """Cells whose ranges differ by less are one surface."""
+SINGLE, GRAINED, STAYS = "each cell", "with grain", "surfaces stay"
+KINDS = ("measured", "most likely", SINGLE, GRAINED, STAYS)
 Raster = Float[np.ndarray, "rows columns"]
 Mask = Bool[np.ndarray, "rows columns"]
 
@@ -69,9 +77,10 @@ def still_scans(sensor: LearnedSensor, root: Path, drive: str) -> list[PolarImag
     return [scan_on_window(read_scan(f, "file_order"), grid, place, lines=sensor.run.spec.rows) for f in files]
 
 
-def scatter(sensor: LearnedSensor, pairs: Sequence[Pair], seeds: int) -> dict[str, list[float]]:
+def scatter(sensor: LearnedSensor, grain: Grain, pairs: Sequence[Pair], *, seeds: int) -> dict[str, list[float]]:
     """By what is looked at: neighbours' differences, differences of a cell between two draws, intensities, drops."""
     predict = make_predict(sensor.generate, sensor.run.experiment.prepare)
+    draw = jax.jit(partial(drawn_as, grain), static_argnames="kind")
     found: dict[str, list[float]] = {}
 
     def add(name: str, values: np.ndarray | list[float]) -> None:
@@ -84,17 +93,27 @@ def scatter(sensor: LearnedSensor, pairs: Sequence[Pair], seeds: int) -> dict[st
         came_back = np.asarray(pair.measured.valid) & (measured > 0) & seen
         keys = [jax.random.fold_in(jax.random.key(seed), k) for seed in range(seeds)]
         kinds = {"measured": [(measured, came_back)], "most likely": [_of(says.reported, seen)]}
-        kinds["drawn"] = [_of(drawn(says, key), seen) for key in keys]
+        for kind in (SINGLE, GRAINED, STAYS):
+            stays = jax.random.fold_in(jax.random.key(seeds), k) if kind == STAYS else None
+            kinds[kind] = [_of(draw(says, pair, key, kind=kind, stays=stays), seen) for key in keys]
+            differences, repeated = again([PolarImage(range_m, *image) for image in kinds[kind]])
+            add(f"{kind}: again", differences)
+            add(f"{kind}: drops again", [repeated])
         for name, images in kinds.items():
             for intensity, valid in images:
                 add(f"{name}: neighbours", beside(intensity, range_m, valid))
                 add(f"{name}: intensities", intensity[valid])
                 add(f"{name}: drops", [1 - valid[seen].mean()])
-        draws = [PolarImage(range_m, intensity, valid) for intensity, valid in kinds["drawn"]]
-        differences, repeated = again(draws)
-        add("drawn: again", differences)
-        add("drawn: drops again", [repeated])
+                add(f"{name}: ends", (valid[:, 1:] != valid[:, :-1])[seen[:, 1:] & seen[:, :-1]])
     return found
+
+
+def drawn_as(
+    grain: Grain, says: Prediction, pair: Pair, key: jax.Array, *, kind: str, stays: jax.Array | None = None
+) -> jax.Array:
+    """One draw of a frame."""
+    ranks = None if kind == SINGLE else draw_ranks(grain, pair.painted, key, stays=stays)
+    return drawn(says, key, ranks)
 
 
 def _of(reported: object, seen: Mask) -> tuple[Raster, Mask]:
@@ -102,15 +121,15 @@ def _of(reported: object, seen: Mask) -> tuple[Raster, Mask]:
     return intensity, (intensity > 0) & seen
 
 
-def picture(sensor: LearnedSensor, pair: Pair) -> np.ndarray:
-    """A frame measured, as it is most likely, and drawn twice."""
+def picture(sensor: LearnedSensor, grain: Grain, pair: Pair) -> np.ndarray:
+    """A frame measured, as it is most likely, and drawn in both ways."""
     says = make_predict(sensor.generate, sensor.run.experiment.prepare)(sensor.params, pair)
     seen, measured = np.asarray(pair.painted.valid), np.asarray(pair.measured.intensity)
     panels = [("measured", intensity_panel(measured, np.asarray(pair.measured.valid) & (measured > 0) & seen))]
     panels.append(("most likely (jaxsim simulate)", intensity_panel(*_of(says.reported, seen))))
-    for seed in range(2):
-        image = _of(drawn(says, jax.random.key(seed)), seen)
-        panels.append((f"drawn (jaxsim simulate --draws --seed {seed})", intensity_panel(*image)))
+    for kind, flags in ((SINGLE, "--draws --no-grain"), (GRAINED, "--draws")):
+        image = _of(drawn_as(grain, says, pair, jax.random.key(0), kind=kind), seen)
+        panels.append((f"drawn (jaxsim simulate {flags})", intensity_panel(*image)))
     return strip(panels)
 
 
@@ -119,32 +138,33 @@ def main() -> None:
     parser.add_argument("root", type=Path)
     parser.add_argument("run", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--frames", required=True)
     parser.add_argument("--still", default="drive_0060")
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--picture", type=int, default=0)
     given = parser.parse_args()
-    sensor = jaxsim.load(given.run)
+    sensor, grain = jaxsim.load(given.run), read_grain(given.run)
     experiment = sensor.run.experiment
     dataset = open_dataset(experiment.data)
-    pairs = prepared(dataset, select(experiment.data.validation, dataset), experiment.data, prepare=experiment.prepare)
-    found = scatter(sensor, pairs, given.seeds)
+    pairs = prepared(dataset, select(given.frames, dataset), experiment.data, prepare=experiment.prepare)
+    if known := {*grain.scenes} & {*pairs.scenes}:
+        raise ValueError(f"draws: the grain was learned from {', '.join(sorted(known))}; judge other drives: --frames")
+    found = scatter(sensor, grain, pairs, seeds=given.seeds)
     still, still_drops = again([_dark_lost(image) for image in still_scans(sensor, given.root, given.still)])
     found |= {"measured: again": still, "measured: drops again": [still_drops]}
-    rows = [
-        [f"{name}, mean", *(_cell(found, f"{kind}: {key}", np.mean) for kind in ("measured", "most likely", "drawn"))]
-        if key != "intensities"
-        else [name, *(_cell(found, f"{kind}: {key}", np.std) for kind in ("measured", "most likely", "drawn"))]
-        for name, key in (
-            ("the same cell once more, difference of intensity", "again"),
-            ("neighbours on one surface, difference of intensity", "neighbours"),
-            ("all intensities, standard deviation", "intensities"),
-            ("share of cells that drop", "drops"),
-            ("a cell that drops drops once more", "drops again"),
-        )
-    ]
-    text = markdown_table(["", "measured", "most likely", f"drawn ({given.seeds} times)"], rows)
+    looked_at = (
+        ("the same cell once more, difference of intensity, mean", "again", np.mean),
+        ("neighbours on one surface, difference of intensity, mean", "neighbours", np.mean),
+        ("all intensities, standard deviation", "intensities", np.std),
+        ("share of cells that drop", "drops", np.mean),
+        ("a cell that drops drops once more", "drops again", np.mean),
+        ("of two neighbours in a row one drops", "ends", np.mean),
+    )
+    rows = [[name, *(_cell(found, f"{kind}: {key}", of) for kind in KINDS)] for name, key, of in looked_at]
+    heads = ["measured", "most likely", f"drawn ({given.seeds} times), {SINGLE}", GRAINED, f"{GRAINED}, {STAYS}"]
+    text = markdown_table(["", *heads], rows)
     plain = {name: {"mean": float(np.mean(v)), "median": float(np.median(v)), "n": len(v)} for name, v in found.items()}
-    save_picture(given.out / "draws.png", picture(sensor, pairs[given.picture]))
+    save_picture(given.out / "draws.png", picture(sensor, grain, pairs[given.picture]))
     print(text)
     print(write_results(given.out, "draws", plain, text=text))
 

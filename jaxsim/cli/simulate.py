@@ -18,6 +18,7 @@ from jaxsim.effects.chain import SensorModel
 from jaxsim.effects.own import known_effects
 from jaxsim.report.simulated import PAGE, draw_simulated, write_simulated
 from jaxsim.simulate.folder import FrameMaker, data_words, simulate_folder
+from jaxsim.simulate.grain import read_grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection, load
 
 
@@ -53,8 +54,11 @@ class Simulate(Checked):
     """A Python file with an effect of your own that --effects names; may be given several times. Its code is run: give
     only files that you have read."""
     draws: bool = False
-    """Draw each cell from the distribution that the network gives (one of --generator.form unet), so that clouds have
-    the sensor's scatter, instead of taking what is most likely. Cells are drawn each for itself."""
+    """Draw from the distribution that the network gives (one of --generator.form unet), so that clouds have the
+    sensor's scatter, instead of taking what is most likely."""
+    grain: bool = True
+    """Of draws: cells scatter together as measured ones do, by RUN/grain.json, which `jaxsim train` leaves of such a
+    network and `jaxsim grain RUN` learns. With --no-grain each cell is drawn for itself, and clouds are speckled."""
     seed: Whole = 0
     """Of what the effects and draws leave to chance; a frame depends on it and on its place in the data set."""
     cluster: str | None = None
@@ -86,6 +90,8 @@ class Simulate(Checked):
         """What simulates the data set's frames. Raises ValueError for flags that name what is not there."""
         known_effects(self.effects_from)
         learned = load_run(self.run)
+        # A network of one intensity a cell has nothing to draw from, and is told so at the first frame.
+        together = self.draws and self.grain and learned.run.experiment.generator.form == "unet"
         return FrameMaker(
             learned,
             open_dataset(self.data.config(learned.run.experiment.data)),
@@ -93,6 +99,7 @@ class Simulate(Checked):
             effects_model=SensorModel.load(self.effects, rows=learned.rows) if self.effects else None,
             seed=self.seed,
             draws=self.draws,
+            grain=read_grain(self.run) if together else None,
             projection=self.projection,
             formats=self.formats,
             batch=self.batch,

@@ -25,6 +25,11 @@ COMMANDS = {
         "one run of several that differ in their seed: the mean of their networks",
         "jaxsim join runs/first runs/second runs/third --out runs/joined",
     ),
+    "grain": Command(
+        "grain:LearnGrain",
+        "learn how cells scatter together, for simulate --draws",
+        "jaxsim grain runs/kitti_drives",
+    ),
     "eval": Command(
         "eval:Evaluation",
         "score a trained run, two folders of frames, a detector's results; compare networks",

@@ -2,6 +2,8 @@
 
 predict        the paper's steps in one function: `simulate_frame`; the same where the network sees no projection;
                whether images are like those that a run learned from
+grain          how the cells of a draw scatter together: `Grain`, fields that go on along a surface and break at edges
+grain_fit      learning it from measured frames: `learn_grain` (`jaxsim grain`)
 live           in a simulator's loop: each tick's view, or what a ray caster's rays meet, to a cloud
 sensor         `LearnedSensor`: a trained run
 frames         simulated frames on the host, effects on them, and beside measured ones of one drive for `discover`

@@ -31,6 +31,7 @@ from jaxsim.geometry import polar_to_points
 from jaxsim.prefetch import prefetch
 from jaxsim.progress import Progress
 from jaxsim.simulate.frames import begin_of, check_motion, motion_of, rasters, simulate_batch, take, with_effects
+from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
 
@@ -116,6 +117,8 @@ class FrameMaker:
     seed: int = 0
     """What the effects and, with `draws`, the network leave to chance depends on it and on a frame's place."""
     draws: bool = False
+    grain: Grain | None = None
+    """How the cells of a draw scatter together; none: each for itself."""
     projection: Projection = "lidar"
     formats: Sequence[str] = ("bin", "pcd", "ply")
     batch: int = 8
@@ -133,7 +136,15 @@ class FrameMaker:
     def simulate(self, chosen: Batch, frames: Sequence[Frame]) -> Simulated:
         """What the network says of them."""
         of_network = [jax.random.fold_in(key, OF_NETWORK) for key in self.keys(chosen)] if self.draws else []
-        return simulate_batch(self.learned, frames, self.batch, projection=self.projection, keys=of_network)
+        how = {"projection": self.projection, "grain": self.grain}
+        return simulate_batch(self.learned, frames, self.batch, keys=of_network, **how)
+
+    def words(self, data: str) -> str:
+        """What makes frames of `data` in words: each kind of draws, and the most likely answer, is a making of its own,
+        and none goes on in another's folder."""
+        if not self.draws:
+            return data
+        return f"{data}, drawn" + (f", grain {self.grain.fingerprint}" if self.grain else "")
 
     def keys(self, chosen: Batch) -> list[Array]:
         """What leaves a frame to chance, one a frame."""
@@ -191,8 +202,7 @@ def simulate_folder(
     claim_frames(
         out,
         fingerprint=maker.learned.fingerprint,
-        # Draws and most likely answers are two makings: neither goes on in the other's folder.
-        data=f"{data}, drawn" if maker.draws else data,
+        data=maker.words(data),
         seed=maker.seed if effects_model or maker.draws else None,
     )
     names = [dataset.name_of(position) for position in positions]

@@ -23,6 +23,7 @@ from jaxsim.geometry import incidence, scan_on_window
 from jaxsim.geometry.points import FAR_M
 from jaxsim.metrics.paired import DROP_BELOW
 from jaxsim.prepare import dense_view
+from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.predict import Window, check_image
 from jaxsim.simulate.sensor import LearnedSensor, Projection
 
@@ -42,10 +43,11 @@ def simulate_batch(
     *,
     projection: Projection = "lidar",
     keys: Sequence[Array] = (),
+    grain: Grain | None = None,
 ) -> tuple[PolarImage, Painted, float]:
     """Simulates frames together on the run's window, filled up to `size`; results on the host, and the seconds
-    from dense views to results. `keys`, one a frame, draw from the network's distribution. Raises ValueError where a
-    frame's images are not like those of the run."""
+    from dense views to results. `keys`, one a frame, draw from the network's distribution, with this `grain`. Raises
+    ValueError where a frame's images are not like those of the run."""
     for frame in frames:
         with placed(frame.name):
             check_image(frame.camera.rgb.shape[-3:-1], learned.run)
@@ -56,7 +58,7 @@ def simulate_batch(
     # Views come from files: what is timed is the simulation.
     begun = time.monotonic()
     key = jnp.stack([*keys, *[keys[-1]] * (size - len(keys))]) if keys else None
-    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key))
+    image, painted = jax.device_get(learned.simulate_view(batch, projection=projection, key=key, grain=grain))
     return image, painted, time.monotonic() - begun
 
 

@@ -22,6 +22,7 @@ from jaxsim.geometry import incidence, resample
 from jaxsim.geometry.points import FAR_M
 from jaxsim.prepare import network_inputs, paint, paint_raster, shrink
 from jaxsim.runs.kinds import Run
+from jaxsim.simulate.grain import Grain, Ranks, draw_ranks
 
 Generate = Callable[[Any, Array], Array]
 """(parameters, inputs (b, h, w, c)) -> image (b, h, w, 1) in [-1, 1]; or QUANTILES so, and the logit of a drop."""
@@ -54,12 +55,12 @@ class Prediction:
         return jnp.where(self.drops, 0.0, jnp.maximum(self.intensity, STEP))
 
 
-def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
+def drawn(says: Prediction, key: Array, ranks: Ranks | None = None) -> Rays:
     """Intensity 0..0.99 of one draw from a network's distribution; 0 is a ray that does not come back.
 
     A ray drops with its own probability; else its intensity is the quantile of an even draw: linear between QUANTILES,
-    and as steep as beside the outer ones beyond them. Cells are drawn each for itself, or have the `ranks` 0..1 that
-    are given. `key` has the batch's dims.
+    and as steep as beside the outer ones beyond them. Cells are drawn each for itself, or have the `ranks` that are
+    given (`draw_ranks`). `key` has the batch's dims.
 
     Raises ValueError where the network gives no distribution.
     """
@@ -71,8 +72,11 @@ def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
     # A key a view: what is drawn of a frame does not depend on the batch that it came in.
     if key.ndim:
         return jax.vmap(drawn)(says, key, ranks)
-    of_intensity, of_drop = jax.random.split(key)
-    u = jax.random.uniform(of_intensity, says.intensity.shape) if ranks is None else ranks
+    if ranks is None:
+        of_intensity, of_drop = jax.random.split(key)
+        shape = says.intensity.shape
+        ranks = Ranks(jax.random.uniform(of_intensity, shape), jax.random.uniform(of_drop, shape))
+    u = ranks.intensity
     values = jnp.moveaxis(says.quantiles, -1, 0)
     # Pieces from quantile to quantile; the first and the last go on beyond their ends.
     intensity = values[0]
@@ -81,7 +85,7 @@ def drawn(says: Prediction, key: Array, ranks: Rays | None = None) -> Rays:
         piece = values[k] + slope * (u - QUANTILES[k])
         intensity = jnp.where((u >= QUANTILES[k]) | (k == 0), piece, intensity)
     # A ray that comes back reports a step at least, for 0 is what a lost one reports.
-    drops = jax.random.uniform(of_drop, u.shape) < says.drop_share
+    drops = ranks.drop < says.drop_share
     return jnp.where(drops, 0.0, jnp.maximum(_on_steps(intensity), STEP))
 
 
@@ -175,9 +179,11 @@ def simulate_frame(
     generate: Generate,
     prepare: PrepareConfig,
     key: Array | None = None,
+    grain: Grain | None = None,
 ) -> tuple[PolarImage, Painted]:
     """What the LiDAR reports of a camera's view, and what was painted on its grid on the way; with `key` a draw from
-    what the network holds possible (`drawn`), else what it holds most likely.
+    what the network holds possible (`drawn`), whose cells scatter together as `grain` says, else what it holds most
+    likely.
 
     The paper's steps: carry the camera's rasters to the polar grid through depth and calibration, predict the
     intensity there, drop the rays of zero intensity. `row_share` is each beam's place in the sensor, 0 top, 1 bottom.
@@ -185,7 +191,7 @@ def simulate_frame(
     painted = paint(view, grid, occlusion_m=prepare.occlusion_m)
     angle, _ = incidence(painted.range_m, painted.valid, grid)
     seen = {"incidence_rad": angle, "row_share": row_share}
-    return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key), painted
+    return simulate_painted(params, painted, **seen, generate=generate, prepare=prepare, key=key, grain=grain), painted
 
 
 def simulate_painted(
@@ -197,10 +203,13 @@ def simulate_painted(
     generate: Generate,
     prepare: PrepareConfig,
     key: Array | None = None,
+    grain: Grain | None = None,
 ) -> PolarImage:
-    """What the LiDAR reports of rays whose surfaces are known already; `key` as in `simulate_frame`."""
+    """What the LiDAR reports of rays whose surfaces are known already; `key` and `grain` as in `simulate_frame`."""
     says = predict_cells(generate, params, painted, incidence_rad=incidence_rad, row_share=row_share, prepare=prepare)
-    return _reported(painted, says.reported if key is None else drawn(says, key))
+    if key is None:
+        return _reported(painted, says.reported)
+    return _reported(painted, drawn(says, key, None if grain is None else draw_ranks(grain, painted, key)))
 
 
 def camera_intensity(

@@ -19,6 +19,7 @@ from jaxsim.prepare import check_view, crop_image, input_channels, window_of
 from jaxsim.runs.kinds import Run
 from jaxsim.runs.run import Checkpoints, load_run
 from jaxsim.simulate.embedded import is_embedded, read_embedded, shapes_of
+from jaxsim.simulate.grain import Grain
 from jaxsim.simulate.live import Live, LiveRays, attach_camera, attach_rays, with_cameras
 from jaxsim.simulate.predict import (
     Window,
@@ -43,7 +44,7 @@ class LearnedSensor:
         # Closed over: they are the sensor's own, and what is compiled holds for them alone.
         settings = {"generate": self.generate, "prepare": prepare}
         self._simulate = {
-            "lidar": jax.jit(partial(simulate_frame, **settings)),
+            "lidar": jax.jit(partial(simulate_frame, **settings), static_argnames="grain"),
             "none": jax.jit(partial(simulate_unprojected, **settings)),
         }
         self._intensity = jax.jit(partial(camera_intensity, **settings))
@@ -73,10 +74,12 @@ class LearnedSensor:
         *,
         projection: Projection = "lidar",
         key: Array | None = None,
+        grain: Grain | None = None,
     ) -> tuple[PolarImage, Painted]:
         """Simulates one cropped view with depth, or a batch of views, on a polar window (default: `window`).
 
-        With `key`, one a view, the answer is a draw from the network's distribution instead of what is most likely.
+        With `key`, one a view, the answer is a draw from the network's distribution instead of what is most likely;
+        its cells scatter together as `grain` says (`read_grain`), or each for itself.
         Raises ValueError where the view lacks depth, or labels that the run was trained on, or the camera sees another
         width and is not projected, and where there is nothing to draw from.
         """
@@ -88,7 +91,7 @@ class LearnedSensor:
         self._check_projection(view, projection)
         grid, row_share = window or self.window
         # Left out rather than None, for without projection there is nothing to draw with.
-        draws = {} if key is None else {"key": key}
+        draws = {} if key is None else {"key": key, "grain": grain}
         return self._simulate[projection](self.params, with_cameras(view), grid, row_share=row_share, **draws)
 
     def intensity_map(self, view: CameraFrame) -> Float[Array, "*b h w"]:

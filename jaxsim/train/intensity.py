@@ -19,6 +19,8 @@ from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_ste
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
 from jaxsim.runs.run import describe
+from jaxsim.simulate.grain import save_grain
+from jaxsim.simulate.grain_fit import learn_grain
 from jaxsim.simulate.predict import make_batch, make_predict
 from jaxsim.train.training import Scores, Training, ahead, run_folder
 
@@ -89,6 +91,15 @@ def intensity_training(experiment: Experiment) -> Training:
         return score_pairs(predict, params, validation), picture
 
     run, folder = describe(experiment, dataset.spec, train.record(0).view), run_folder(settings)
+
+    def finish(params: PyTree) -> Scores:
+        """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
+        try:
+            save_grain(folder, learn_grain(predict, params, validation, scenes=validation.scenes))
+        except ValueError as error:  # of too few frames; draws say so when they are asked for
+            _log.info(f"no grain was learned: {error}")
+        return score_pairs(predict, params, validation)
+
     return Training(
         run=run,
         steps=optim.steps,
@@ -109,5 +120,6 @@ def intensity_training(experiment: Experiment) -> Training:
         ),
         scored=lambda scores: score_table({"validation": scores}),
         use=f'```python\nimport jaxsim\nsensor = jaxsim.load("{folder}")\n```',
+        finish=finish if experiment.generator.form == "unet" else None,
         hint=f"Scores beside baselines, and pictures: jaxsim eval {folder}",
     )

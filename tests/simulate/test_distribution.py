@@ -11,6 +11,7 @@ import pytest
 from jaxsim.config import QUANTILES, PrepareConfig
 from jaxsim.evaluate.intensity import coverage
 from jaxsim.frame import Painted
+from jaxsim.simulate.grain import Ranks
 from jaxsim.simulate.predict import STEP, Prediction, drawn, make_batch, predict_cells
 from tests.evaluate.made import SHAPE, street
 
@@ -62,8 +63,10 @@ def test_draws_have_the_quantiles_and_the_drops_that_were_said():
 def test_a_draw_of_given_ranks_has_the_values_at_these_ranks():
     quantiles = [0.1, 0.3, 0.4, 0.6, 0.9]
     ranks = jnp.broadcast_to(jnp.linspace(0.05, 0.95, 200, dtype=jnp.float32), (2, 3, 200))
-    draw = drawn(says(quantiles, 0.0, shape=(2, 3, 200)), jax.random.split(jax.random.key(0), 2), ranks)
+    two, keys = says(quantiles, 0.5, shape=(2, 3, 200)), jax.random.split(jax.random.key(0), 2)
+    draw = drawn(two, keys, Ranks(ranks, 0 * ranks + 0.5))
     np.testing.assert_allclose(draw, np.interp(ranks, QUANTILES, quantiles), atol=0.006)  # steps of 1/100
+    assert not np.asarray(drawn(two, keys, Ranks(ranks, 0 * ranks + 0.49))).any()
 
 
 def test_draws_of_a_batch_are_those_of_its_frames():

@@ -11,7 +11,6 @@ All are judged on measured intensities that neither network saw: of other parts,
 the images are the embedded world's, whose classes are of paint and water too: a suburb to learn from, a town to judge.
 
     networks.py   what learns: the sensor, and who tells classes apart
-    grain.py      how rays beside each other scatter together
     iou.py        how well classes are told, and what intensity is worth
     study.py      which image simulates, learns or is judged when; scores and table
 

@@ -26,8 +26,9 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.losses import quantile_loss
 from jaxsim.pix2pix.unet import UNet
+from jaxsim.simulate.grain import Field, Ranks, Surfaces, ranks_of_fields, surfaces_of
+from jaxsim.simulate.grain_fit import Scan
 from jaxsim.simulate.predict import Prediction, drawn
-from jaxsim.studies.segmentation.grain import Grain
 
 Batch = dict[str, Array]
 Loss = Callable[[Array, Batch], Array]
@@ -152,12 +153,24 @@ def quantiles_of(
     return np.clip(np.sort(told, axis=-1), 0, 1)
 
 
+def surfaces_in(image: RangeImage) -> Surfaces:
+    """Where the surfaces of a scan end, classes among them."""
+    label = jnp.asarray(image.label)
+    return surfaces_of(jnp.asarray(image.range_m), jnp.asarray(image.valid), kind=label, thing=label)
+
+
+def scan_of(image: RangeImage, quantiles: Float[np.ndarray, "rows columns q"]) -> Scan:
+    """A scan beside what a sensor's network says of it, to learn its grain from."""
+    never = np.zeros(image.range_m.shape)
+    return Scan(surfaces_in(image), image.valid, image.valid, image.intensity, quantiles, never)
+
+
 def simulate(
     network: TrainedNetwork,
     inputs: Sequence[np.ndarray],
     images: Sequence[RangeImage],
     *,
-    grain: Grain | None,
+    grain: Sequence[Field] | None,
     seed: int,
 ) -> list[Float[np.ndarray, "rows columns"]]:
     """Intensities of the images, drawn from what the sensor holds possible, beside each other with its grain (None:
@@ -167,8 +180,9 @@ def simulate(
         quantiles = jnp.asarray(quantiles_of(network, x), jnp.float32)
         lost = jnp.where(image.valid, 0.0, 1.0)
         says = Prediction(quantiles[..., QUANTILES.index(0.5)], ~image.valid, quantiles, lost)
-        ranks = None if grain is None else jnp.asarray(grain.ranks(image.label, np.random.default_rng([seed, k])))
-        pictures.append(np.asarray(drawn(says, jax.random.fold_in(jax.random.key(seed), k), ranks)))
+        key = jax.random.fold_in(jax.random.key(seed), k)
+        even = None if grain is None else ranks_of_fields(grain, surfaces_in(image), key)
+        pictures.append(np.asarray(drawn(says, key, None if even is None else Ranks(even, even))))
     return pictures
 
 

@@ -14,7 +14,7 @@ from jaxsim.data.range_images import RangeImage, class_names, read_range_images
 from jaxsim.files import read_entry, replacing, write_arrays
 from jaxsim.files.arrays import read_arrays
 from jaxsim.report.results import markdown_table, number_or_none
-from jaxsim.studies.segmentation.grain import fit_grain
+from jaxsim.simulate.grain_fit import fit_intensity
 from jaxsim.studies.segmentation.iou import KINDS, class_iou, confusion, mean_iou, worth
 from jaxsim.studies.segmentation.networks import (
     class_loss,
@@ -22,6 +22,7 @@ from jaxsim.studies.segmentation.networks import (
     of_segmentation,
     of_sensor,
     quantiles_of,
+    scan_of,
     sensor_loss,
     simulate,
     train,
@@ -98,8 +99,8 @@ class Study:
                 seed=0,
                 config=config,
             )
-            told = ((self.images[i], quantiles_of(network, inputs[i])) for i in learned)
-            grain = fit_grain(told) if config.grain else None
+            scans = (scan_of(self.images[i], quantiles_of(network, inputs[i])) for i in learned)
+            grain = fit_intensity(scans) if config.grain else None
             own = self.own(part)
             made = simulate(network, [inputs[i] for i in own], [self.images[i] for i in own], grain=grain, seed=part)
             write_arrays(path, {"intensity": np.stack(made)})

@@ -5,7 +5,7 @@ import pytest
 
 from jaxsim.config import QUANTILES, GeneratorConfig, SegmentationConfig
 from jaxsim.data.range_images import read_range_images
-from jaxsim.studies.segmentation.grain import WIDTHS, Grain
+from jaxsim.simulate.grain import Field
 from jaxsim.studies.segmentation.networks import (
     class_loss,
     classify,
@@ -55,7 +55,7 @@ def test_intensities_scatter_together_or_each_cell_for_itself(folder):
     targets = [{"intensity": image.intensity, "weight": image.valid.astype(np.float32)} for image in images]
     config = SegmentationConfig(network=GeneratorConfig(form="unet", filters=2, downsamples=0, enhancers=0), columns=8)
     sensor = train(inputs, targets, sensor_loss, out_channels=len(QUANTILES) + 1, steps=1, seed=0, config=config)
-    together = Grain((0.0,) * (len(WIDTHS) - 1) + (1.0,))
+    together = (Field(1.0, None, None),)
     (grained,) = simulate(sensor, inputs[:1], images[:1], grain=together, seed=0)
     (single,) = simulate(sensor, inputs[:1], images[:1], grain=None, seed=0)
     assert not grained[~images[0].valid].any()
