@@ -7,8 +7,9 @@
 The first asks what `discover --gate --fast` asks, of sensors and simulators of the hidden world, without and with noise
 of the simulator's own. Thresholds come from half of a sensor's streets (`RULES`), the gate is asked of the other half,
 where nothing has changed (a null), or where the sensor has a hidden effect since. The second looks at answers that
-were given before: a gate without --fast that allows nothing is red where something was named for certain
-(`Rules.gate_effect_nats`), or has no name, and unsure where what was named gained less.
+were given before: a gate without --fast that allows nothing is red where something was found for certain
+(`Rules.gate_effect_nats`), and unsure where what was found gained less. Rows of before laws were learned know of no
+gain of what has no name.
 
 A killed run goes on. OUT/cases.jsonl has a row a case, with the distances of each street, OUT/summary.md the table.
 """
@@ -129,10 +130,12 @@ def colour_of_answer(row: Row) -> str:
     """Of a gate without --fast that allows nothing."""
     if row["verdict"] == "none":
         return "pass"
-    # Rows of before 25 November know the gain of what was found first alone, which is the most that any gained.
-    gains = row.get("gains") or {name: gain for name, gain in row["ranking"] if name in row["answer"]}
-    certain = any(gain >= DISCOVER_RULES.gate_effect_nats for gain in gains.values())
-    return "gap" if certain or row["verdict"] == NOT_NAMED else "unsure"
+    if row["verdict"] == NOT_NAMED:
+        gains = {NOT_NAMED: sum(answer for answer, *_ in row["gained"].values())}
+    else:
+        # Rows of before 25 November know the gain of what was found first alone, which is the most that any gained.
+        gains = row.get("gains") or {name: gain for name, gain in row["ranking"] if name in row["answer"]}
+    return "gap" if any(gain >= DISCOVER_RULES.gate_effect_nats for gain in gains.values()) else "unsure"
 
 
 def of_answers(rows: Iterable[Row]) -> str:

@@ -58,7 +58,8 @@ class Gate:
     baseline: Mapping[str, Any] | None
     """A verdict.json of before: what it names may be missing, and distances may be as large."""
     effect_nats: float = RULES.gate_effect_nats
-    """What a named effect must gain on held-out scenes, nats each, to be a gap; of less the gate is unsure."""
+    """What a named effect must gain on held-out scenes to be a gap, and what has no name on judge scenes, nats each; of
+    less the gate is unsure."""
 
 
 @dataclass(frozen=True)
@@ -184,23 +185,30 @@ def check_verdict(gate: Gate, verdict: Verdict) -> tuple[Check, ...]:
 
 def _named(gate: Gate, verdict: Verdict, before: set[Any]) -> Check:
     new = [one for one in verdict.effects if one.name not in gate.allowed | before]
+    told = [
+        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} nats a scene)" for one in new
+    ]
     # An effect stands on the others that are named: if one of them is certain, so is that something is missing.
     certain = any(one.gain.value >= gate.effect_nats for one in new)
-    told = ", ".join(
-        f"{one.name} ({', '.join(one.channels)}, p {one.p_value:.2g}, {one.gain.value:.3g} nats a scene)" for one in new
-    )
-    if certain:
-        return Check("effects", "gap", f"the simulation lacks {told}")
     # What had no name before is nothing new, either.
     was_so = gate.baseline is not None and gate.baseline.get("verdict") == NOT_NAMED
     if verdict.verdict == NOT_NAMED and NOT_NAMED not in gate.allowed and not was_so:
         what = verdict.unexplained.covariate if verdict.unexplained else "its own coordinates"
-        return Check("effects", "gap", f"something that no effect describes, along {what}")
-    if new:
-        least = f"under {gate.effect_nats:g} nats a scene chance may have named it"
-        return Check("effects", "unsure", f"the simulation may lack {told}; {least}")
+        nats = unseen_nats(verdict)
+        told.append(f"something that no effect describes, along {what} ({nats:.3g} nats a judge scene)")
+        certain = certain or nats >= gate.effect_nats
+    if certain:
+        return Check("effects", "gap", f"the simulation lacks {', '.join(told)}")
+    if told:
+        least = f"under {gate.effect_nats:g} nats a scene chance may have found it"
+        return Check("effects", "unsure", f"the simulation may lack {', '.join(told)}; {least}")
     allowed = ", ".join(one.name for one in verdict.effects)
     return Check("effects", "pass", f"nothing but what may be: {allowed}" if allowed else "no effect is missing")
+
+
+def unseen_nats(verdict: Verdict) -> float:
+    """What judge scenes gain with all in place that was found, nats a scene, all channels."""
+    return sum(gap.gained.value for gap in verdict.gap.values() if gap.gained is not None)
 
 
 def check_distances(gate: Gate, distances: Mapping[str, Interval]) -> tuple[Check, ...]:

@@ -320,10 +320,11 @@ class Rules:
     gate_worse_share: float = 0.10
     """Share by which a channel's distance may exceed the baseline's: a mean over eight scenes scatters by less."""
     gate_effect_nats: float = 2.5
-    """Held-out nats a scene from which a named effect is a gap, by default; below it a gate is unsure. Weighed on rows
-    beside this package (benchmarks/blind/measured, worlds_sealed and worlds_sealed_again): of 127 sensors in which
+    """Held-out nats a scene from which a named effect is a gap, by default, and nats of judge scenes from which what
+    has no name is one; below it a gate is unsure. Weighed on rows beside this package (benchmarks/blind/measured,
+    worlds_sealed and worlds_sealed_again; of what has no name worlds_nulls_again, too): of 127 sensors in which
     nothing was missing six had a name, with 1.0 to 2.1 nats; of 41 effects of severity 2 that were named, eight had
-    less."""
+    less. Of ten nulls without a name two had more."""
     gate_least: float = 1e-3
     """Least threshold of a distance: a millimetre, a thousandth of the full scale, or of the rays; finer than files."""
     watch_chance: float = 0.05

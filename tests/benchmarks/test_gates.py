@@ -59,17 +59,17 @@ def test_the_table_counts_nulls_and_names_what_is_not_seen():
     assert len(text.splitlines()) == 2 + 2 * len(RULES)
 
 
-def answered(verdict, kind="none", severity=1.0, **gains):
+def answered(verdict, kind="none", severity=1.0, *, nats=0.0, **gains):
     row = {"kind": kind, "severity": severity, "verdict": verdict, "answer": list(gains), "ranking": [["fog", 9.0]]}
-    return row | ({"gains": gains} if gains else {})
+    return row | {"gained": {"intensity": [nats, 5.0, 0.0], "drop": [0.1, 9.0, 0.0]}, "gains": gains}
 
 
-def test_whole_answers_are_red_where_something_is_certain_or_has_no_name():
-    nulls = [answered("none"), answered("named", blooming=1.0), answered("not_in_catalogue"), answered("none")]
+def test_whole_answers_are_red_where_something_is_certain():
+    nulls = [answered("none"), answered("named", blooming=1.0), answered("not_in_catalogue", nats=2.6)]
     single = [answered("named", "single", severity, beam_gain=30.0) for severity in (1.0, 2.0)]
-    text = of_answers([*nulls, *single])
+    text = of_answers([*nulls, answered("not_in_catalogue", nats=2.3), *single])
     assert "nulls gap: 25 % (1 of 4;" in text
-    assert "nulls unsure: 25 % (1 of 4;" in text
+    assert "nulls unsure: 50 % (2 of 4;" in text
     assert "or more gap: 100 % (1 of 1;" in text
     # Rows of before hold gains in the first ranking alone, which has others too.
     old = {"kind": "none", "verdict": "named", "answer": ["blooming"], "ranking": [["fog", 9.0], ["blooming", 2.0]]}

@@ -90,6 +90,21 @@ def test_a_whole_answer_is_red_for_effects_that_may_not_be_missing(tmp_path):
     assert [check.colour for check in checks] == ["pass", *["gap"] * len(least)]
 
 
+def unseen(verdict, *, nats):
+    """The verdict with this gain of judge scenes in its intensity, and none elsewhere."""
+    gap = {
+        name: replace(one, gained=one.gained and replace(one.gained, value=nats * (name == "intensity")))
+        for name, one in verdict.gap.items()
+    }
+    return replace(verdict, gap=gap)
+
+
+def test_a_gate_is_unsure_of_what_has_no_name_and_no_gain(tmp_path):
+    [check] = check_verdict(gate(tmp_path, allowed=[]), unseen(results.not_in_catalogue().verdict, nats=0.4))
+    assert check.colour == "unsure"
+    assert "along range (0.4 nats a judge scene)" in check.words
+
+
 def test_a_gate_is_unsure_of_effects_that_chance_may_have_named(tmp_path):
     certain = results.named().verdict
     effects = tuple(replace(one, gain=replace(one.gain, value=1.2)) for one in certain.effects)
@@ -115,7 +130,7 @@ def test_a_baseline_allows_what_was_so_before(tmp_path):
 
 
 def test_what_has_no_name_is_a_gap_unless_allowed(tmp_path):
-    verdict = results.not_in_catalogue().verdict
+    verdict = unseen(results.not_in_catalogue().verdict, nats=3.0)
     assert colour_of(check_verdict(gate(tmp_path, allowed=[]), verdict)) == "gap"
     allowed = ["not_in_catalogue", *(one.name for one in verdict.effects)]
     assert colour_of(check_verdict(gate(tmp_path, allowed=allowed), verdict)) == "pass"
