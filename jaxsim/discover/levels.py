@@ -123,4 +123,4 @@ def _mean(side: Float[np.ndarray, " s"], power: int, unit: str) -> Interval:
 def _only(steps: Float[np.ndarray, " s"]) -> float:
     """The step of most scenes; 0 where they differ by more than rounding."""
     middle = float(np.median(steps))
-    return middle if np.mean(np.isclose(steps, middle, rtol=0.02)) > RULES.most_frames else 0.0
+    return middle if np.mean(np.isclose(steps, middle, rtol=RULES.lattice_near)) > RULES.most_frames else 0.0

@@ -19,7 +19,6 @@ from jaxtyping import Bool, Float, Int
 from jaxsim.discover.model.cast import RayIndex, Surfaces
 from jaxsim.discover.model.noise_levels import (
     BINS,
-    FEWEST,
     STEEPEST_COSINE,
     Levels,
     cosine_of,
@@ -28,6 +27,7 @@ from jaxsim.discover.model.noise_levels import (
     noise_levels,
 )
 from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
+from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
 from jaxsim.frame import Array
@@ -241,7 +241,7 @@ def reliability(
             continue
         # Noise hides more of dark surfaces than of bright ones: one share for all would leave both wrong.
         order = np.argsort(level[of])
-        bins = np.array_split(order, max(1, min(BINS, len(order) // FEWEST)))
+        bins = np.array_split(order, max(1, min(BINS, len(order) // RULES.fewest_differences)))
         at = np.array([np.median(level[of][b]) for b in bins])
         total = np.array([np.mean(detail[of][b] ** 2) for b in bins])
         noise = np.array([np.mean(variance[of][b]) for b in bins])
