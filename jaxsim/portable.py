@@ -79,7 +79,7 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | 
     experiment = sensor.run.experiment
     channels = input_channels(experiment.prepare)
     size = (*experiment.prepare.network_size, channels)
-    told = describe(sensor)
+    told = describe_network(sensor)
     # Another function than the sensor's own, which may have been traced for this machine's device already.
     generate = make_generate(experiment, channels)
     network: Network = lambda inputs: generate(sensor.params, inputs)  # noqa: E731
@@ -100,7 +100,7 @@ def export_network(sensor: LearnedSensor, path: Path, *, to: Form, batch: int | 
     return Exported(path, len(content), None if exported is None else float(np.abs(exported - ours).max()))
 
 
-def describe(sensor: LearnedSensor) -> dict[str, Any]:
+def describe_network(sensor: LearnedSensor) -> dict[str, Any]:
     """Each channel's name, the size, and what the outputs mean."""
     prepare = sensor.run.experiment.prepare
     names = []

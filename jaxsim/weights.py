@@ -102,7 +102,7 @@ def _read_npz(path: Path, *, summed: bool = False) -> Arrays:
     return read_arrays(path, by="weights", again=AGAIN, summed=summed, most=MOST_BYTES)
 
 
-def fit(arrays: Arrays, shapes: Shapes) -> Arrays:
+def checked_arrays(arrays: Arrays, shapes: Shapes) -> Arrays:
     """The arrays of these names, float32; a prefix that all names share (`module.`) falls away.
 
     Raises ValueError that says which names are missing or have another shape, or hold what is no weight: text, truth
@@ -180,7 +180,7 @@ def read_once(read: Callable[[Path], Network]) -> Callable[[Path], Network]:
     return lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0)
 
 
-def kind_of(path: Path) -> str | None:
+def weights_kind(path: Path) -> str | None:
     """The kind of a converted file; None for other files."""
     try:
         return parse_json(str(read_arrays(path, (ABOUT,), by="weights")[ABOUT])).get("kind")

@@ -47,7 +47,7 @@ def read_rgb(raw: Any, size: tuple[int, int]) -> UInt8[np.ndarray, "h w 3"]:
     return np.ascontiguousarray(_bgra(raw, size)[..., 2::-1])
 
 
-def read_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+def decode_depth(raw: Any, size: tuple[int, int]) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Planar depth in metres, and where something is: False in the sky.
 
     Raises ValueError for a picture of the depth (all channels alike), which `ColorConverter.Depth` makes.
@@ -146,7 +146,7 @@ def read_view(
     An instance camera's buffer also gives the classes where `semantic` is left out. Of its objects people and vehicles
     are kept: a border between two house meshes is none in the labels that a network learned from.
     """
-    depth_m, known = read_depth(depth, size)
+    depth_m, known = decode_depth(depth, size)
     tags = instance if semantic is None else semantic
     classes = None if tags is None else read_semantic(tags, size, version=version)
     objects = None

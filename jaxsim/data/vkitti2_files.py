@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from jaxsim.data.calibration import check_rigid
 from jaxsim.data.cityscapes import IDS
-from jaxsim.files import check_image, check_size, image_of, number, placed, read_pixels, read_text
+from jaxsim.files import check_image_file, check_size, image_of, parse_number, placed, read_pixels, read_text
 from jaxsim.frame import Boxes
 
 Raster = Int[np.ndarray, "h w"]
@@ -146,7 +146,7 @@ def read_indexed(path: Path) -> UInt8[np.ndarray, "h w"]:
     data = path.read_bytes()
     if not data.startswith(_PNG):
         raise ValueError(f"{path} is no PNG; copy it again")
-    check_image(data, str(path))  # below, chunks get sums anew
+    check_image_file(data, str(path))  # below, chunks get sums anew
     out = _PNG
     at = len(_PNG)
     depth = 8
@@ -286,7 +286,7 @@ def _rows(path: Path, kind: str) -> list[tuple[int, list[str]]]:
 
 
 def _numbers(path: Path, line: int, texts: list[str], *, kind: type[int] | type[float]) -> list:
-    values = [number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
+    values = [parse_number(text, kind, where=f"vkitti2: {path}, line {line}") for text in texts]
     if not np.isfinite(values).all():
         raise ValueError(f"vkitti2: {path}, line {line} holds NaN or infinite numbers; copy it again")
     if np.abs(values).max(initial=0) > MOST:

@@ -87,7 +87,7 @@ class SceneBatches:
         rng = np.random.default_rng([self.seed, 1, place])
         i = int(order[place % n])
         for _ in range(TRIES):
-            scene = augment(self.scenes[i], self.database, self.augmentation, rng=rng)
+            scene = augment_scene(self.scenes[i], self.database, self.augmentation, rng=rng)
             objects = scene.boxes[scene.target & inside(scene.boxes, self.voxels)]
             if len(objects):
                 return pad_scene(scene.points, objects, self.voxels, room=self.room, rng=rng)
@@ -173,7 +173,9 @@ def _parted(a: Float[Array, "n 7"], b: Float[Array, "m 7"]) -> Bool[Array, "n m"
     return ahead | (np.abs(aside) >= (sin * length + cos * width + a[:, None, 4]) / 2)
 
 
-def augment(scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rng: np.random.Generator) -> Scene:
+def augment_scene(
+    scene: Scene, database: Sequence[Cutout], config: AugmentConfig, *, rng: np.random.Generator
+) -> Scene:
     """A changed copy of a scene. Labels and view are not changed: a training scene is not scored."""
     if config.sampled and database:
         scene = paste(scene, database, config, rng=rng)

@@ -27,7 +27,7 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.likelihood import DEGREES, log_likelihood, log_lost, rounding_gain
 from jaxsim.discover.model.noise import Noise
-from jaxsim.discover.model.null import residuals, spread
+from jaxsim.discover.model.null import residual_spread, residuals
 from jaxsim.discover.model.random_effects import NormalEquations, conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import mean_interval, ratio_interval
@@ -200,7 +200,7 @@ class Curves:
 def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates: Sequence[str]) -> Curves:
     """Free curves along `covariates`, learned from the fitted blocks."""
     rays = jax.tree.map(np.asarray, problem.ev.rays)
-    sds = [np.asarray(sd, float) for sd in spread(problem.ev, problem.noise)]
+    sds = [np.asarray(sd, float) for sd in residual_spread(problem.ev, problem.noise)]
     lost = sds[2]
     by_channel = residuals(problem, fitted)
     train = np.asarray(fitted) > 0

@@ -63,7 +63,7 @@ def described(effect: OwnEffect, rays: Rays, scan: Scan) -> OwnEffect:
 def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]:
     """The catalogue's effects of its channels that reproduce most of what `effect` does at a visible size, nearest
     first."""
-    rays = thinned(rays)
+    rays = thin_rays(rays)
     # At a visible size: near neutral any two effects are as good as linear, and more of them look alike.
     change = np.asarray(_change(effect, visible(effect, scan.range_m.shape[1]), rays, scan=scan))
     size = float(np.square(change).sum())
@@ -80,7 +80,7 @@ def look_alikes(effect: Effect, rays: Rays, scan: Scan) -> tuple[LookAlike, ...]
     return tuple(sorted(alike, key=lambda one: -one.share))
 
 
-def thinned(rays: Rays) -> Rays:
+def thin_rays(rays: Rays) -> Rays:
     """Every so many blocks and columns of rays (blocks, columns, rows), so that RAYS are left or fewer."""
     step = int(np.ceil(np.sqrt(rays.row.size / RAYS)))
     return jax.tree.map(lambda leaf: leaf[::step, ::step] if leaf.ndim >= 3 else leaf, rays)

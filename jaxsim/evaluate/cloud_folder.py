@@ -22,7 +22,7 @@ from jaxsim.data import clouds
 from jaxsim.data.clouds import SUFFIXES, read_cloud
 from jaxsim.data.kitti_files import object_camera, object_rect_from_velo, read_image, read_labels
 from jaxsim.detect.results import Detected, result_lines, write_lines
-from jaxsim.detect.scenes import View, check_points, seen_by
+from jaxsim.detect.scenes import View, check_cloud, seen_by
 from jaxsim.evaluate.detector import LearnedDetector, find_all, make_find
 from jaxsim.files import claim, digest_of_values, files_in, parse_json
 from jaxsim.frame import Boxes
@@ -173,5 +173,5 @@ def cloud_files(folder: Path) -> list[Path]:
 def read_points(path: Path) -> Float32[np.ndarray, "n 4"]:
     """x, y, z (m) and intensity (0..1) of a file. Raises ValueError where it is broken or lacks intensity."""
     points = read_cloud(path)
-    check_points(points, path.name)
+    check_cloud(points, path.name)
     return points

@@ -90,7 +90,7 @@ def lidargen_points(
 
 
 @jax.jit
-def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
+def cell_counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
     """Points in each cell (x, then y) of those between 3 and 70 m."""
     range_m = jnp.sqrt((xyz_m * xyz_m).sum(-1))
     at = jnp.floor((xyz_m[..., :2] + HALF_M) * (BINS / (2 * HALF_M)))
@@ -107,12 +107,12 @@ def counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[A
 
 @jax.jit
 def lidargen_counts(xyz_m: Float[Array, "*b n 3"], valid: Bool[Array, "*b n"]) -> Float[Array, "*b 100 100"]:
-    """`counts` of the cloud as LiDARGen's range image has it."""
+    """`cell_counts` of the cloud as LiDARGen's range image has it."""
     range_m, filled, _ = spherical_image(xyz_m, valid)
-    return counts(*lidargen_points(range_m, filled))
+    return cell_counts(*lidargen_points(range_m, filled))
 
 
-COUNTS = {"lidargen": lidargen_counts, "r2dm": counts}
+COUNTS = {"lidargen": lidargen_counts, "r2dm": cell_counts}
 """Definition -> clouds to histograms."""
 
 

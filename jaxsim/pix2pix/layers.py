@@ -34,7 +34,7 @@ def statistics_type(x: Array) -> Any:
     return x.dtype if x.dtype.itemsize >= 4 else jnp.dtype("float32")
 
 
-def unit(x: Float[Array, " n"]) -> Float[Array, " n"]:
+def unit_length(x: Float[Array, " n"]) -> Float[Array, " n"]:
     """x at length 1."""
     return x / jnp.maximum(jnp.sqrt(jnp.sum(x * x)), UNIT_EPS)
 
@@ -53,10 +53,10 @@ def spectral_norm(
     """
     matrix = kernel.reshape(-1, kernel.shape[-1])
     if advance:
-        right = unit(jax.lax.stop_gradient(matrix) @ left)
+        right = unit_length(jax.lax.stop_gradient(matrix) @ left)
     image = right @ matrix  # the last Wᵀ right serves the iteration and the value
     if advance:
-        left = unit(jax.lax.stop_gradient(image))
+        left = unit_length(jax.lax.stop_gradient(image))
     return left @ image, left, right
 
 
@@ -183,8 +183,8 @@ class Conv(nnx.Module):
             self.bias[...] = jax.random.uniform(rngs.params(), (out_channels,), minval=-largest, maxval=largest)
         if form.spectral:
             # Power iteration goes on from pass to pass; where it begins matters for the first few alone.
-            self.left = SpectralVector(unit(jax.random.normal(rngs.params(), (out_channels,))))
-            self.right = SpectralVector(unit(jax.random.normal(rngs.params(), (size * size * in_channels,))))
+            self.left = SpectralVector(unit_length(jax.random.normal(rngs.params(), (out_channels,))))
+            self.right = SpectralVector(unit_length(jax.random.normal(rngs.params(), (size * size * in_channels,))))
 
     def __call__(
         self, *parts: Float[Array, "b h w _"], train: bool

@@ -18,9 +18,9 @@ from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
 from jaxsim.pix2pix.layers import statistics_type
-from jaxsim.weights import Converter, fit, read_state_dict
+from jaxsim.weights import Converter, checked_arrays, read_state_dict
 
-Weights = dict[str, Array]
+LossWeights = dict[str, Array]
 Judgement = Sequence[tuple[Array, Sequence[Array]]]
 """What the discriminator says: (logits, features) of each scale."""
 
@@ -151,7 +151,7 @@ def _shapes() -> dict[str, tuple[int, ...]]:
 VGG19 = Converter(
     "VGG-19 of torchvision",
     "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth",
-    lambda arrays: fit(arrays, _shapes()),
+    lambda arrays: checked_arrays(arrays, _shapes()),
     digest="dcbb9e9d",
 )
 """What `jaxsim convert vgg19` makes of the published weights."""
@@ -161,7 +161,7 @@ HOW_TO_GET = (
 )
 
 
-def load_vgg(path: Path | None) -> Weights:
+def load_vgg(path: Path | None) -> LossWeights:
     """Weights from a .npz of torchvision's names (`features.0.weight`, out x in x 3 x 3), as kernels.
 
     Raises FileNotFoundError where there is no file, ValueError where an array is missing or misshapen.
@@ -175,7 +175,7 @@ def load_vgg(path: Path | None) -> Weights:
 
 
 def vgg_features(
-    weights: Weights, image: Float[Array, "b h w k"], *, imagenet: bool = True
+    weights: LossWeights, image: Float[Array, "b h w k"], *, imagenet: bool = True
 ) -> list[Float[Array, "b _h _w _c"]]:
     """relu_1_1, 2_1, 3_1, 4_1, 5_1 of an image in [-1, 1] of 3 channels, or of 1 repeated.
 
@@ -203,7 +203,7 @@ def vgg_features(
 
 
 def perceptual(
-    weights: Weights,
+    weights: LossWeights,
     image: Float[Array, "b h w k"],
     target: Float[Array, "b h w k"],
     *,

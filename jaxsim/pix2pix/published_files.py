@@ -19,7 +19,7 @@ from jaxsim.pix2pix.layers import fold_spectral_norm
 from jaxsim.pix2pix.networks import Discriminator, Generator
 from jaxsim.pix2pix.published import from_published
 from jaxsim.pix2pix.steps import Network, TrainState, split
-from jaxsim.weights import Converter, kind_of, load_weights
+from jaxsim.weights import Converter, load_weights, weights_kind
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -178,7 +178,7 @@ def start_from(state: TrainState, files: Sequence[Path], experiment: Experiment)
     Raises FileNotFoundError, and ValueError where a file holds other weights, another form or other sizes.
     """
     for path in files:
-        kind = kind_of(path) if path.is_file() else next(iter(CONVERTERS))
+        kind = weights_kind(path) if path.is_file() else next(iter(CONVERTERS))
         if kind not in CONVERTERS:
             raise ValueError(f"start: {path} holds no pix2pixHD weights but {kind}; kinds: {', '.join(CONVERTERS)}")
         form: Form = "imaginaire" if kind == "pix2pixhd_imaginaire" else "original"

@@ -24,7 +24,7 @@ from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import compiler_options, on_cpu
 from jaxsim.pix2pix.layers import SpectralVector, fold_spectral_norm
 from jaxsim.pix2pix.losses import (
-    Weights,
+    LossWeights,
     discriminator_loss,
     drop_loss,
     generator_terms,
@@ -150,7 +150,7 @@ def _create(experiment: Experiment, in_channels: int, key: Array) -> TrainState:
 
 
 def make_train_step(
-    experiment: Experiment, in_channels: int, *, vgg: Weights | None = None, mesh: Mesh | None = None
+    experiment: Experiment, in_channels: int, *, vgg: LossWeights | None = None, mesh: Mesh | None = None
 ) -> Callable[[TrainState, Batch], tuple[TrainState, Metrics]]:
     """Jitted (state, batch) -> (state, metrics); the given state is donated.
 
@@ -191,7 +191,7 @@ def make_train_step(
         module = join(discriminator_graph, network)
         return module(inputs, image, train=True), split(module)[1]
 
-    def of_generator(network: Network, discriminator: Network | None, batch: Batch, *, vgg: Weights | None):
+    def of_generator(network: Network, discriminator: Network | None, batch: Batch, *, vgg: LossWeights | None):
         """The generator's loss; and its terms, the image and both networks after their passes."""
         inputs, target = batch["inputs"], batch["target"]
         image, network = generate(network, inputs)
@@ -232,7 +232,7 @@ def make_train_step(
         discriminator = Network(optax.apply_updates(discriminator.parameters, updates), vectors)
         return discriminator, optim, {"loss/discriminator": loss, "grad_norm/discriminator": optax.tree.norm(gradient)}
 
-    def train_step(state: TrainState, batch: Batch, vgg: Weights | None) -> tuple[TrainState, Metrics]:
+    def train_step(state: TrainState, batch: Batch, vgg: LossWeights | None) -> tuple[TrainState, Metrics]:
         metrics: Metrics = {"lr": learning_rate(experiment.optim, state.step)}
         discriminator = state.discriminator
         discriminator_optim = state.discriminator_optim

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jaxsim.discover.verdict import Interval
 from jaxsim.frame import PolarGrid
-from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, Length, Rgb, Target
+from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTarget, Length, Rgb
 from jaxsim.report.words import number
 
 Map = Float[np.ndarray, "r c"]
@@ -54,7 +54,7 @@ def label(value: Length) -> str:
     return f"{value:.6g}".replace("-", "−")
 
 
-def residual_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, name: str = "") -> Canvas | None:
+def draw_maps(maps: Sequence[tuple[str, Map]], grid: PolarGrid, *, unit: str, name: str = "") -> Canvas | None:
     """Titled maps beside each other, one colour scale with its bar; None where nothing was compared. The viewer finds
     them by `name`."""
     limit = colour_limit([values for _, values in maps])
@@ -248,7 +248,7 @@ def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: S
         left, right = sorted((across(ends[k]), across(ends[k + 1])))
         # The first and the last strip, and those of narrow charts, stay wide enough to hit.
         left, right = left - (k == 0) * 6, right + (k == len(x) - 1) * 6
-        target = Target(name, k)
+        target = ClickTarget(name, k)
         label = words[k] if k < len(words) else words[0]
         canvas.target(target, label, x=left, y=14, width=right - left, height=canvas.height - 58)
 

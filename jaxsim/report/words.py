@@ -17,7 +17,7 @@ Line = Float[np.ndarray, " k"]
 Real = float | int
 
 
-class Sides(NamedTuple):
+class SignWords(NamedTuple):
     """A channel in words: what the two signs of its residual mean."""
 
     unit: str
@@ -31,9 +31,9 @@ class Sides(NamedTuple):
 
 
 CHANNELS = {
-    "intensity": Sides("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
-    "range": Sides("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
-    "drop": Sides("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
+    "intensity": SignWords("ln I, nats", "measured brighter than simulated", "measured darker", "the intensities"),
+    "range": SignWords("range, m", "measured farther than simulated", "measured nearer", "the ranges"),
+    "drop": SignWords("share of rays", "more rays lost than expected", "fewer lost", "the returns"),
 }
 """Names of residuals, measured minus simulated."""
 

@@ -47,7 +47,7 @@ FREE = (
 """Settings that a resumed run may change: none of them changes what was learned so far."""
 
 
-def describe(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
+def describe_run(experiment: Experiment, spec: LidarSpec, view: CameraFrame) -> Run:
     """The run of an experiment with this sensor and the camera of this view."""
     camera = view.camera
     return Run(

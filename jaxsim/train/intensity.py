@@ -18,7 +18,7 @@ from jaxsim.pairs.prepared import prepared
 from jaxsim.pix2pix import create_state, load_vgg, make_generate, make_train_step, start_from
 from jaxsim.prepare import input_channels
 from jaxsim.report import pair_picture, score_table
-from jaxsim.runs.run import describe
+from jaxsim.runs.run import describe_run
 from jaxsim.simulate.grain import save_grain
 from jaxsim.simulate.grain_fit import learn_grain
 from jaxsim.simulate.predict import make_batch, make_predict
@@ -90,7 +90,7 @@ def intensity_training(experiment: Experiment) -> Training:
         picture = pair_picture(validation[0], np.asarray(predict(params, validation[0]).reported), title=f"step {step}")
         return score_pairs(predict, params, validation), picture
 
-    run, folder = describe(experiment, dataset.spec, train.record(0).view), run_folder(settings)
+    run, folder = describe_run(experiment, dataset.spec, train.record(0).view), run_folder(settings)
 
     def finish(params: PyTree) -> Scores:
         """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""

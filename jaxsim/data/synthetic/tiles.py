@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jaxsim.data.synthetic.raycast import Candidates
+from jaxsim.data.synthetic.raycast import TileSolids
 from jaxsim.data.synthetic.solids import CAPACITY
 from jaxsim.frame import PolarGrid
 
@@ -81,13 +81,13 @@ def slanted_mask(
     return _between(y - y_m[:, None, None])[:, None] & _between(x - x_m[:, None, None])[None]
 
 
-def candidates(mask: Mask, counts: tuple[int, int, int]) -> Candidates:
+def solids_by_tile(mask: Mask, counts: tuple[int, int, int]) -> TileSolids:
     """Lists of a mask's solids, tile by tile; leaves have tiles first, (down * across, ...)."""
     flat = mask.reshape(-1, mask.shape[-1])
     kinds = np.split(flat, np.cumsum(counts)[:2], axis=1)
     lists = [_lists(m, room) for m, room in zip(kinds, CAPACITY, strict=True)]
     met = np.stack([m.sum(axis=1) for m in kinds], axis=1).astype(np.int32)
-    return Candidates(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
+    return TileSolids(polyhedra=lists[0], rounds=lists[1], crowns=lists[2], counts=met)
 
 
 def _lists(mask: Bool[np.ndarray, "tiles n"], room: int) -> Int[np.ndarray, "tiles room"]:

@@ -92,7 +92,7 @@ class Shape:
     """Whether the constant may lie between those of the grid."""
 
 
-def shapes_of(variables: Sequence[Variable]) -> list[Shape]:
+def formula_shapes(variables: Sequence[Variable]) -> list[Shape]:
     """All formulas of the grammar."""
     shapes = [shape for one in variables if len(np.unique(one.x)) >= RULES.law_fewest_knots for shape in _of_one(one)]
     if len(variables) == 2:
@@ -223,7 +223,7 @@ def search(
 
     loss_of_level = loss(np.broadcast_to(np.average(curves, axis=1, weights=root**2)[:, None], curves.shape))
     best: tuple[float, Shape, ShapeFits] | None = None
-    for shape in shapes_of(variables):
+    for shape in formula_shapes(variables):
         fits = fit_shape(shape, curves, root)
         # A price a node, as of a description's length: a longer formula must say more.
         worth = loss_of_level - loss(fits.values) - RULES.law_price_nats * shape.nodes
@@ -237,7 +237,7 @@ def search(
     unexplained = float((weight * (curve - fits.values[0]) ** 2).sum() / (weight * (curve - mean) ** 2).sum())
     if 1 - unexplained < RULES.law_least_share:
         return None
-    parameters = parameters_of(shape, fits, unit=unit)
+    parameters = formula_parameters(shape, fits, unit=unit)
     return ClosedLaw(
         channel=channel,
         covariates=tuple(one.name for one in variables if one.name in shape.expression),
@@ -291,7 +291,7 @@ def _with_level(columns: Columns) -> Float[np.ndarray, "c n m+1"]:
     return np.concatenate([np.ones((*columns.shape[:2], 1)), columns], axis=-1)
 
 
-def parameters_of(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str, Interval]:
+def formula_parameters(shape: Shape, fits: ShapeFits, *, unit: str) -> dict[str, Interval]:
     """The numbers of the first curve's formula with their units, and 90 % intervals from the others, each of which
     leaves out a group of scenes."""
     below = f"({shape.unit})" if re.search("[/·]", shape.unit) else shape.unit

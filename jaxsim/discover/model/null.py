@@ -32,7 +32,9 @@ FEW = 5.0
 
 
 @jax.jit
-def spread(ev: Evidence, noise: Noise) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
+def residual_spread(
+    ev: Evidence, noise: Noise
+) -> tuple[Float[Array, "b c r"], Float[Array, "b c r"], Float[Array, "b c r"]]:
     """Standard deviations of ln I (nats) and of the range (m); and the probability that a ray does not return."""
     gone = jnp.clip(ev.rays.column_loss, 0, MOST_LIKELY)
     # Lost with its column, or else alone.
@@ -56,7 +58,7 @@ def residuals(problem: Problem, fitted: Float[np.ndarray, " b"]) -> dict[str, Re
     counts."""
     ev = problem.ev
     off_i, off_r = conditional_residuals(ev, problem.equations, jnp.asarray(fitted, jnp.float32))
-    sd_i, sd_r, p = spread(ev, problem.noise)
+    sd_i, sd_r, p = residual_spread(ev, problem.noise)
     by_channel = {
         "intensity": (off_i, sd_i, ev.compared),
         "range": (off_r, sd_r, ev.smooth),

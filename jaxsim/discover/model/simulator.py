@@ -26,7 +26,7 @@ from jaxsim.discover.model.noise_levels import (
     lattices_of,
     noise_levels,
 )
-from jaxsim.discover.model.smooth import Smooth, half_width, smooth_frames
+from jaxsim.discover.model.smooth import Smooth, smooth_frames, window_columns
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR, Scan
 from jaxsim.effects.scan import slopes_of
@@ -110,7 +110,7 @@ def meant(
     if noise.range_m > 0 or noise.of_intensity:
         smooth = smooth_frames(
             scan,
-            half=half_width(scan),
+            half=window_columns(scan),
             by_cosine=noise.follows_cosine,
             range_sd_m=jnp.float32(noise.range_m),
             intensity_sd=jnp.array([noise.intensity, noise.intensity_share], jnp.float32),

@@ -85,7 +85,7 @@ class Window:
         return [*self.design, self.left**2, self.up**2]
 
 
-def half_width(scan: Scan) -> int:
+def window_columns(scan: Scan) -> int:
     """Columns to each side that a window has."""
     # Steps as turns: the seam of a full turn is one step too, not a jump of 360 degrees.
     azimuth = np.asarray(scan.grid.azimuth_rad, float)
@@ -93,7 +93,7 @@ def half_width(scan: Scan) -> int:
     return int(np.clip(round(REACH_RAD / max(step, 1e-6)), LEAST_HALF, MOST_HALF))
 
 
-def window_of(
+def row_window(
     scan: Scan,
     frame: Int[Array, ""],
     row: Int[Array, ""],
@@ -208,7 +208,7 @@ def _smooth_row(
 ) -> dict[str, Array]:
     """The fields of `Smooth` for a row of a frame."""
     reach = half * jnp.abs(scan.grid.azimuth_rad[0] - scan.grid.azimuth_rad[1])
-    window = window_of(scan, frame, row, half=half, by_cosine=by_cosine, reach=reach, intensity_sd=intensity_sd)
+    window = row_window(scan, frame, row, half=half, by_cosine=by_cosine, reach=reach, intensity_sd=intensity_sd)
     range_m, incidence_rad = scan.range_m[frame, row], scan.incidence_rad[frame, row]
     middle = window.ratio.shape[0] // 2
     own_q = 1 / jnp.maximum(range_m, 0.1)

@@ -70,7 +70,7 @@ class RepeatForm:
         return _table(self.spread(heights), self.spread(sd), along=scale.along, channel=channel)
 
 
-def form_of(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
+def pattern_form(origin: FoundPattern, rows: int, columns: int) -> RepeatForm:
     """The form of a pattern on a grid of so many rows and columns."""
     scale, k = origin.scale, origin.number
     if scale.pattern is None:
@@ -156,7 +156,7 @@ def learn_repeats(
             maps = remaining[channel]
             before = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             whole = replace(maps, total=maps.centred(maps.total) + sum(before.values()))
-            heights |= dict(zip(of, solve(whole, list(of.values()), finding), strict=True))
+            heights |= dict(zip(of, solve_heights(whole, list(of.values()), finding), strict=True))
             now = {k: maps.centred(maps.response(form.spread(heights[k]))) for k, form in of.items()}
             rest = whole.total - sum(now.values())
             for k, form in of.items():
@@ -167,7 +167,7 @@ def learn_repeats(
     return tuple(result[k] for k in range(len(forms)))
 
 
-def solve(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Heights]:
+def solve_heights(maps: Maps, forms: Sequence[RepeatForm], finding: Finding) -> list[Heights]:
     """The heights of all forms that fit the find scenes best."""
     cuts = np.cumsum([form.count for form in forms])[:-1]
     stiff = np.concatenate([np.full(form.count, 1 / form.variance) for form in forms])

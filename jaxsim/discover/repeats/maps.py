@@ -19,7 +19,7 @@ from jaxsim.discover.model.evidence import Evidence
 from jaxsim.discover.model.fit import Problem
 from jaxsim.discover.model.noise import DEGREES
 from jaxsim.discover.model.noise_levels import FINEST, lattice_step
-from jaxsim.discover.model.null import spread
+from jaxsim.discover.model.null import residual_spread
 from jaxsim.discover.model.random_effects import conditional_residuals
 from jaxsim.discover.rules import RULES
 from jaxsim.effects.rays import FLOOR
@@ -88,7 +88,7 @@ def maps_of(
         flat = np.where(np.isfinite(values), values, 0).ravel()
         return np.bincount(cell, flat, minlength=int(np.prod(shape))).reshape(shape)
 
-    sd_i, sd_r, p = spread(ev, problem.noise)
+    sd_i, sd_r, p = residual_spread(ev, problem.noise)
     p = np.asarray(p, np.float64)
     hit = np.asarray(ev.rays.hit)
     weight_i = np.asarray(eq.intensity, np.float64)
@@ -166,7 +166,7 @@ def robust_slope(weight: np.ndarray, variance: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Scale:
+class PatternScale:
     """k patterns of one kind."""
 
     name: str
@@ -196,7 +196,7 @@ class Scale:
         return np.full(counted.shape[1], self.square * weight.sum())
 
 
-def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
+def scales(rows: int, columns: int, *, bins: int) -> list[PatternScale]:
     """All scales of a grid; places are groups of columns, `bins` of them: as many as a frame shows columns."""
     bins = min(bins, columns)
     row, column = np.mgrid[:rows, :columns]
@@ -222,15 +222,17 @@ def scales(rows: int, columns: int, *, bins: int) -> list[Scale]:
         _parity("row", row, "odd rows against even ones"),
         _parity("column", column, "odd columns against even ones"),
         _parity("row x column", row + column, "a chequerboard of rows and columns"),
-        Scale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
-        Scale("column", "column", _sums_of(bin_of), lambda k, _: (bin_of == k) * 1.0, beside),
-        Scale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
+        PatternScale("row", "row", of_row, lambda k, _: (row == k) * 1.0, lambda k: f"row {k}"),
+        PatternScale("column", "column", _sums_of(bin_of), lambda k, _: (bin_of == k) * 1.0, beside),
+        PatternScale("cell", "row x column", _sums_of(group), lambda k, _: (group == k) * 1.0, cell),
         _waves("row", np.stack([up, 0 * up], 1), rows=rows, columns=columns),
         _waves("column", np.stack([0 * across, across], 1), rows=rows, columns=columns),
         _waves("row x column", aslant, rows=rows, columns=columns),
-        Scale("any row", "row", of_row, None, lambda k: "from row to row"),
-        Scale("any column", "column", lambda total: total.sum(1), None, lambda k: "from column to column"),
-        Scale("any cell", "row x column", lambda total: total.reshape(len(total), -1), None, lambda k: "cell by cell"),
+        PatternScale("any row", "row", of_row, None, lambda k: "from row to row"),
+        PatternScale("any column", "column", lambda total: total.sum(1), None, lambda k: "from column to column"),
+        PatternScale(
+            "any cell", "row x column", lambda total: total.reshape(len(total), -1), None, lambda k: "cell by cell"
+        ),
     ]
 
 
@@ -241,10 +243,10 @@ def _sums_of(label: Int[np.ndarray, "r c"]) -> Callable[[Sums], Float[np.ndarray
     return lambda total: np.stack([np.bincount(flat, one.ravel(), minlength=count) for one in total])
 
 
-def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> Scale:
+def _parity(along: str, number: Int[np.ndarray, "r c"], words: str) -> PatternScale:
     """Rays of odd `number` against those of even ones, half a height each."""
     odd = number % 2 - 0.5
-    return Scale(
+    return PatternScale(
         "parity",
         along,
         lambda total: np.einsum("nrc,rc->n", total, odd)[:, None],
@@ -262,7 +264,7 @@ def _aslant(rows: int, columns: int) -> Int[np.ndarray, "k 2"]:
     return np.array([(i, j) for i in range(-up, up + 1) if i for j in range(1, across + 1)], int).reshape(-1, 2)
 
 
-def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int) -> Scale:
+def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int) -> PatternScale:
     """Waves of so many steps over rows and columns, a step being the part PER_PERIOD of a period over the image."""
 
     def sums(total: Sums) -> Num[np.ndarray, "n k"]:
@@ -298,4 +300,4 @@ def _waves(along: str, steps: Int[np.ndarray, "k 2"], *, rows: int, columns: int
         parts = [f"{n:g}·{name}/{size}" for n, name, size in ((up, "row", rows), (across, "column", columns)) if n]
         return f"cos(2π·({' + '.join(parts)}) {np.angle(phase):+.3g})"
 
-    return Scale("wave", along, sums, pattern, words, period, formula, square=1.0, turns=turns)
+    return PatternScale("wave", along, sums, pattern, words, period, formula, square=1.0, turns=turns)

@@ -167,7 +167,7 @@ def kinds(comparison: UnpairedComparison) -> Int[np.ndarray, " n"]:
     return np.where(ground, 0, np.where(comparison.rise < 0.5, 1, 2))
 
 
-def classes_of(comparison: UnpairedComparison) -> np.ndarray:
+def ray_classes(comparison: UnpairedComparison) -> np.ndarray:
     """The class of each ray; 0 for all where classes are not known."""
     return np.zeros(len(comparison.scene), np.int32) if comparison.semantic is None else comparison.semantic
 
@@ -187,7 +187,7 @@ def law_columns(comparison: UnpairedComparison, kind: Int[np.ndarray, " n"]) -> 
         curve(r.azimuth_rad, 9),
     ]
     if comparison.shared_classes:
-        parts.append(one_hot(classes_of(comparison)))
+        parts.append(one_hot(ray_classes(comparison)))
     return np.concatenate(parts, axis=1)
 
 
@@ -219,4 +219,4 @@ def curve_columns(comparison: UnpairedComparison) -> dict[str, Float[np.ndarray,
         "azimuth": curve(r.azimuth_rad, KNOTS),
         "row": one_hot(r.row, np.arange(comparison.rows)),
     }
-    return {**curves, "class": one_hot(classes_of(comparison))} if comparison.shared_classes else curves
+    return {**curves, "class": one_hot(ray_classes(comparison))} if comparison.shared_classes else curves

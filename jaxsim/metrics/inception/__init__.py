@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from jaxsim.frame import Array
 from jaxsim.metrics.inception.network import WIDTHS, Form, Inception
-from jaxsim.weights import Arrays, Converter, fingerprint, fit, kind_of, load_weights
+from jaxsim.weights import Arrays, Converter, checked_arrays, fingerprint, load_weights, weights_kind
 
 __all__ = ["CONVERTERS", "KINDS", "WIDTHS", "Extractor", "load_extractor", "open_extractor", "random_extractor"]
 
@@ -36,13 +36,13 @@ CONVERTERS = {
     "inception": Converter(
         "Inception v3 of torchvision",
         "https://download.pytorch.org/models/inception_v3_google-0cc3c7bd.pth",
-        lambda arrays: fit(arrays, published_shapes("torchvision")),
+        lambda arrays: checked_arrays(arrays, published_shapes("torchvision")),
         digest="0cc3c7bd",
     ),
     "inception_fid": Converter(
         "the FID Inception of pytorch-fid",
         "https://github.com/mseitzer/pytorch-fid/releases/download/fid_weights/pt_inception-2015-12-05-6726825d.pth",
-        lambda arrays: fit(arrays, published_shapes("pytorch_fid")),
+        lambda arrays: checked_arrays(arrays, published_shapes("pytorch_fid")),
         digest="6726825d",
     ),
 }
@@ -150,7 +150,7 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
 
     Raises FileNotFoundError or ValueError, which say what to fetch and convert.
     """
-    kind = kind_of(path) or "inception"
+    kind = weights_kind(path) or "inception"
     if kind not in KINDS:
         raise ValueError(f"inception: {path} holds {kind}; the distance takes {' or '.join(KINDS)} (jaxsim convert)")
     weights = load_weights(path, kind, CONVERTERS[kind])

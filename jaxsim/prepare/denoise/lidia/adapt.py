@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float
 from jaxsim.descent import descend
 from jaxsim.prepare.denoise.classical import close_gaps
 from jaxsim.prepare.denoise.lidia import Lidia
-from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_size
+from jaxsim.prepare.denoise.lidia.denoiser import Values, apply_and_learn, check_image_size
 from jaxsim.prepare.denoise.lidia.network import Variant
 
 STORED = ("running_mean", "running_var")
@@ -80,7 +80,7 @@ def adapt(
     if not len(clean) or not valid.any((1, 2)).all():
         raise ValueError("lidia: nothing to adapt to: give images that each have at least one valid cell")
     side = min(settings.block, *clean.shape[1:])
-    check_size(side, side, network.variant)
+    check_image_size(side, side, network.variant)
     images = [
         # 0..1 to the network's [-1, 1].
         np.stack([2 * close_gaps(x, v) - 1 for x, v in zip(given, valid, strict=True)])
