@@ -20,7 +20,7 @@ from jaxsim.files import array_names, check_size, parse_json, placed, read_array
 
 Arrays = dict[str, np.ndarray]
 Shapes = Mapping[str, tuple[int, ...]]
-Network = TypeVar("Network")
+_Network = TypeVar("_Network")
 ABOUT = "about"
 AGAIN = "convert or copy it again"
 MOST_BYTES = 2**30
@@ -174,7 +174,7 @@ def write_trained(path: Path, kind: str, arrays: Arrays) -> None:
     write_arrays(path, {**arrays, ABOUT: np.array(about)})
 
 
-def read_once(read: Callable[[Path], Network]) -> Callable[[Path], Network]:
+def read_once(read: Callable[[Path], _Network]) -> Callable[[Path], _Network]:
     """`read`, which is asked again only where the file has changed: one of the same name may hold other weights."""
     kept = lru_cache(maxsize=4)(lambda path, _: read(path))
     return lambda path: kept(path, path.stat().st_mtime_ns if path.is_file() else 0)

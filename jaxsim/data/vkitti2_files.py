@@ -20,7 +20,7 @@ from jaxsim.data.cityscapes import IDS
 from jaxsim.files import check_image_file, check_size, image_of, parse_number, placed, read_pixels, read_text
 from jaxsim.frame import Boxes
 
-Raster = Int[np.ndarray, "h w"]
+_Raster = Int[np.ndarray, "h w"]
 
 _CATEGORIES = {
     "Terrain": ("terrain", (210, 0, 200)),
@@ -108,7 +108,7 @@ def read_depth(path: Path) -> tuple[Float[np.ndarray, "h w"], Bool[np.ndarray, "
     return image.astype(np.float32) / 100, image < FARTHEST
 
 
-def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster:
+def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> _Raster:
     """Cityscapes ids of a class segmentation, coded by `colours`. Raises ValueError for a colour of no class."""
     image = _read(path)
     if image.dtype != np.uint8 or image.ndim != 3:
@@ -128,7 +128,7 @@ def read_classes(path: Path, colours: dict[str, tuple[int, int, int]]) -> Raster
     return ids[nearest]
 
 
-def read_instances(path: Path) -> Raster:
+def read_instances(path: Path) -> _Raster:
     """trackID + 1 of every vehicle's pixels, 0 elsewhere: the index, not the colour, of an indexed PNG."""
     if not path.is_file():
         raise ValueError(f"vkitti2: there is no {path}; copy it from the archive vkitti_2.0.3_instanceSegmentation")

@@ -6,7 +6,7 @@ and (z, y, x, out, in) of spconv 2's *native* algorithm. The first layer, whose 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,9 +17,7 @@ import numpy as np
 from jaxsim.config import DetectorConfig, DetectorExperiment
 from jaxsim.detect.network import FEATURES
 from jaxsim.detect.steps import Network, network_shapes
-from jaxsim.weights import Converter, checked_arrays, load_weights
-
-Arrays = Mapping[str, np.ndarray]
+from jaxsim.weights import Arrays, Converter, checked_arrays, load_weights
 
 SPARSE_LAYOUTS: dict[str, tuple[int, ...]] = {
     "spconv 2": (1, 2, 3, 4, 0),

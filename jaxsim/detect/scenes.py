@@ -94,7 +94,7 @@ def scene_of_frame(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     intensity = np.asarray(frame.cloud.intensity)
     valid = np.asarray(frame.cloud.valid)
     points = np.column_stack([xyz, intensity]).astype(np.float32)[valid]
-    check_cloud(points, frame.name)
+    check_detectable(points, frame.name)
     view = view_of(frame)
     if in_image:
         points = points[seen_by(points, view)]
@@ -109,7 +109,7 @@ def scene_of_frame(frame: Frame, kind: str, *, in_image: bool) -> Scene:
     return Scene(frame.name, points, boxes, target, difficulties(labels)[things], view, labels, frame.ground)
 
 
-def check_cloud(points: Float[np.ndarray, "n c"], name: str) -> None:
+def check_detectable(points: Float[np.ndarray, "n c"], name: str) -> None:
     """Raises ValueError for a cloud without intensity, and as geometry's check of the same name."""
     if points.shape[1] < 4:
         raise ValueError(

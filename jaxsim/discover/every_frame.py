@@ -37,7 +37,7 @@ from jaxsim.effects.effect import CHANNELS
 from jaxsim.effects.rays import Scan
 from jaxsim.progress import Progress
 
-Maps = dict[str, Float[np.ndarray, "r c"]]
+_Maps = dict[str, Float[np.ndarray, "r c"]]
 
 
 @dataclass
@@ -70,7 +70,7 @@ class HeldAnswer(NamedTuple):
 @one_blas_thread
 def judge_rest(
     comparison: Comparison, mounting: Mounting, by: HeldAnswer, *, size: int = 0
-) -> tuple[EveryFrame, tuple[Maps, Maps]] | None:
+) -> tuple[EveryFrame, tuple[_Maps, _Maps]] | None:
     """What the answer gains on the frames that were not read, `size` at a time (0: as many as judge scenes have now),
     and the maps of their residuals before and after; None where there are none, or each frame is of a moment of its
     own.

@@ -45,7 +45,7 @@ CLIP_M = 1.0
 STEPS = 20
 """Steps of both regressions: either has long converged by then."""
 Design = Float[np.ndarray, "n k"]
-Line = Float[np.ndarray, " n"]
+_Line = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -223,7 +223,7 @@ def additive_floor(problem: Problem, fitted: Float[np.ndarray, " b"], covariates
     return Curves(curves("intensity", sds[0]), curves("range", sds[1]), log_keep.astype(np.float32))
 
 
-def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
+def robust(x: Design, y: _Line, sd: _Line) -> Float[np.ndarray, " k"]:
     """Coefficients by iteratively reweighted least squares, Student-t errors of scale `sd`."""
     beta = np.zeros(x.shape[1])
     for _ in range(STEPS):
@@ -233,7 +233,7 @@ def robust(x: Design, y: Line, sd: Line) -> Float[np.ndarray, " k"]:
     return beta
 
 
-def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
+def log_odds(x: Design, off: _Line, p: _Line) -> Float[np.ndarray, " k"]:
     """Coefficients of what is added to the log odds of `p`, where `off` is what happened (0 or 1) less p."""
     beta = np.zeros(x.shape[1])
     happened = off + p
@@ -248,5 +248,5 @@ def log_odds(x: Design, off: Line, p: Line) -> Float[np.ndarray, " k"]:
     return beta
 
 
-def _solved(x: Design, weight: Line, right: np.ndarray, *, ridge: float) -> Float[np.ndarray, " k"]:
+def _solved(x: Design, weight: _Line, right: np.ndarray, *, ridge: float) -> Float[np.ndarray, " k"]:
     return np.linalg.solve(x.T @ (weight[:, None] * x) + ridge * np.eye(x.shape[1]), right)

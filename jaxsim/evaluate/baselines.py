@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 
 from jaxsim.files import need
 from jaxsim.frame import Pair
-from jaxsim.metrics.paired import DROP_BELOW, Cells, group_means, group_medians
+from jaxsim.metrics.paired import DROP_BELOW, GroupedCells, group_means, group_medians
 
 CLASSES = 34
 PLACES = 64
@@ -126,7 +126,7 @@ def previous_frame(before: Pair, filling: float) -> Guess:
     return Guess(intensity, ~measured.valid | (measured.intensity < DROP_BELOW))
 
 
-def _cells(pairs: Iterable[Pair], group: Group) -> Iterable[Cells]:
+def _cells(pairs: Iterable[Pair], group: Group) -> Iterable[GroupedCells]:
     for pair in pairs:
         yield pair.measured.intensity, pair.measured.valid, pair.painted.valid, group(pair)
 

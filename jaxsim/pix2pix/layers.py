@@ -12,12 +12,10 @@ from typing import Any, Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Float
+from jaxtyping import Float, PyTree
 
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import Padding, conv2d, on_cpu, transposed_conv2d, upsample_conv2d
-
-Tree = Any
 
 UNIT_EPS = 1e-12
 INSTANCE_EPS = 1e-5
@@ -60,7 +58,7 @@ def spectral_norm(
     return left @ image, left, right
 
 
-def fold_spectral_norm(parameters: Tree, vectors: Tree) -> Tree:
+def fold_spectral_norm(parameters: PyTree, vectors: PyTree) -> PyTree:
     """Parameters of the same network without spectral norm: every kernel divided by its value."""
     if "left" in vectors:
         sigma, _, _ = spectral_norm(parameters["kernel"], vectors["left"], vectors["right"])

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from jaxsim.config import QUANTILES, Form
+from jaxsim.config import QUANTILES, Pix2PixForm
 from jaxsim.files import placed
 from jaxsim.frame import Array
 from jaxsim.pix2pix.convolution import conv2d
@@ -60,14 +60,14 @@ def mean_difference(x: Float[Array, "*shape"], held: Float[Array, "*shape"]) -> 
     return jnp.abs(x - jax.lax.stop_gradient(held)).mean(dtype=statistics_type(x))
 
 
-def discriminator_loss(fake: Judgement, real: Judgement, form: Form) -> Float[Array, ""]:
+def discriminator_loss(fake: Judgement, real: Judgement, form: Pix2PixForm) -> Float[Array, ""]:
     """What the discriminator learns from, in a published program's form."""
     if form == "original":
         return 0.5 * (least_squares(real, "real") + least_squares(fake, "fake"))
     return hinge(real, "real") + hinge(fake, "fake")
 
 
-def generator_terms(fake: Judgement, real: Judgement, form: Form) -> dict[str, Float[Array, ""]]:
+def generator_terms(fake: Judgement, real: Judgement, form: Pix2PixForm) -> dict[str, Float[Array, ""]]:
     """The generator's terms that the discriminator gives, unweighted: `gan` and `feature_matching`."""
     if form == "original":
         # 4 / (n_layers + 1) there, whose features are the n_layers + 1 layers before the logits.

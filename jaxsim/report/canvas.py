@@ -20,7 +20,7 @@ from markupsafe import Markup
 from jaxsim.files import write_text
 from jaxsim.report.pictures import Rgb, save_picture
 
-Points = Float[np.ndarray, "n 2"]
+_Points = Float[np.ndarray, "n 2"]
 Length = float | int
 """Pixels, whole or not."""
 

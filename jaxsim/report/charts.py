@@ -15,7 +15,7 @@ from jaxsim.report.canvas import AFTER, FAINT, HAIR, INK, RULE, Canvas, ClickTar
 from jaxsim.report.words import number
 
 Map = Float[np.ndarray, "r c"]
-Line = Float[np.ndarray, " k"]
+_Line = Float[np.ndarray, " k"]
 
 ANCHORS = np.array(
     [(5, 48, 97), (67, 147, 195), (209, 229, 240), (250, 250, 250), (253, 219, 199), (214, 96, 77), (103, 0, 31)], float
@@ -179,9 +179,9 @@ def _limits(*lines: np.ndarray) -> tuple[float, float]:
 
 
 def curve_chart(
-    x: Line,
-    lines: Sequence[tuple[str, Line, str]],
-    band: Line,
+    x: _Line,
+    lines: Sequence[tuple[str, _Line, str]],
+    band: _Line,
     *,
     x_label: str,
     y_label: str,
@@ -240,7 +240,7 @@ def at_words(x_label: str, at: str) -> str:
     return f"{x_label.partition(' (')[0]} {at}"
 
 
-def _targets(canvas: Canvas, x: Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
+def _targets(canvas: Canvas, x: _Line, across: Coordinate, *, name: str, words: Sequence[str]) -> None:
     """Strips about the points of a chart, from halfway to the point before to halfway to the next."""
     between = (x[1:] + x[:-1]) / 2
     ends = [float(x[0]), *between.tolist(), float(x[-1])]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxsim.detect.batches import SceneBatches, in_box
-from jaxsim.detect.scenes import Scenes, cached_scenes, check_cloud, read_scene, scene_of_frame, write_scene
+from jaxsim.detect.scenes import Scenes, cached_scenes, check_detectable, read_scene, scene_of_frame, write_scene
 from jaxsim.train.training import ahead
 from tests.detect.tiny import EXPERIMENT, VOXELS, scene
 
@@ -64,7 +64,7 @@ def test_kept_scenes_are_made_once_and_other_settings_apart(tmp_path, kitti):
 )
 def test_a_broken_cloud_is_refused(points, message):
     with pytest.raises(ValueError, match=message):
-        check_cloud(points, "frame")
+        check_detectable(points, "frame")
 
 
 def loader(**changes):

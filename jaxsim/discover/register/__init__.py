@@ -24,9 +24,9 @@ from jaxsim.discover.register.registration import (
     NUMBERS,
     POSE,
     TRAVEL,
+    MeasuredPoints,
     Met,
     Motion,
-    Points,
     RegisteredSides,
     Registration,
     meet,
@@ -247,7 +247,7 @@ def _linear(
     return slope[..., free.numbers], weight, off
 
 
-def _off(met: Met, place: Points) -> Float[np.ndarray, "f n"]:
+def _off(met: Met, place: MeasuredPoints) -> Float[np.ndarray, "f n"]:
     """How far planes lie beyond points, m."""
     return met.away_m - np.sum(met.normal * place, -1)
 

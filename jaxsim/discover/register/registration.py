@@ -27,7 +27,7 @@ TRAVEL = 7
 """and the way driven forward during the scan, m."""
 NUMBERS = 8
 Motion = Float[np.ndarray, "*f 8"]
-Points = Float[np.ndarray, "f n 3"]
+MeasuredPoints = Float[np.ndarray, "f n 3"]
 PARTS = {"extrinsic_translation": slice(0, 3), "extrinsic_rotation": slice(3, 6), "beam_elevation_error": slice(6, 7)}
 """Parts of a motion: what each effect of a mounting, or of the table of beams, changes."""
 SCAN_S = 0.1
@@ -48,8 +48,8 @@ class RegisteredSides:
     slopes: Float[np.ndarray, "f r c 2"]
     row: Int[np.ndarray, "f n"]
     range_m: Float[np.ndarray, "f n"]
-    direction: Points
-    upward: Points
+    direction: MeasuredPoints
+    upward: MeasuredPoints
     """Change of the direction with the elevation."""
     late: Float[np.ndarray, "f n"]
     """Place within the scan, from its middle, -1/2..1/2."""
@@ -66,7 +66,7 @@ class RegisteredSides:
 class Met:
     """The planes that points are held against."""
 
-    normal: Points
+    normal: MeasuredPoints
     away_m: Float[np.ndarray, "f n"]
     """Distance of the plane from the origin."""
     inside: Bool[np.ndarray, "f n"]
@@ -109,13 +109,13 @@ def sides_of(scan: Scan, range_m: Float[np.ndarray, "f r c"], valid: Bool[np.nda
     )
 
 
-def sensor_positions(sides: RegisteredSides, motion: Motion) -> Points:
+def sensor_positions(sides: RegisteredSides, motion: Motion) -> MeasuredPoints:
     """Gives where the sensor was as each point was measured, m."""
     driven = motion[:, TRAVEL, None] * sides.late
     return motion[:, None, :3] + np.stack([driven, 0 * driven, 0 * driven], axis=-1)
 
 
-def turned(sides: RegisteredSides, motion: Motion) -> tuple[Points, Points]:
+def turned(sides: RegisteredSides, motion: Motion) -> tuple[MeasuredPoints, MeasuredPoints]:
     """The points from the origin of their beam as the simulator has its axes, and their change with beams' lift."""
     lift = motion[:, LIFT, None, None]
     ahead = np.cos(lift) * sides.direction + np.sin(lift) * sides.upward
@@ -126,7 +126,7 @@ def turned(sides: RegisteredSides, motion: Motion) -> tuple[Points, Points]:
     return (far * ahead) @ np.swapaxes(matrix, 1, 2), (far * upward) @ np.swapaxes(matrix, 1, 2)
 
 
-def meet(sides: RegisteredSides, points: Points) -> Met:
+def meet(sides: RegisteredSides, points: MeasuredPoints) -> Met:
     """The planes of the cells in whose direction points lie, from their beams' own origins."""
     x, y, z = np.moveaxis(points, -1, 0)
     rows = len(sides.elevation_rad)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from jaxsim.discover.repeats.maps import Maps, Pattern, PatternScale, scales
+from jaxsim.discover.repeats.maps import Maps, PatternMap, PatternScale, scales
 from jaxsim.discover.rules import RULES
 from jaxsim.discover.scenes import jackknife_half_width, p_value, signs_of
 from jaxsim.discover.verdict import Interval, Repeat
@@ -214,7 +214,7 @@ def strongest(looked: Mapping[str, ChannelScales]) -> tuple[str, PatternScale, i
     return best
 
 
-def mean_map(maps: Maps, finding: Bool[np.ndarray, " n"], scale: PatternScale) -> Pattern:
+def mean_map(maps: Maps, finding: Bool[np.ndarray, " n"], scale: PatternScale) -> PatternMap:
     """The find scenes' mean residual of each row, column or cell; 0 where there is none."""
     axis = {"row": (0, 2), "column": (0, 1)}.get(scale.along, (0,))
     weight = maps.weight[finding].sum(axis, keepdims=True)[0]

@@ -76,11 +76,11 @@ class Columns:
     """The sign that the first coefficient must have; 0: any."""
 
 
-Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
+_Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
 """The map from values of an effect's parameters to the change of ln I that they make on every ray."""
 
 
-def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> Change:
+def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> _Change:
     """The function from values of the parameters (in their units, others neutral) to the mean change of ln I of every
     ray of a sensor with so many beams, over readings that lie `spread` nats about the rays' own."""
     on_device = jax.tree.map(jnp.asarray, rays)
@@ -97,7 +97,7 @@ def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray
     return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
 
 
-def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:
+def columns_of(effect: Effect, change: _Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:
     """The effect's columns at neutral, or at each of its starts: the change that the start makes, whose size is free,
     and beside it the derivatives in the parameters of beams."""
     if not effect.starts:
@@ -114,7 +114,7 @@ def columns_of(effect: Effect, change: Change, row: Int[np.ndarray, " n"], *, ro
 def derivatives(
     effect: Effect,
     values: dict[str, Any],
-    change: Change,
+    change: _Change,
     *,
     row: Int[np.ndarray, " n"],
     rows: int,

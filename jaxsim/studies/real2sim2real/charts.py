@@ -30,6 +30,7 @@ from jaxsim.report.results import markdown_table, number_or_none, write_results
 from jaxsim.studies.real2sim2real import REAL
 
 Counts = Mapping[str, CloudCounts]
+"""What the clouds of each kind hold."""
 Shares = Float[np.ndarray, " n"]
 COLOURS = ("#222222", "#d55e00", "#e69f00", "#0072b2", "#56b4e9", "#009e73")
 """Colours of real, then of the kinds in their order."""

@@ -10,7 +10,6 @@ from markupsafe import Markup
 
 from jaxsim.detect.results import Detected
 from jaxsim.detect.scenes import Scene
-from jaxsim.metrics.cloud_checks import CloudCounts
 from jaxsim.report.boxes import draw_above
 from jaxsim.report.canvas import Canvas, save_figure
 from jaxsim.report.page import NOTHING, figure, image, join_parts, paragraph, section, table, whole_page
@@ -18,7 +17,7 @@ from jaxsim.report.pictures import Rgb, beside
 from jaxsim.report.results import write_results
 from jaxsim.report.scenes import TurnedScene, cloud_with_boxes, turning
 from jaxsim.studies.real2sim2real import KINDS, Loop
-from jaxsim.studies.real2sim2real.charts import WORDS, check_tables, epochs_chart, write_checks
+from jaxsim.studies.real2sim2real.charts import WORDS, Counts, check_tables, epochs_chart, write_checks
 from jaxsim.studies.real2sim2real.scores import (
     HEADS,
     answer,
@@ -29,7 +28,6 @@ from jaxsim.studies.real2sim2real.scores import (
     score_cells,
 )
 
-Counts = Mapping[str, CloudCounts]
 PANEL = 620
 """Height of a cloud from above, pixels."""
 
