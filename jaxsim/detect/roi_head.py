@@ -151,10 +151,14 @@ def turn_about_z(xyz: Float[Array, "*b 3"], angle_rad: Float[Array, "*b"]) -> Fl
     return jnp.stack([cos * x - sin * y, sin * x + cos * y, xyz[..., 2]], axis=-1)
 
 
+def _cell_offsets(grid: int) -> Float[np.ndarray, "g 3"]:
+    """Middles of grid x grid x grid cells of a box of length 1 about its middle; x slowest, z fastest."""
+    return (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
+
+
 def grid_points(rois: Float[Array, "*b r 7"], grid: int) -> Float[Array, "*b r g 3"]:
     """Middles of grid x grid x grid cells of each proposal, in `velo`; x slowest, z fastest."""
-    offset = (np.stack(np.meshgrid(*[np.arange(grid)] * 3, indexing="ij"), -1).reshape(-1, 3) + 0.5) / grid - 0.5
-    offset = jnp.asarray(offset, rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
+    offset = jnp.asarray(_cell_offsets(grid), rois.dtype).reshape((1,) * (rois.ndim - 1) + (-1, 3))
     local = offset * rois[..., None, 3:6]
     heading = jnp.broadcast_to(rois[..., None, 6], local.shape[:-1])
     return turn_about_z(local, heading) + rois[..., None, :3]

@@ -11,7 +11,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optax
 from flax import nnx, struct
 from jax.sharding import Mesh, NamedSharding
@@ -190,7 +189,7 @@ def make_train_step(
 
     jitted = jax.jit(train_step, donate_argnums=0)
     # an argument: as a constant it would have every seed compile a program of its own
-    seed = np.asarray(jax.random.key_data(jax.random.key(experiment.run.seed)))
+    seed = jax.device_get(jax.random.key_data(jax.random.key(experiment.run.seed)))
     return lambda state, batch: jitted(state, batch, seed)
 
 

@@ -11,7 +11,6 @@ from collections.abc import Collection
 from dataclasses import fields, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -88,7 +87,7 @@ def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:
 def _frames(scan: Scan, keep: np.ndarray) -> Scan:
     """Some frames of a scan."""
     rasters = {f.name: getattr(scan, f.name) for f in fields(scan) if f.name != "grid"}
-    return replace(scan, **jax.tree.map(lambda raster: jnp.asarray(np.asarray(raster)[keep]), rasters))
+    return replace(scan, **jax.device_put({name: np.asarray(raster)[keep] for name, raster in rasters.items()}))
 
 
 def _compared(name: str, unit: str, *, simulated: list[float], measured: list[float]) -> Level:

@@ -134,7 +134,7 @@ def _imitated(other: Effect, own: np.ndarray, rays: Rays, *, scan: Scan) -> np.n
     """The change by `other` that is nearest to the own one, by least squares within its bounds."""
     rows = scan.range_m.shape[1]
     restore = restorer(to_z(other, {}, rows))
-    target = jnp.asarray(own, jnp.float32)
+    target = jax.device_put(own.astype(np.float32))
 
     def slope(x: Float[np.ndarray, " n"]) -> tuple[tuple[Array, Array], dict[str, Array]]:
         return _slope(restore(x), target, rays, effect=other, scan=scan)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -165,7 +164,7 @@ def _in_batches(pairs: Iterable[Pair], image: Callable[[Pair], Array]) -> Iterat
 
     for chosen in runs():
         filled = chosen + [chosen[-1]] * (BATCH - len(chosen))
-        images = np.asarray(image(jax.tree.map(lambda *leaves: jnp.stack(leaves), *filled)))
+        images = np.asarray(image(jax.tree.map(lambda *leaves: np.stack(leaves), *filled)))
         yield from images[: len(chosen)]
 
 

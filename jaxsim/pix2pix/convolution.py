@@ -25,7 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from jaxsim.frame import Array
 
@@ -211,14 +211,18 @@ def _interleave(phases: list[Array], size: _Pair) -> Array:
     return y.transpose(0, 1, 3, 2, 4, 5).reshape(-1, 2 * h, 2 * w, y.shape[-1])
 
 
+def _mirrored(images: int, rows: int, beyond: int) -> Int[np.ndarray, " n"]:
+    """Rows of images that lie one after the other, with so many mirrored ones on either side of each."""
+    return (np.arange(images)[:, None] * rows + np.pad(np.arange(rows), beyond, mode="reflect")).reshape(-1)
+
+
 @partial(jax.custom_vjp, nondiff_argnums=(1,))
 def reflect_pad(x: Array, cells: _Pair) -> Array:
     """x mirrored at its outermost cells, which are not repeated: so many rows and columns on either side."""
     rows, columns = cells
     b, h, w, c = x.shape
     if rows:
-        index = np.arange(b)[:, None] * h + np.pad(np.arange(h), rows, mode="reflect")
-        x = jnp.take(x.reshape(b * h, w, c), index.reshape(-1), axis=0, mode="clip").reshape(b, -1, w, c)
+        x = jnp.take(x.reshape(b * h, w, c), _mirrored(b, h, rows), axis=0, mode="clip").reshape(b, -1, w, c)
     if columns:
         before = [x[:, :, i : i + 1] for i in range(columns, 0, -1)]
         after = [x[:, :, i : i + 1] for i in range(w - 2, w - 2 - columns, -1)]

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import orbax.checkpoint as ocp
 
@@ -213,7 +212,7 @@ class Checkpoints:
                 "is not verified",
                 stacklevel=2,
             )
-        return jax.tree.map(jnp.asarray, restored[item])
+        return jax.device_put(restored[item])
 
 
 @contextmanager

@@ -296,10 +296,9 @@ def _gather(
     # The mean of a logarithm lies below the logarithm of the mean by half the relative variance.
     lift = jnp.broadcast_to(0.5 * blur, log_measured.shape)
     features = _features(rays, given, kinds, score=score)
-    ridge = _ridge(len(kind_names))
+    ridge = _ridge(len(kind_names), detail=own.detail is not None)
     if own.detail is not None:
         features = jnp.concatenate([features, own.detail], axis=-1)
-        ridge = np.append(ridge, np.full(OF_DETAIL, 1 / DETAIL_SD**2, np.float32))
     return Evidence(
         rays=rays,
         returned=returned,
@@ -381,7 +380,8 @@ def _features(
     return jnp.stack([jnp.ones_like(given), *jnp.moveaxis(kinds, -1, 0), curvature, shift, *disagreements], axis=-1)
 
 
-def _ridge(kinds: int) -> Float[np.ndarray, " p"]:
-    """`Evidence.ridge` for so many kinds of surfaces."""
+def _ridge(kinds: int, *, detail: bool) -> Float[np.ndarray, " p"]:
+    """`Evidence.ridge` for so many kinds of surfaces, with the detail of a noisy simulator or without."""
     others = [1 / CURVATURE_SD**2, 1 / SHIFT_SD**2, *[1 / NORMALS_SD**2] * 3]
-    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others], np.float32)
+    own = [1 / DETAIL_SD**2] * OF_DETAIL if detail else []
+    return np.array([GAIN_PRECISION, *[1 / CLASS_SD**2] * kinds, *others, *own], np.float32)

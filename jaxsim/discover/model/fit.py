@@ -107,7 +107,7 @@ class Objective:
         self.effect, self.problem = effect, problem
         self.rows = problem.ev.rays.row.shape[-1]
         self.rays = replace(rays_for(effect, problem.ev), basis=problem.basis)
-        self.fitted = jnp.asarray(fitted, jnp.float32)
+        self.fitted = jax.device_put(fitted.astype(np.float32))
         self.channels, self.clutter = channels_of(effect), problem.clutter or effect.clutter
         neutral = (to_z(effect, {}, self.rows), problem.noise)
         self.first, self.restore = ravel(neutral), restorer(neutral)

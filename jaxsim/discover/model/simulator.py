@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -140,12 +141,17 @@ def _meant_intensities(scan: Scan, smooth: Smooth, noise: Levels) -> tuple[Scan,
     trust = reliability(detail, variance, level, semantic=np.asarray(scan.semantic), where=trusted)
     intensities = MeantIntensities(
         detail=smooth.detail,
-        detail_variance=jnp.asarray(variance * trust * (1 - trust), jnp.float32),
+        detail_variance=jax.device_put(np.asarray(variance * trust * (1 - trust), np.float32)),
         trusted=smooth.trusted,
-        level=jnp.log(jnp.maximum(jnp.asarray(level, jnp.float32), FLOOR)),
+        level=_log(jax.device_put(np.asarray(level, np.float32))),
         leverage=smooth.leverage,
     )
-    return replace(scan, intensity=jnp.asarray(level * np.exp(trust * detail), jnp.float32)), intensities
+    return replace(scan, intensity=jax.device_put(np.asarray(level * np.exp(trust * detail), np.float32))), intensities
+
+
+def _log(level: Float[Array, "f r c"]) -> Float[Array, "f r c"]:
+    """Its logarithm, of FLOOR where it is less."""
+    return jnp.log(jnp.maximum(level, FLOOR))
 
 
 @struct.dataclass

@@ -83,7 +83,7 @@ _Change = Callable[[dict[str, Any]], Float[np.ndarray, " n"]]
 def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray, " q"]) -> _Change:
     """The function from values of the parameters (in their units, others neutral) to the mean change of ln I of every
     ray of a sensor with so many beams, over readings that lie `spread` nats about the rays' own."""
-    on_device = jax.tree.map(jnp.asarray, rays)
+    on_device = jax.device_put(rays)
 
     @jax.jit
     def mean(values: dict[str, Any]) -> Array:
@@ -94,7 +94,7 @@ def change_of(effect: Effect, rays: Rays, rows: int, *, spread: Float[np.ndarray
             total = total + effect.apply(values, moved).log_intensity - moved.log_intensity
         return total / len(spread)
 
-    return lambda given: np.asarray(mean(effect.values(given, rows)), np.float64)
+    return lambda given: jax.device_get(mean(effect.values(given, rows))).astype("f8")
 
 
 def columns_of(effect: Effect, change: _Change, row: Int[np.ndarray, " n"], *, rows: int) -> list[Columns]:

@@ -157,7 +157,7 @@ def load_extractor(path: Path, width: int = WIDTHS[-1]) -> Extractor:
         raise ValueError(f"inception: {path} holds {kind}; the distance takes {' or '.join(KINDS)} (jaxsim convert)")
     weights = load_weights(path, kind, CONVERTERS[kind])
     form = KINDS[kind]
-    values = jax.tree.map(jnp.asarray, _folded(weights.arrays, form))
+    values = jax.device_put(_folded(weights.arrays, form))
     return Extractor(form, values, weights.sha256, weights.published, width=_checked(width))
 
 
@@ -183,7 +183,7 @@ def random_extractor(width: int = WIDTHS[-1], *, seed: int = 0) -> Extractor:
             arrays[name] = draw.astype(np.float32)
         else:
             arrays[name] = np.full(shape, float(name.endswith(("bn.weight", "running_var"))), np.float32)
-    values = jax.tree.map(jnp.asarray, _folded(arrays, "torchvision"))
+    values = jax.device_put(_folded(arrays, "torchvision"))
     return Extractor("torchvision", values, fingerprint(arrays), published=False, random=True, width=_checked(width))
 
 
