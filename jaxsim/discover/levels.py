@@ -87,7 +87,7 @@ def _by_scene(comparison: Comparison, scan: Scan) -> list[Levels]:
 def _frames(scan: Scan, keep: np.ndarray) -> Scan:
     """Some frames of a scan."""
     rasters = {f.name: getattr(scan, f.name) for f in fields(scan) if f.name != "grid"}
-    return replace(scan, **jax.device_put({name: np.asarray(raster)[keep] for name, raster in rasters.items()}))
+    return replace(scan, **jax.tree.map(lambda raster: jax.device_put(np.asarray(raster)[keep]), rasters))
 
 
 def _compared(name: str, unit: str, *, simulated: list[float], measured: list[float]) -> Level:
