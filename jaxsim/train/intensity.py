@@ -92,7 +92,7 @@ def intensity_training(experiment: Experiment) -> Training:
 
     run, folder = describe_run(experiment, dataset.spec, train.record(0).view), run_folder(settings)
 
-    def finish(params: PyTree) -> Scores:
+    def finish(params: PyTree) -> RunScores:
         """Last scores; and how the cells of draws scatter together, where there is a distribution to draw from."""
         try:
             save_grain(folder, learn_grain(predict, params, validation, scenes=validation.scenes))
